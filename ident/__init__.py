@@ -26,9 +26,10 @@ if TYPE_CHECKING:
     from ident.api.fitting import fit_hybrid as fit_hybrid
     from ident.api.fitting import view as view
     from ident.api.inspecting import inspect as inspect
+    from ident.api.planting import check_effect as check_effect
+    from ident.api.planting import plant as plant
     from ident.api.simulating import blind as blind
     from ident.api.simulating import close as close
-    from ident.api.simulating import plant as plant
     from ident.api.simulating import simulate as simulate
     from ident.command_options import FitOptions as FitOptions
     from ident.diagnosis.result import Diagnosis as Diagnosis

@@ -12,7 +12,7 @@ from ident.errors import InputError
 from ident.recordings import TOPIC
 
 if TYPE_CHECKING:
-    from ident.motion.filter import MotionSettings
+    from ident.motion.settings import MotionSettings
 
 # How the links' inertias are found, or that runs left out decide.
 Inertia = Literal["auto", "nominal", "base", "consistent"]
@@ -221,7 +221,7 @@ class FitOptions(Options):
     @property
     def motion(self) -> MotionSettings:
         """How recordings become the motions that are fitted."""
-        from ident.motion.filter import MotionSettings
+        from ident.motion.settings import MotionSettings
 
         return MotionSettings(smoother=self.smoother)
 

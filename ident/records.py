@@ -14,7 +14,9 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -55,14 +57,44 @@ def _strict(value: Any) -> Any:
     return figure if math.isfinite(figure) else None
 
 
-def number(default: Any = None, unit: str = "", meaning: str = "", source: str = "") -> Any:
-    """A field of `Settings` that says what it is; without arguments a row of its class's table says it."""
+def number(default: Value, unit: str, meaning: str, source: str) -> Value:
+    """A field of `Numbers` that says what it is.
+
+    Args:
+        default: Its usual value.
+        unit: Its unit; "1" for a ratio or a count.
+        meaning: What it decides.
+        source: `law`, `chosen` or `calibrated`, a colon, and how or why.
+    """
     return field(default=default, metadata={"unit": unit, "meaning": meaning, "source": source})
 
 
 @dataclass(frozen=True)
-class Settings(Record):
-    """Base of a stage's numbers, and of groups of such stages.
+class Numbers(Record):
+    """Base of a stage's numbers, and of groups of such stages: a field each, by `number`."""
+
+    def but(self, **numbers: Any) -> Self:
+        """The same with some other numbers."""
+        return replace(self, **numbers)
+
+    def describe(self) -> list[dict[str, Any]]:
+        """Every number's name (its groups before it, parted by dots), value, unit, meaning and
+        source.
+        """
+        rows: list[dict[str, Any]] = []
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if isinstance(value, Numbers):
+                of_group = value.describe()
+                rows += [{**row, "name": f"{entry.name}.{row['name']}"} for row in of_group]
+            else:
+                rows.append({"name": entry.name, "value": value, **entry.metadata})
+        return rows
+
+
+@dataclass(frozen=True)
+class Settings(Numbers):
+    """Numbers whose rows stand in a table.
 
     A class that names a `table` has its numbers there, a row each, in the `settings.toml` beside its module; it is a
     dataclass of these and of the groups that it lists itself.
@@ -81,21 +113,6 @@ class Settings(Record):
                 setattr(cls, name, number(tuple(v) if isinstance(v := row.pop("value"), list) else v, **row))
             cls.__annotations__ = dict.fromkeys(rows, Any) | vars(cls).get("__annotations__", {})
             dataclass(frozen=True)(cls)
-
-    def but(self, **numbers: Any) -> Self:
-        """The same with some other numbers."""
-        return replace(self, **numbers)
-
-    def describe(self) -> list[dict[str, Any]]:
-        """Every number's name (its groups before it, parted by dots), value, unit, meaning and source."""
-        found: list[dict[str, Any]] = []
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if isinstance(value, Settings):
-                found += [{**each, "name": f"{one.name}.{each['name']}"} for each in value.describe()]
-            else:
-                found.append({"name": one.name, "value": value, **one.metadata})
-        return found
 
 
 def read_group(module: str, table: str) -> Any:

@@ -22,8 +22,8 @@ from ident.checks.inspection import inspect_parts, inspect_sessions
 from ident.checks.report import REPORTED_BY_A_FIT, TelemetryReport, as_mounted, check_accepted, overrule
 from ident.errors import RecordingError, RobotError
 from ident.model.hybrid import HybridModel
-from ident.motion.filter import USUAL_MOTION, MotionSettings
 from ident.motion.motion import Motion, no_motion, prepare_each
+from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.motion.stretches import FITTED_SAMPLES, hold
 from ident.recordings import TOPIC
 from ident.recordings.load import PART_SAMPLES, Source, gather_sources, load_parts

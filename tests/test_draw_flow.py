@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ElementTree
 from importlib.util import module_from_spec, spec_from_file_location
 from itertools import combinations
 
-from tests.layout import ROOT
+from tests.house.sources import ROOT
 
 SPEC = spec_from_file_location("draw_flow", ROOT / "docs" / "draw_flow.py")
 assert SPEC is not None

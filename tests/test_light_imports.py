@@ -13,7 +13,7 @@ import pytest
 
 from ident.process import EXTRA_OF, missing_extra
 from ident.robot.names import data_path
-from tests.layout import ROOT, Source, read_sources
+from tests.house.sources import ROOT, Source, read_sources
 
 HEAVY = (
     "torch",

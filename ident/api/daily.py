@@ -30,16 +30,21 @@ if TYPE_CHECKING:
     from ident.servos.servo_files import RolledOut
 
 
-def new(session: str | Path, robot: str | Path | ArmModel | None = None, *, rate: float | None = None) -> NewSession:
-    """Looks at foreign tables and writes the session.toml that makes a session of them, for a person to correct.
+def new(
+    session: str | Path, robot: str | Path | ArmModel | None = None, *, rate: float | None = None
+) -> NewSession:
+    """Looks at foreign tables and writes the session.toml that makes a session of them, for a
+    person to correct.
 
     Args:
         session: Folder of tables, a single table, a bag or a data set.
-        robot: URDF path, name or arm; without it signs, gains and columns without names can't be found.
+        robot: URDF path, name or arm; without it signs, gains and columns without names can't be
+            found.
         rate: Samples a second of tables without a time column, where nothing in them tells it [Hz].
 
     Raises:
-        InputError: The tables can't be read or recognised, or something of the user's stands where the file is to go.
+        InputError: The tables can't be read or recognised, or something of the user's stands where
+            the file is to go.
     """
     path = Path(session)
     require_own_guess(place_of(path))
@@ -47,18 +52,18 @@ def new(session: str | Path, robot: str | Path | ArmModel | None = None, *, rate
     named = None if robot is None or isinstance(robot, ArmModel) else str(robot)
     if rate is not None and not 0.0 < rate < float("inf"):
         raise InputError("--rate", f"{rate:g} is no rate", "give samples a second, such as 100")
-    found = guess_session(path, arm, named, rate)
+    guessed = guess_session(path, arm, named, rate)
     # The guess, tried: the session is read under it, and its telemetry checked.
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder) / NAME
-        draft.write_text(found.text, encoding="utf-8")
-        read = load_session(path, session_file=draft, with_effort=found.has_effort)
-    report = inspect_sessions([read], arm)[0] if arm is not None and found.has_effort else None
+        draft.write_text(guessed.text, encoding="utf-8")
+        read = load_session(path, session_file=draft, with_effort=guessed.has_effort)
+    report = inspect_sessions([read], arm)[0] if arm is not None and guessed.has_effort else None
     settings = {"robot": named or (arm.name if arm is not None else None)}
     origin = Provenance("ident new", settings=settings, sessions=stamp_sessions([read]))
-    found = replace(found, report=report, provenance=origin)
-    found.write()
-    return found
+    guessed = replace(guessed, report=report, provenance=origin)
+    guessed.write()
+    return guessed
 
 
 Goals = str | Path | Session
@@ -71,11 +76,14 @@ def servo(
     cutoff: float | None = None,
     out: str | Path | None = None,
 ) -> ServoArm:
-    """Lag, delay, dead band, droop and gain of servos, from goal and position alone; and what these can't tell.
+    """Lag, delay, dead band, droop and gain of servos, from goal and position alone; and what these
+    can't tell.
 
     Args:
-        sessions: Folders or files of runs with `<joint>/position` and `<joint>/position_command`; no effort is needed.
-        robot: URDF path, name or arm, for what the joints carry; without it droop and gain are not reported.
+        sessions: Folders or files of runs with `<joint>/position` and `<joint>/position_command`;
+            no effort is needed.
+        robot: URDF path, name or arm, for what the joints carry; without it droop and gain are not
+            reported.
         cutoff: Corner of the filter for all signals [Hz].
         out: Folder for a model of each joint that rolls out, as files of simulators.
 
@@ -88,13 +96,18 @@ def servo(
     if arm is not None:
         matched = [match_joints(session, arm.joint_names)[0] for session in loaded]
         arm = arm.keeping(matched[0].joints)
-        loaded = [session.replace(runs=[run.select(arm.joint_names) for run in session.runs]) for session in matched]
+        loaded = []
+        for session in matched:
+            runs = [run.select(arm.joint_names) for run in session.runs]
+            loaded.append(session.replace(runs=runs))
     joints = loaded[0].joints
     for session in loaded[1:]:
         if session.joints != joints:
             what = f"its joints are not those of {loaded[0].name}"
-            raise RecordingError(str(session.path or session.name), what, "give sessions of one arm together")
-    found = fit_servos(runs_of(loaded, cutoff), arm)
+            raise RecordingError(
+                str(session.path or session.name), what, "give sessions of one arm together"
+            )
+    servos = fit_servos(runs_of(loaded, cutoff), arm)
     name = arm.name if arm is not None else loaded[0].name
     settings = {"robot": None if arm is None else arm.name, "cutoff_hz": cutoff}
     origin = Provenance("ident servo", settings=settings, sessions=stamp_sessions(loaded))
@@ -104,7 +117,7 @@ def servo(
 
         rolled = roll_out_servos(loaded, arm)
         write_servos(Path(out), rolled, [session.name for session in loaded])
-    return ServoArm(name, found, rolled).with_provenance(origin)
+    return ServoArm(name, servos, rolled).with_provenance(origin)
 
 
 def watch(
@@ -115,17 +128,21 @@ def watch(
     progress: Callable[[int, int], None] = lambda done, total: None,
     **options: Any,
 ) -> Watch:
-    """Examines the sessions of a folder that are new, and tells what has changed in any arm since the first.
+    """Examines the sessions of a folder that are new, and tells what has changed in any arm since
+    the first.
 
     Args:
         folder: Folders of sessions, or folders of arms that hold such.
-        store: Folder of the results: Parquet tables, diagnoses, `index.html` for all arms and a page for each.
+        store: Folder of the results: Parquet tables, diagnoses, `index.html` for all arms and a
+            page for each.
         robot: URDF path or name; None takes the one named in session.toml.
         progress: Called with how many of the new sessions are done, and of how many.
-        options: Fields of `ident.command_options.WatchOptions`: `model`, `diagnosed`, `level`, `settle`, `workers` …
+        options: Fields of `ident.command_options.WatchOptions`: `model`, `diagnosed`, `level`,
+            `settle`, `workers` …
 
     Raises:
-        InputError: No session there, a robot or model that can't be used, or a store that armgap did not begin.
+        InputError: No session there, a robot or model that can't be used, or a store that armgap
+            did not begin.
     """
     chosen = WatchOptions.of("watch", {"robot": robot, **options})
     if robot is not None and load_robot(robot, ()) and Path(robot).is_file():
@@ -134,30 +151,33 @@ def watch(
     if model is not None:
         HybridModel.given(model)
     chosen = replace(chosen, robot=robot, model=model)
-    found = look(Path(folder), Path(store), chosen, progress)
-    own = {"diagnosed": chosen.diagnosed, "level": chosen.level}
-    settings = {"folder": str(folder), "robot": robot, "model": model, **own}
-    found = found.with_provenance(Provenance("ident watch", settings=settings))
-    write_pages(Path(store), found)
-    found.save(Path(store) / "watch.json")
-    return found
+    watched = look(Path(folder), Path(store), chosen, progress)
+    reading = {"diagnosed": chosen.diagnosed, "level": chosen.level}
+    settings = {"folder": str(folder), "robot": robot, "model": model, **reading}
+    watched = watched.with_provenance(Provenance("ident watch", settings=settings))
+    write_pages(Path(store), watched)
+    watched.save(Path(store) / "watch.json")
+    return watched
 
 
 def ranges(sessions: Sources, robot: Robot | None = None, **options: Any) -> Ranges:
-    """How far each joint's estimates are uncertain, or change from day to day; checked on days left out.
+    """How far each joint's estimates are uncertain, or change from day to day; checked on days left
+    out.
 
     Args:
         sessions: One for each day, as folders or files of runs.
         robot: URDF path, name or arm; None takes the one named in session.toml.
-        options: Fields of `ident.command_options.RangesOptions`: `model`, `out`, `topic`, `session_file`, `cutoff`,
-            `accept`.
+        options: Fields of `ident.command_options.RangesOptions`: `model`, `out`, `topic`,
+            `session_file`, `cutoff`, `accept`.
 
     Raises:
         InputError: Recordings, robot or model can't be used.
     """
     chosen = RangesOptions.of("ranges", options)
     loaded = None if chosen.model is None else HybridModel.given(chosen.model)
-    opened = open_sessions(sessions, robot, chosen.topic, chosen.session_file, chosen.cutoff, accept=chosen.accept)
+    opened = open_sessions(
+        sessions, robot, chosen.topic, chosen.session_file, chosen.cutoff, accept=chosen.accept
+    )
     reference = opened.arm
     if loaded is not None:
         loaded.require_robot(opened.arm, "--model")
@@ -166,13 +186,17 @@ def ranges(sessions: Sources, robot: Robot | None = None, **options: Any) -> Ran
     if len(days) < len(opened.groups):
         names = [name for name, _ in opened.groups]
         twice = next(name for name in names if names.count(name) > 1)
-        raise RecordingError(twice, "two sessions have this name", "give folders of different names")
-    found = find_ranges(days, reference)
+        raise RecordingError(
+            twice, "two sessions have this name", "give folders of different names"
+        )
+    pooled = find_ranges(days, reference)
     if chosen.out is not None:
-        tables: dict[str, dict[str, tuple[float, float]]] = {joint: {} for joint in found.noise}
-        for (joint, name), one in found.ranges.items():
-            tables[joint][name] = one.low, one.high
-        write_ranges(Path(chosen.out), found.robot, tables)
+        tables: dict[str, dict[str, tuple[float, float]]] = {joint: {} for joint in pooled.noise}
+        for (joint, name), estimate in pooled.ranges.items():
+            tables[joint][name] = estimate.low, estimate.high
+        write_ranges(Path(chosen.out), pooled.robot, tables)
     named = None if loaded is None else loaded.robot.name
     settings = {"robot": opened.arm.name, "model": named, "cutoff_hz": chosen.cutoff}
-    return found.with_provenance(Provenance("ident ranges", settings=settings, sessions=opened.stamps))
+    return pooled.with_provenance(
+        Provenance("ident ranges", settings=settings, sessions=opened.stamps)
+    )

@@ -1,4 +1,6 @@
-"""Diagnoses recordings, and compares two sets of one arm: what `ident diagnose` and `ident compare` do."""
+"""Diagnoses recordings, and compares two sets of one arm: what `ident diagnose` and `ident compare`
+do.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,8 @@ def diagnose(
         robot: URDF path, name or arm; None takes the one named in session.toml.
         model: A model fitted to this arm, or its folder: its inertias count as known.
         catalogue: Further effects: a Python file, or objects.
-        cutoff: Corner of the filter for torques and columns [Hz]; as the recordings allow it if None.
+        cutoff: Corner of the filter for torques and columns [Hz]; as the recordings allow it if
+            None.
         seed: Of the sign flips by which the map of the gap is tested.
         accept: Issues of the telemetry that are to refuse nothing.
         settings: The numbers by which it is decided; as shipped if None.
@@ -70,7 +73,8 @@ def diagnose(
         session_file: A session.toml, for folders that can't hold one.
 
     Raises:
-        InputError: Recordings, robot, model or effects can't be used, or an issue that can't be accepted.
+        InputError: Recordings, robot, model or effects can't be used, or an issue that can't be
+            accepted.
     """
     options = DiagnoseOptions(
         model=model,
@@ -85,37 +89,58 @@ def diagnose(
     return examine(source, robot, options).diagnosis
 
 
-# Its matrices are small: threads of BLAS would wait for each other, on a busy machine five times as long.
+# Its matrices are small: threads of BLAS would wait for each other, on a busy machine five times as
+# long.
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def examine(source: Sources, robot: Robot | None, options: DiagnoseOptions) -> Examined:
     """The same with all that pages and timelines need."""
-    model, settings, seed = options.model, options.settings or USUAL, options.seed
+    model = options.model
+    settings = options.settings or USUAL
+    seed = options.seed
     if not isinstance(settings, DiagnosisSettings):
-        raise InputError("settings", f"a {type(settings).__name__} is no settings", "give an ident.DiagnosisSettings")
+        raise InputError(
+            "settings",
+            f"a {type(settings).__name__} is no settings",
+            "give an ident.DiagnosisSettings",
+        )
     loaded = None if model is None else HybridModel.given(model)
     effects = gather_effects(options.catalogue)
     given = Given(source, robot, options.topic, options.session_file)
     mended = MENDED_BY_A_FIT if loaded is not None and loaded.inertia != "nominal" else ()
-    read = inspect_sources(given, options.accept, settings.telemetry, in_parts=True, reported=mended)
+    read = inspect_sources(
+        given, options.accept, settings.telemetry, in_parts=True, reported=mended
+    )
     arm = read.arm
     if loaded is not None:
         loaded.require_robot(arm, "model" if isinstance(model, HybridModel) else str(model))
-    diagnosis, analysis, motions = diagnose_reports(read.reports, arm, effects, options.cutoff, seed, loaded, settings)
+    diagnosis, analysis, motions = diagnose_reports(
+        read.reports, arm, effects, options.cutoff, seed, loaded, settings
+    )
     chosen = {
-        "cutoff_hz": motions[0].lowpass.cutoff if motions else options.cutoff or settings.motion.cutoff_hz,
+        "cutoff_hz": motions[0].lowpass.cutoff
+        if motions
+        else options.cutoff or settings.motion.cutoff_hz,
         "seed": seed,
-        "model": None if loaded is None else loaded.robot.name if isinstance(model, HybridModel) else str(model),
+        "model": None
+        if loaded is None
+        else loaded.robot.name
+        if isinstance(model, HybridModel)
+        else str(model),
         "effects": [effect.id for effect in effects],
         "diagnosis": settings.to_dict(),
         "accepted": list(options.accept),
-        "gravity_mps2": None if analysis is None else analysis.baseline.nominal.model.gravity.linear.tolist(),
+        "gravity_mps2": None
+        if analysis is None
+        else analysis.baseline.nominal.model.gravity.linear.tolist(),
         "arm_sha256": arm.keeping(diagnosis.joints).content,
     }
     origin = Provenance("ident diagnose", settings=chosen, sessions=read.ledger.stamps)
     return Examined(diagnosis.with_provenance(origin), analysis, motions, loaded)
 
 
-def examine_until(sure: float, source: Sources, robot: Robot | None, options: DiagnoseOptions) -> Examined:
+def examine_until(
+    sure: float, source: Sources, robot: Robot | None, options: DiagnoseOptions
+) -> Examined:
     """Looks at more and more runs, in their order, until the diagnosis is sure or no run is left.
 
     Args:
@@ -132,9 +157,9 @@ def examine_until(sure: float, source: Sources, robot: Robot | None, options: Di
     examined: list[Examined] = []
 
     def look(runs: int) -> Diagnosis:
-        found = examine(first_runs(sessions, runs), robot, replace(options, session_file=None))
-        examined[:] = [found]
-        return found.diagnosis
+        analysis = examine(first_runs(sessions, runs), robot, replace(options, session_file=None))
+        examined[:] = [analysis]
+        return analysis.diagnosis
 
     total = sum(len(session.runs) for session in sessions)
     looks = diagnose_sequentially(look, total, sure)
@@ -144,12 +169,12 @@ def examine_until(sure: float, source: Sources, robot: Robot | None, options: Di
 
 def first_runs(sessions: Sequence[Session], count: int) -> list[Session]:
     """The sessions with so many of their runs, the first ones."""
-    kept = []
+    beginnings = []
     for session in sessions:
         if session.runs and count > 0:
-            kept.append(session.replace(runs=session.runs[:count]))
+            beginnings.append(session.replace(runs=session.runs[:count]))
             count -= len(session.runs)
-    return kept
+    return beginnings
 
 
 def gather_effects(catalogue: Catalogue | None) -> tuple[Effect, ...]:
@@ -160,14 +185,18 @@ def gather_effects(catalogue: Catalogue | None) -> tuple[Effect, ...]:
     """
     if catalogue is None or isinstance(catalogue, str | Path):
         return load_catalogue(None if catalogue is None else Path(catalogue))
-    own = tuple(catalogue)
-    for effect in own:
+    further = tuple(catalogue)
+    for effect in further:
         if not isinstance(effect, Effect):
             what = f"a {type(effect).__name__} is no effect"
-            raise InputError("catalogue", what, "give objects of subclasses of ident.Effect, or a Python file")
+            raise InputError(
+                "catalogue", what, "give objects of subclasses of ident.Effect, or a Python file"
+            )
         if effect.id in {known.id for known in CATALOGUE}:
-            raise InputError("catalogue", f"the id {effect.id!r} is taken", "give the effect another id")
-    return (*CATALOGUE, *own)
+            raise InputError(
+                "catalogue", f"the id {effect.id!r} is taken", "give the effect another id"
+            )
+    return (*CATALOGUE, *further)
 
 
 def compare(
@@ -181,11 +210,14 @@ def compare(
     session_file: str | Path | None = None,
     accept: Sequence[str] = (),
 ) -> ArmComparison:
-    """What changed between two sets of recordings of one arm, at which joint, by how much; or why that can't be tested.
+    """What changed between two sets of recordings of one arm, at which joint, by how much; or why
+    that can't be tested.
 
     Args:
-        before, after: Folders or files of runs, sessions, or tables in memory (the runs of one session).
-        robot: URDF path, name or arm; None takes the one named in session.toml. Its numbers may be wrong.
+        before, after: Folders or files of runs, sessions, or tables in memory (the runs of one
+            session).
+        robot: URDF path, name or arm; None takes the one named in session.toml. Its numbers may be
+            wrong.
         cutoff: Corner of the filter for torques and columns [Hz].
         seed: Of how runs are dealt into sets between which nothing changed.
         topic: Of the joint states, in ROS 2 bags.
@@ -195,17 +227,25 @@ def compare(
     Raises:
         InputError: Recordings or robot can't be used, or an issue that can't be accepted.
     """
-    from ident.diagnosis.change.from_reports import compare_reports  # a diagnosis needs nothing of it
+    # a diagnosis needs nothing of it
+    from ident.diagnosis.change.from_reports import compare_reports
 
-    own = None if session_file is None else Path(session_file)
-    chosen = ComparisonOptions(cutoff=cutoff, seed=seed, topic=topic, session_file=own, accept=tuple(accept))
-    earlier, later = (tuple(Given(side, None, chosen.topic, chosen.session_file).parts()) for side in (before, after))
+    file = None if session_file is None else Path(session_file)
+    chosen = ComparisonOptions(
+        cutoff=cutoff, seed=seed, topic=topic, session_file=file, accept=tuple(accept)
+    )
+    earlier, later = (
+        tuple(Given(side, None, chosen.topic, chosen.session_file).parts())
+        for side in (before, after)
+    )
     arm = load_robot(robot, (*earlier, *later))
     accepted = check_accepted(chosen.accept)
     reports = [overrule(report, accepted) for report in inspect_sessions((*earlier, *later), arm)]
     arm = as_mounted(arm, reports[0].session)
-    found = compare_reports(reports[: len(earlier)], reports[len(earlier) :], arm, chosen.cutoff, chosen.seed)
-    used = None if np.isnan(found.cutoff) else found.cutoff
+    comparison = compare_reports(
+        reports[: len(earlier)], reports[len(earlier) :], arm, chosen.cutoff, chosen.seed
+    )
+    used = None if np.isnan(comparison.cutoff) else comparison.cutoff
     settings: dict[str, Any] = {
         "cutoff_hz": used,
         "seed": chosen.seed,
@@ -213,6 +253,8 @@ def compare(
         "sessions_before": len(earlier),
         "accepted": list(accepted),
     }
-    settings["arm_sha256"] = arm.keeping(found.joints).content
+    settings["arm_sha256"] = arm.keeping(comparison.joints).content
     stamps = stamp_sessions((*earlier, *later))
-    return found.with_provenance(Provenance("ident compare", settings=settings, sessions=stamps))
+    return comparison.with_provenance(
+        Provenance("ident compare", settings=settings, sessions=stamps)
+    )

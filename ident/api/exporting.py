@@ -15,7 +15,7 @@ from ident.export.identified import Diagnosed
 from ident.export.write import FILES, write_export, write_patch
 from ident.model.evaluation import VERIFICATION_SCHEMA, Check, check_limits, evaluate, load_limits
 from ident.model.hybrid import HybridModel
-from ident.motion.filter import FOR_DIAGNOSIS
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.results import Provenance, Result, files_of, runs_of
 from ident.sessions import Robot, Sources, load_robot, open_sessions
 
@@ -65,7 +65,10 @@ class Verification(Result):
 
 
 def patch(
-    diagnosis: Diagnosis | Mapping[str, Any] | str | Path, robot: Robot, out: str | Path, **options: Any
+    diagnosis: Diagnosis | Mapping[str, Any] | str | Path,
+    robot: Robot,
+    out: str | Path,
+    **options: Any,
 ) -> Written:
     """What a diagnosis found as URDF, MJCF, parameter file and Python module, each loaded back.
 
@@ -77,10 +80,12 @@ def patch(
             `session_file`.
 
     Raises:
-        InputError: Nothing was identified, the diagnosis is of another robot, or the folder holds something else.
+        InputError: Nothing was identified, the diagnosis is of another robot, or the folder holds
+            something else.
     """
     chosen = PatchOptions.of("patch", options)
-    effects, arm = gather_effects(chosen.catalogue), load_robot(robot, ())
+    effects = gather_effects(chosen.catalogue)
+    arm = load_robot(robot, ())
     if isinstance(diagnosis, str | Path):
         diagnosed = Diagnosed.load(Path(diagnosis), effects)
     elif isinstance(diagnosis, Diagnosis | Mapping):
@@ -106,11 +111,19 @@ def patch(
             what = f"its joints are {', '.join(opened.arm.joint_names)}, those of the diagnosis "
             session = opened.reports[0].session
             remedy = "give recordings of the joints that were diagnosed"
-            raise InputError(session.path or session.name, what + ", ".join(diagnosed.joints), remedy)
+            raise InputError(
+                session.path or session.name, what + ", ".join(diagnosed.joints), remedy
+            )
     settings = {"diagnosis": diagnosed.path.name, "robot": arm.name}
-    origin = Provenance("ident patch", settings=settings, sessions=() if opened is None else opened.stamps)
+    origin = Provenance(
+        "ident patch", settings=settings, sessions=() if opened is None else opened.stamps
+    )
     motions = () if opened is None else opened.motions
-    return Written(Path(out), write_patch(diagnosed, arm, Path(out), motions, origin, chosen.into), provenance=origin)
+    return Written(
+        Path(out),
+        write_patch(diagnosed, arm, Path(out), motions, origin, chosen.into),
+        provenance=origin,
+    )
 
 
 def export(model: HybridModel | str | Path, out: str | Path, **options: Any) -> Written:
@@ -119,40 +132,55 @@ def export(model: HybridModel | str | Path, out: str | Path, **options: Any) -> 
     Args:
         model: A fitted model or its folder.
         out: Folder of the export.
-        options: Fields of `ident.command_options.ExportOptions`: `formats`, `nearest`, `on`, `topic`, `session_file`,
-            `accept`.
+        options: Fields of `ident.command_options.ExportOptions`: `formats`, `nearest`, `on`,
+            `topic`, `session_file`, `accept`.
 
     Raises:
-        InputError: An unknown format, links that no body could be, or recordings that can't be used.
+        InputError: An unknown format, links that no body could be, or recordings that can't be
+            used.
     """
-    chosen, loaded = ExportOptions.of("export", options), HybridModel.given(model)
+    chosen = ExportOptions.of("export", options)
+    loaded = HybridModel.given(model)
     opened = None
     if chosen.on is not None:
         opened = open_sessions(
-            chosen.on, loaded, chosen.topic, chosen.session_file, learning=False, accept=chosen.accept
+            chosen.on,
+            loaded,
+            chosen.topic,
+            chosen.session_file,
+            learning=False,
+            accept=chosen.accept,
         )
-    settings = {"model": loaded.robot.name if loaded is model else str(model), "nearest": chosen.nearest}
-    origin = Provenance("ident export", settings=settings, sessions=() if opened is None else opened.stamps)
+    settings = {
+        "model": loaded.robot.name if loaded is model else str(model),
+        "nearest": chosen.nearest,
+    }
+    origin = Provenance(
+        "ident export", settings=settings, sessions=() if opened is None else opened.stamps
+    )
     motions = () if opened is None else opened.motions
     formats = tuple(FILES if chosen.formats is None else chosen.formats)
     record = write_export(loaded, Path(out), formats, chosen.nearest, motions, origin)
     return Written(Path(out), record, provenance=origin)
 
 
-def verify(model: HybridModel | str | Path, sessions: Sources, limits: str | Path, **options: Any) -> Verification:
+def verify(
+    model: HybridModel | str | Path, sessions: Sources, limits: str | Path, **options: Any
+) -> Verification:
     """A gate: whether a model keeps its limits on recordings that it was not fitted on.
 
     Args:
         model: A fitted model or its folder.
         sessions: The recordings.
         limits: A TOML file of limits.
-        options: Fields of `ident.command_options.VerifyOptions`: `in_sample`, `cutoff`, `topic`, `session_file`,
-            `accept`.
+        options: Fields of `ident.command_options.VerifyOptions`: `in_sample`, `cutoff`, `topic`,
+            `session_file`, `accept`.
 
     Raises:
         InputError: Model, recordings or limits can't be used.
     """
-    chosen, loaded = VerifyOptions.of("verify", options), HybridModel.given(model)
+    chosen = VerifyOptions.of("verify", options)
+    loaded = HybridModel.given(model)
     wanted = load_limits(Path(limits), loaded.joint_names, loaded.rungs)
     opened = open_sessions(
         sessions,
@@ -165,8 +193,20 @@ def verify(model: HybridModel | str | Path, sessions: Sources, limits: str | Pat
     )
     name = loaded.robot.name if loaded is model else Path(str(model)).name
     checks = tuple(
-        check for score in evaluate(loaded, opened.groups, name).sessions for check in check_limits(score, wanted)
+        check
+        for score in evaluate(loaded, opened.groups, name).sessions
+        for check in check_limits(score, wanted)
     )
     seen = bool(files_of(loaded.provenance) & runs_of(opened.stamps))
-    origin = Provenance("ident verify", settings={"model": name, "limits": str(limits)}, sessions=opened.stamps)
-    return Verification(name, loaded.robot.name, loaded.joint_names, checks, seen, chosen.in_sample, provenance=origin)
+    origin = Provenance(
+        "ident verify", settings={"model": name, "limits": str(limits)}, sessions=opened.stamps
+    )
+    return Verification(
+        name,
+        loaded.robot.name,
+        loaded.joint_names,
+        checks,
+        seen,
+        chosen.in_sample,
+        provenance=origin,
+    )

@@ -49,29 +49,39 @@ def fit_hybrid(
         checkpoint: Folder in which the net's training may stop and go on.
         named: JSON of a diagnosis whose names are to be part of the model.
         recordings: What `laws="auto"` diagnoses where the source is opened already.
-        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`, `accept`.
+        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`,
+            `accept`.
 
     Raises:
         InputError: Recordings, robot or diagnosis can't be used.
     """
-    options, read = options or FitOptions(), FilterOptions.of("fit", reading)
+    options = options or FitOptions()
+    read = FilterOptions.of("fit", reading)
     accept = (*read.accept, *options.accept)
     opened = (
         source
         if isinstance(source, Opened)
         else open_sessions(source, robot, **{**vars(read), "accept": accept}, motion=options.motion)
     )
-    laws = None if named is None else with_carried(Path(named), opened.arm, read_named_laws(Path(named), opened.arm))
+    laws = (
+        None
+        if named is None
+        else with_carried(Path(named), opened.arm, read_named_laws(Path(named), opened.arm))
+    )
     if options.laws == "auto" and named is None:
         laws = sure_laws(source if recordings is None else recordings, opened.arm, read)
     # Sums over threads differ in their last digits from one number of threads to another.
     with threadpool_limits(limits=1, user_api="blas"):
-        found = fitting.fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), step, checkpoint, laws)
+        fitted = fitting.fit_hybrid(
+            opened.motions, opened.arm, options, opened.data_records(), step, checkpoint, laws
+        )
     accepted = [issue.to_dict() for issue in opened.issues if issue.issue in accept]
-    model = replace(found.model, provenance={**found.model.provenance, "accepted": accepted})
-    found = replace(found, model=model)
+    model = replace(fitted.model, provenance={**fitted.model.provenance, "accepted": accepted})
+    fitted = replace(fitted, model=model)
     settings = {**vars(options), "cutoff_hz": opened.motions[0].lowpass.cutoff}
-    return found.with_provenance(Provenance("ident fit", settings=settings, sessions=opened.stamps))
+    return fitted.with_provenance(
+        Provenance("ident fit", settings=settings, sessions=opened.stamps)
+    )
 
 
 def with_carried(path: Path, arm: ArmModel, laws: NamedLaws) -> NamedLaws:
@@ -89,9 +99,10 @@ def with_carried(path: Path, arm: ArmModel, laws: NamedLaws) -> NamedLaws:
     return _carry(Diagnosed.of_record(record, path=path, needed=False), arm, laws)
 
 
-def _carry(found: Diagnosed, arm: ArmModel, laws: NamedLaws) -> NamedLaws:
-    carried, left_out = [], []
-    for change in found.changes:
+def _carry(diagnosed: Diagnosed, arm: ArmModel, laws: NamedLaws) -> NamedLaws:
+    carried = []
+    left_out = []
+    for change in diagnosed.changes:
         if change.effect in KINDS:
             continue
         place = -1 if change.joint < 0 else arm.joint_names.index(change.joints[0])
@@ -99,8 +110,8 @@ def _carry(found: Diagnosed, arm: ArmModel, laws: NamedLaws) -> NamedLaws:
             carried.append(CarriedEffect(change.effect, place, change.values))
         else:
             left_out.append(f"{change.effect} of {', '.join(change.joints)}: no model carries it")
-    kept = tuple(text for text in laws.left_out if "carries friction alone" not in text)
-    return NamedLaws(laws.laws, (*kept, *left_out), tuple(carried))
+    remaining = tuple(text for text in laws.left_out if "carries friction alone" not in text)
+    return NamedLaws(laws.laws, (*remaining, *left_out), tuple(carried))
 
 
 def sure_laws(source: Sources | Opened, arm: ArmModel, read: FilterOptions) -> NamedLaws | None:
@@ -118,9 +129,13 @@ def sure_laws(source: Sources | Opened, arm: ArmModel, read: FilterOptions) -> N
     from ident.export.identified import Diagnosed
 
     if isinstance(source, Opened):
-        raise InputError("laws", "opened sessions can't be diagnosed", "give `recordings`, or laws of a diagnosis")
+        raise InputError(
+            "laws",
+            "opened sessions can't be diagnosed",
+            "give `recordings`, or laws of a diagnosis",
+        )
     record = diagnose(source, arm, **vars(read)).to_dict()
-    sure = [one for one in record["findings"] if one.get("probability", 1.0) >= SURE]
+    sure = [finding for finding in record["findings"] if finding.get("probability", 1.0) >= SURE]
     if not sure:
         return None
     record = {**record, "findings": sure}
@@ -131,22 +146,30 @@ def sure_laws(source: Sources | Opened, arm: ArmModel, read: FilterOptions) -> N
 fit = fit_hybrid  # as the command is called
 
 
-def evaluate(source: Sources | Opened, model: Model, *, name: str | None = None, **reading: Any) -> Evaluation:
+def evaluate(
+    source: Sources | Opened, model: Model, *, name: str | None = None, **reading: Any
+) -> Evaluation:
     """Scores every rung of a model's ladder on recordings that its fit did not see.
 
     Args:
         source: Folders or files of runs, sessions, tables in memory, or what `open_sessions` gave.
         model: The model, or its folder.
         name: Of the model in reports; that of its folder or robot if None.
-        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`, `accept`.
+        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`,
+            `accept`.
 
     Raises:
         InputError: Recordings or model can't be used.
     """
     from ident.model import evaluation
 
-    loaded, read = HybridModel.given(model), FilterOptions.of("evaluate", reading)
-    opened = source if isinstance(source, Opened) else open_sessions(source, loaded, **vars(read), learning=False)
+    loaded = HybridModel.given(model)
+    read = FilterOptions.of("evaluate", reading)
+    opened = (
+        source
+        if isinstance(source, Opened)
+        else open_sessions(source, loaded, **vars(read), learning=False)
+    )
     named = name or (loaded.robot.name if isinstance(model, HybridModel) else Path(model).name)
     settings = {"model": str(named), "cutoff_hz": opened.motions[0].lowpass.cutoff}
     origin = Provenance("ident evaluate", settings=settings, sessions=opened.stamps)
@@ -165,7 +188,7 @@ class Evaluations(Result):
             "schema": "ident.evaluations/1",
             "robot": first.robot,
             "joints": list(first.pooled.joints),
-            "models": [one.to_dict() for one in self.models],
+            "models": [evaluation.to_dict() for evaluation in self.models],
             "provenance": first.provenance.to_dict(),
         }
 
@@ -195,8 +218,10 @@ def view(
         source: Folders or files of runs, sessions, or tables in memory.
         robot: URDF path, name or arm; that of the model or of session.toml if None.
         model: Model whose rungs are compared, or its folder; measured curves only if None.
-        rrd: File for the timeline; Rerun's window is opened if None, and the call returns when it is closed.
-        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`, `accept`.
+        rrd: File for the timeline; Rerun's window is opened if None, and the call returns when it
+            is closed.
+        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`,
+            `accept`.
 
     Raises:
         InputError: Recordings, robot or model can't be used, or there is no screen.
@@ -205,13 +230,20 @@ def view(
 
     if rrd is None:
         timeline.require_screen()
-    read, loaded = FilterOptions.of("view", reading), None if model is None else HybridModel.given(model)
+    read = FilterOptions.of("view", reading)
+    loaded = None if model is None else HybridModel.given(model)
     opened = open_sessions(source, loaded or robot, **vars(read), learning=False)
     if rrd is None:
         timeline.show_timeline(opened.arm, opened.motions, loaded, opened.issues)
     else:
         timeline.write_timeline(rrd, opened.arm, opened.motions, loaded, opened.issues)
-    named = str(model) if isinstance(model, str | Path) else None if loaded is None else loaded.robot.name
+    named = (
+        str(model)
+        if isinstance(model, str | Path)
+        else None
+        if loaded is None
+        else loaded.robot.name
+    )
     origin = Provenance("ident view", settings={"model": named}, sessions=opened.stamps)
     runs = tuple(motion.name for motion in opened.motions)
     return View(opened.arm.name, opened.arm.joint_names, runs, provenance=origin)

@@ -22,6 +22,8 @@ def inspect(source: Sources, robot: Robot | None = None, **options: Any) -> Insp
         InputError: Recordings or robot can't be read.
     """
     read = ReadOptions.of("inspect", options)
-    found = inspect_sources(Given(source, robot, read.topic, read.session_file), read.accept)
-    origin = Provenance("ident inspect", settings={"robot": found.arm.name}, sessions=found.ledger.stamps)
-    return Inspection(tuple(found.reports)).with_provenance(origin)
+    inspected = inspect_sources(Given(source, robot, read.topic, read.session_file), read.accept)
+    origin = Provenance(
+        "ident inspect", settings={"robot": inspected.arm.name}, sessions=inspected.ledger.stamps
+    )
+    return Inspection(tuple(inspected.reports)).with_provenance(origin)

@@ -34,8 +34,8 @@ from ident.errors import InputError
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import LawModel, log_error
 from ident.files import atomic_write, write_record
-from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import Motion
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.motion.stretches import within_band
 from ident.recordings.recording import Session
 from ident.regression.decimation import moved_inertia

@@ -13,6 +13,7 @@ import numpy as np
 
 from ident.benchmark.cases import Slot
 from ident.diagnosis.verdict import above_noise
+from ident.effects import optional
 from ident.effects.catalogue import CATALOGUE
 from ident.simulation.request import Answer, TrueEffect
 
@@ -330,4 +331,4 @@ def _shrink_share(
 
 def comparable(true: TrueEffect, starts: Sequence[float]) -> dict[str, float]:
     """True parameters in the conventions of the diagnosis."""
-    return KNOWN[true.effect].compared(true.parameters, starts) if true.effect in KNOWN else {}
+    return optional.simulated_answer(KNOWN[true.effect], true.parameters, starts) if true.effect in KNOWN else {}

@@ -11,7 +11,19 @@ from typing import Annotated
 import typer
 
 import ident.command_options as given
-from ident.cli.shared import READS, Html, JsonFile, Model, Robot, Sessions, Writes, app, command, console, hand_over
+from ident.cli.shared import (
+    READS,
+    Html,
+    JsonFile,
+    Model,
+    Robot,
+    Sessions,
+    Writes,
+    app,
+    command,
+    console,
+    hand_over,
+)
 from ident.errors import InputError
 from ident.outputs import SESSION_KIND, absolute, check_outputs
 from ident.process import NOT_PASSED, run_command
@@ -21,8 +33,12 @@ from ident.show.console import print_issues, progress_line
 
 @command
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the model, the report and the timeline.")] = Path("out/demo"),
-    logs: Annotated[Path | None, typer.Option(help="Recordings other than the shipped ones.")] = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the model, the report and the timeline.")
+    ] = Path("out/demo"),
+    logs: Annotated[
+        Path | None, typer.Option(help="Recordings other than the shipped ones.")
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """The main job on the shipped recordings: fit, evaluate, report, timeline."""
@@ -36,7 +52,9 @@ def inspect(
     sessions: Sessions,
     options: given.ReadOptions,
     robot: Robot = None,
-    mend: Annotated[Path | None, typer.Option(help="Write the mended sessions into this folder.")] = None,
+    mend: Annotated[
+        Path | None, typer.Option(help="Write the mended sessions into this folder.")
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Checks the telemetry before anything is fitted."""
@@ -48,17 +66,21 @@ def inspect(
     if mend is not None:
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise InputError(f"--mend {mend}", f"two sessions are called {twice!r}", "mend them one after the other")
+            raise InputError(
+                f"--mend {mend}",
+                f"two sessions are called {twice!r}",
+                "mend them one after the other",
+            )
         several = {f"--mend {mend / name}:": (mend / name, SESSION_KIND) for name in names}
         places = several if len(names) > 1 else {"--mend": (mend, SESSION_KIND)}
     check_outputs([*sessions, options.session_file, robot], {"--json": json_file}, places)
-    found = check(sessions, robot, **vars(options))
+    checked = check(sessions, robot, **vars(options))
 
     def write_mended() -> None:
-        for report, (place, _) in zip(found.reports, places.values(), strict=False):
+        for report, (place, _) in zip(checked.reports, places.values(), strict=False):
             report.mend(place)
 
-    hand_over(found, json_file, write_mended)
+    hand_over(checked, json_file, write_mended)
 
 
 @command
@@ -69,7 +91,8 @@ def fit(
     reading: given.FilterOptions,
     robot: Robot = None,
     named: Annotated[
-        Path | None, typer.Option("--with", help="JSON of a diagnosis: what it names is part of the model.")
+        Path | None,
+        typer.Option("--with", help="JSON of a diagnosis: what it names is part of the model."),
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
@@ -81,11 +104,18 @@ def fit(
         import_module("safetensors")  # that a net can't be saved is told before it is fitted
     options = replace(options, accept=reading.accept)  # the model's provenance holds it
     opened = open_sessions(sessions, robot, **vars(reading), motion=options.motion)
-    print_issues(console, [one.to_dict() for one in opened.issues])
+    print_issues(console, [issue.to_dict() for issue in opened.issues])
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
     with progress_line(console, "fit"):
-        results = fit_hybrid(opened, options=options, checkpoint=checkpoint, named=named, recordings=sessions)
-    hand_over(results, json_file, lambda: results.model.save(out), places={"model (its URDF: `ident export`)": out})
+        results = fit_hybrid(
+            opened, options=options, checkpoint=checkpoint, named=named, recordings=sessions
+        )
+    hand_over(
+        results,
+        json_file,
+        lambda: results.model.save(out),
+        places={"model (its URDF: `ident export`)": out},
+    )
     if checkpoint.exists():
         from ident.model.net_options import remove_checkpoint
 
@@ -95,16 +125,22 @@ def fit(
 @command
 def evaluate(
     sessions: Annotated[
-        list[Path], typer.Argument(help="Fitted models, then sessions, as folders or files.", show_default=False)
+        list[Path],
+        typer.Argument(
+            help="Fitted models, then sessions, as folders or files.", show_default=False
+        ),
     ],
     options: given.FilterOptions,
     model: Annotated[
-        list[Path] | None, typer.Option(help="Folder of a fitted model, if not given first; several are compared.")
+        list[Path] | None,
+        typer.Option(help="Folder of a fitted model, if not given first; several are compared."),
     ] = None,
     html: Html = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Energy error and torque RMSE of every rung of the ladder, on runs that the fit did not see."""
+    """Energy error and torque RMSE of every rung of the ladder, on runs that the fit did
+    not see.
+    """
     from ident.api.fitting import Evaluations
     from ident.api.fitting import evaluate as score
     from ident.model.hybrid import HybridModel, split_models
@@ -112,7 +148,9 @@ def evaluate(
 
     folders, sessions = split_models(sessions, model or [])
     models = [(path.name, HybridModel.load(path)) for path in folders]
-    opened = [open_sessions(sessions, loaded, **vars(options), learning=False) for _, loaded in models]
+    opened = [
+        open_sessions(sessions, loaded, **vars(options), learning=False) for _, loaded in models
+    ]
     pairs = zip(models, opened, strict=True)
     results = Evaluations(tuple(score(data, loaded, name=name) for (name, loaded), data in pairs))
 
@@ -120,7 +158,9 @@ def evaluate(
         if html is not None:
             from ident.show.report.evaluation import write_evaluation_report
 
-            write_evaluation_report(html, [loaded for _, loaded in models], results.models, opened[0].issues)
+            write_evaluation_report(
+                html, [loaded for _, loaded in models], results.models, opened[0].issues
+            )
 
     hand_over(results, json_file, write_page, places={"report": html})
 
@@ -132,18 +172,28 @@ def diagnose(
     robot: Robot = None,
     html: Html = None,
     rrd: Annotated[
-        Path | None, typer.Option(help="Save the timeline, with the gap marked, to this file."), Writes()
+        Path | None,
+        typer.Option(help="Save the timeline, with the gap marked, to this file."),
+        Writes(),
     ] = None,
     until: Annotated[
         float | None,
-        typer.Option(help="Look at more and more runs until it is so sure (0.9, say), or tell what is missing."),
+        typer.Option(
+            help="Look at more and more runs until it is so sure (0.9, say), or tell what is "
+            "missing."
+        ),
     ] = None,
     details: Annotated[
-        bool, typer.Option("--details", help="Print all: parameters, doubts, what these recordings can't show.")
+        bool,
+        typer.Option(
+            "--details", help="Print all: parameters, doubts, what these recordings can't show."
+        ),
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """What is wrong with the model and what to do: where the gap lies, its cause, your URDF's numbers and the arm's."""
+    """What is wrong with the model and what to do: where the gap lies, its cause, your URDF's
+    numbers and the arm's.
+    """
     from ident.api.diagnosing import examine, examine_until
     from ident.show.diagnosis_lines import print_diagnosis
 
@@ -165,7 +215,9 @@ def diagnose(
         if loaded is not None and analysis is not None:
             from ident.api.fitting import evaluate as score
 
-            reading = {one.name: getattr(options, one.name) for one in fields(given.FilterOptions)}
+            reading = {
+                option.name: getattr(options, option.name) for option in fields(given.FilterOptions)
+            }
             evaluation = ReportInput((loaded,), (score(sessions, loaded, **reading),), ())
         pictures = () if analysis is None else draw_laws(analysis)
         traces = None if analysis is None else gather_traces(analysis)
@@ -176,7 +228,9 @@ def diagnose(
             from ident.show.timeline.gap import gap_curves, gap_marks
             from ident.show.timeline.writing import write_timeline
 
-            issues, marks, curves = diagnosis.telemetry, gap_marks(analysis), gap_curves(analysis)
+            issues = diagnosis.telemetry
+            marks = gap_marks(analysis)
+            curves = gap_curves(analysis)
             write_timeline(rrd, analysis.baseline.nominal, motions, loaded, issues, marks, curves)
 
     def tell() -> None:
@@ -188,12 +242,18 @@ def diagnose(
 
 @command
 def patch(
-    diagnosis: Annotated[Path, typer.Argument(help="The JSON of ident diagnose.", show_default=False)],
-    robot: Annotated[str, typer.Option(help="The robot that was diagnosed: URDF path or name."), READS],
+    diagnosis: Annotated[
+        Path, typer.Argument(help="The JSON of ident diagnose.", show_default=False)
+    ],
+    robot: Annotated[
+        str, typer.Option(help="The robot that was diagnosed: URDF path or name."), READS
+    ],
     out: Annotated[Path, typer.Option(help="Folder of the patch."), Writes("patch")],
     options: given.PatchOptions,
 ) -> Result:
-    """What was found for simulators, a cause named or not: URDF, MJCF, parameters, Python; into your own file too."""
+    """What was found for simulators, a cause named or not: URDF, MJCF, parameters, Python; into
+    your own file too.
+    """
     from ident.api.exporting import patch as write
 
     return write(diagnosis, robot, out, **vars(options))
@@ -206,24 +266,41 @@ def view(
     model: Annotated[Path | None, typer.Option(help="Folder of a fitted model.")] = None,
     robot: Robot = None,
     rrd: Annotated[
-        Path | None, typer.Option(help="Save the timeline to this file instead of opening it."), Writes()
+        Path | None,
+        typer.Option(help="Save the timeline to this file instead of opening it."),
+        Writes(),
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """The Rerun timeline: measured torque against every rung, residuals, energy, the moving arm."""
     from ident.api.fitting import view as show
 
-    hand_over(show(sessions, robot, model=model, rrd=rrd, **vars(options)), json_file, places={"timeline": rrd})
+    hand_over(
+        show(sessions, robot, model=model, rrd=rrd, **vars(options)),
+        json_file,
+        places={"timeline": rrd},
+    )
 
 
 @command
 def open_(
-    log: Annotated[Path | None, typer.Argument(help="Session folder or file; may be given on the page.")] = None,
-    robot: Annotated[str | None, typer.Argument(help="URDF path or name; may be given on the page."), READS] = None,
-    port: Annotated[int, typer.Option(help="Port on this machine; any free one if 0.", min=0, max=65535)] = 0,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open it in the browser.")] = True,
+    log: Annotated[
+        Path | None, typer.Argument(help="Session folder or file; may be given on the page.")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Argument(help="URDF path or name; may be given on the page."), READS
+    ] = None,
+    port: Annotated[
+        int, typer.Option(help="Port on this machine; any free one if 0.", min=0, max=65535)
+    ] = 0,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open it in the browser.")
+    ] = True,
 ) -> None:
-    """A page in your browser: drop a log and a URDF, check, diagnose, take the files. Runs on this machine alone."""
+    """A page in your browser: drop a log and a URDF, check, diagnose, take the files.
+
+    Runs on this machine alone.
+    """
     from ident.local_page.server import open_page
 
     def tell(address: str) -> None:
@@ -235,7 +312,10 @@ def open_(
 
 @app.command()
 def schema(
-    name: Annotated[str, typer.Argument(help="Kind of result file: diagnosis, fit, blind, …", show_default=False)],
+    name: Annotated[
+        str,
+        typer.Argument(help="Kind of result file: diagnosis, fit, blind, …", show_default=False),
+    ],
 ) -> None:
     """The JSON Schema of a result file, on standard output."""
     from ident.schemas.publish import make_schema
@@ -247,13 +327,20 @@ def schema(
 def compare(
     before: Annotated[
         list[Path],
-        typer.Argument(help="Sessions before, as folders or files; the second of two is after.", show_default=False),
+        typer.Argument(
+            help="Sessions before, as folders or files; the second of two is after.",
+            show_default=False,
+        ),
     ],
     options: given.ComparisonOptions,
-    after: Annotated[list[Path] | None, typer.Option(help="Sessions after, where either set has several.")] = None,
+    after: Annotated[
+        list[Path] | None, typer.Option(help="Sessions after, where either set has several.")
+    ] = None,
     robot: Robot = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the result file and the page."), Writes("comparison")
+        Path | None,
+        typer.Option(help="Folder for the result file and the page."),
+        Writes("comparison"),
     ] = None,
     html: Html = None,
     json_file: JsonFile = None,
@@ -269,8 +356,8 @@ def compare(
         raise InputError("compare", what, "give two sessions, or BEFORE … --after AFTER --after …")
     earlier, later = (before, after) if after else (before[:1], before[1:])
     with progress_line(console, "compare"):
-        found = compare_sets(earlier, later, robot, **vars(options))
-    page = "" if html is None and out is None else render_comparison_report(found.to_dict())
+        comparison = compare_sets(earlier, later, robot, **vars(options))
+    page = "" if html is None and out is None else render_comparison_report(comparison.to_dict())
 
     def write_page() -> None:
         if html is not None:
@@ -278,11 +365,17 @@ def compare(
 
     def write_folder() -> None:
         if out is not None:
-            with atomic_folder(out, "comparison") as part:
-                found.save(part / "comparison.json")
-                (part / "comparison.html").write_text(page, encoding="utf-8")
+            with atomic_folder(out, "comparison") as folder:
+                comparison.save(folder / "comparison.json")
+                (folder / "comparison.html").write_text(page, encoding="utf-8")
 
-    hand_over(found, json_file, write_page, write_folder, places={"page": html, "result and page": out})
+    hand_over(
+        comparison,
+        json_file,
+        write_page,
+        write_folder,
+        places={"page": html, "result and page": out},
+    )
 
 
 @command
@@ -299,7 +392,9 @@ def export(
 
 @command
 def ranges(sessions: Sessions, options: given.RangesOptions, robot: Robot = None) -> Result:
-    """Ranges for domain randomisation: each day a session; as wide as the arm changes, checked on days left out."""
+    """Ranges for domain randomisation: each day a session; as wide as the arm changes, checked on
+    days left out.
+    """
     from ident.api.daily import ranges as find
 
     return find(sessions, robot, **vars(options))
@@ -309,16 +404,20 @@ def ranges(sessions: Sessions, options: given.RangesOptions, robot: Robot = None
 def verify(
     model: Model,
     sessions: Sessions,
-    limits: Annotated[Path, typer.Option(help="TOML file of limits: [torque_rmse_Nm] total = 2.0 and the like.")],
+    limits: Annotated[
+        Path, typer.Option(help="TOML file of limits: [torque_rmse_Nm] total = 2.0 and the like.")
+    ],
     options: given.VerifyOptions,
     json_file: JsonFile = None,
 ) -> None:
-    """A gate: exit 0 where a model keeps its limits on recordings, 3 where it does not, or was fitted on them."""
+    """A gate: exit 0 where a model keeps its limits on recordings, 3 where it does not, or was
+    fitted on them.
+    """
     from ident.api.exporting import verify as check
 
-    found = check(model, sessions, limits, **vars(options))
-    hand_over(found, json_file)
-    if not found.passed:
+    verification = check(model, sessions, limits, **vars(options))
+    hand_over(verification, json_file)
+    if not verification.passed:
         raise typer.Exit(NOT_PASSED)
 
 

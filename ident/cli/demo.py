@@ -28,12 +28,14 @@ TRAINING = ("T1", "T2")
 EVALUATION = ("E1", "E2", "payload_516g", "payload_1029g", "payload_1544g")
 # Recordings of arms with one effect each whose cause is withheld.
 SEALED = ("sealed_1", "sealed_2", "sealed_3")
-# The paper's figure 9: the same model trained on one group of trajectories, on the other, and on both.
+# The paper's figure 9: the same model trained on one group of trajectories, on the other, and on
+# both.
 GROUPS = {"T1": ("T1",), "T2": ("T2",), "T1 + T2": ("T1", "T2")}
 
 
 def run_demo(out: Path, logs: Path | None, json_file: Path | None, console: Console) -> None:
-    """Fits, evaluates, diagnoses and reports into a folder; of the shipped recordings where no others are given.
+    """Fits, evaluates, diagnoses and reports into a folder; of the shipped recordings where no
+    others are given.
 
     Raises:
         InputError: Something of the user's stands where the demo writes.
@@ -44,7 +46,7 @@ def run_demo(out: Path, logs: Path | None, json_file: Path | None, console: Cons
     folder = logs or data_path("logs/tm5_900")
     training = open_sessions([folder / name for name in TRAINING], "tm5-900")
     held_out = open_sessions([folder / name for name in EVALUATION], "tm5-900", learning=False)
-    print_issues(console, [one.to_dict() for one in (*training.issues, *held_out.issues)])
+    print_issues(console, [issue.to_dict() for issue in (*training.issues, *held_out.issues)])
     models = {name: _fit(training, sessions, name, console) for name, sessions in GROUPS.items()}
     models["three-joint, T1 + T2"] = _fit(training, TRAINING, "three-joint model", console, links=3)
     results = [evaluate(model, held_out.groups, name) for name, model in models.items()]
@@ -54,10 +56,12 @@ def run_demo(out: Path, logs: Path | None, json_file: Path | None, console: Cons
         console.print(ladder_table(score))
     console.print("Trained on, total energy error and torque RMSE of the last rung, on E1 + E2:")
     for result in results:
-        energy, spread = result.pooled.energy_mean[-1, -1], result.pooled.energy_std[-1, -1]
+        energy = result.pooled.energy_mean[-1, -1]
+        spread = result.pooled.energy_std[-1, -1]
         rmse = result.pooled.rmse_mean[-1, -1]
         console.print(f"  {result.model:<22}{energy:>7.2f} ± {spread:.2f} J   {rmse:.2f} N m")
-    model, timeline = models["T1 + T2"], out / "timeline.rrd"
+    model = models["T1 + T2"]
+    timeline = out / "timeline.rrd"
     model.save(out / "model")
     write_evaluation_report(out / "report.html", list(models.values()), results, held_out.issues)
     write_timeline(timeline, held_out.arm, held_out.motions, model, held_out.issues)
@@ -79,13 +83,19 @@ def run_demo(out: Path, logs: Path | None, json_file: Path | None, console: Cons
         "joints": list(training.arm.joint_names),
         "models": [result.to_dict() for result in results],
         "diagnoses": diagnoses,
-        "provenance": Provenance("ident demo", sessions=(*training.stamps, *held_out.stamps)).to_dict(),
+        "provenance": Provenance(
+            "ident demo", sessions=(*training.stamps, *held_out.stamps)
+        ).to_dict(),
     }
     write_record(json_file, record)
 
 
-def _fit(opened: Opened, sessions: tuple[str, ...], name: str, console: Console, links: int = 6) -> HybridModel:
-    motions = [motion for session, group in opened.groups if session in sessions for motion in group]
+def _fit(
+    opened: Opened, sessions: tuple[str, ...], name: str, console: Console, links: int = 6
+) -> HybridModel:
+    motions = [
+        motion for session, group in opened.groups if session in sessions for motion in group
+    ]
     records = [record for record in opened.data_records() if record["session"] in sessions]
     options = FitOptions(links=links, inertia="consistent" if links == 6 else "nominal")
     with progress_line(console, f"fit on {name}"):

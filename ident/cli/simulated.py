@@ -21,29 +21,43 @@ from ident.show.console import progress_line
 
 @command
 def new(
-    session: Annotated[Path, typer.Argument(help="Folder of tables, or one table, bag or data set.")],
+    session: Annotated[
+        Path, typer.Argument(help="Folder of tables, or one table, bag or data set.")
+    ],
     robot: Robot = None,
-    rate: Annotated[float | None, typer.Option(help="Samples a second, where no column is time [Hz].")] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Samples a second, where no column is time [Hz].")
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Looks at a foreign table and writes a session.toml with its guesses, each with its evidence."""
+    """Looks at a foreign table and writes a session.toml with its guesses, each with its
+    evidence.
+    """
     from ident.api.daily import new as guess
 
-    hand_over(found := guess(session, robot, rate=rate), json_file)
-    then = "inspect" if found.has_effort else "servo"
-    console.print(f"written to {found.file}: look through it, then `ident {then}`", soft_wrap=True)
+    hand_over(guessed := guess(session, robot, rate=rate), json_file)
+    then = "inspect" if guessed.has_effort else "servo"
+    console.print(
+        f"written to {guessed.file}: look through it, then `ident {then}`", soft_wrap=True
+    )
 
 
 @command
 def servo(
     sessions: Sessions,
     robot: Robot = None,
-    cutoff: Annotated[float | None, typer.Option(help="Corner of the filter for all signals [Hz].")] = None,
+    cutoff: Annotated[
+        float | None, typer.Option(help="Corner of the filter for all signals [Hz].")
+    ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for models that roll out: MuJoCo, BAM, mjlab."), Writes("servo")
+        Path | None,
+        typer.Option(help="Folder for models that roll out: MuJoCo, BAM, mjlab."),
+        Writes("servo"),
     ] = None,
 ) -> Result:
-    """Arms that log goal and position only: lag, delay, dead band, droop, gain, and what can't be determined."""
+    """Arms that log goal and position only: lag, delay, dead band, droop, gain, and what can't be
+    determined.
+    """
     from ident.api.daily import servo as find
 
     return find(sessions, robot, cutoff=cutoff, out=out)
@@ -51,14 +65,22 @@ def servo(
 
 @command
 def watch(
-    folder: Annotated[Path, typer.Argument(help="Folder of sessions, or of arms that hold sessions.")],
+    folder: Annotated[
+        Path, typer.Argument(help="Folder of sessions, or of arms that hold sessions.")
+    ],
     store: Annotated[Path, typer.Option(help="Folder of the results: tables, diagnoses, pages.")],
     options: WatchOptions,
-    once: Annotated[bool, typer.Option("--once", help="Look once and end, as cron wants it.")] = False,
-    every: Annotated[float, typer.Option(help="Look again after so many seconds.", min=1e-3)] = 60.0,
+    once: Annotated[
+        bool, typer.Option("--once", help="Look once and end, as cron wants it.")
+    ] = False,
+    every: Annotated[
+        float, typer.Option(help="Look again after so many seconds.", min=1e-3)
+    ] = 60.0,
     json_file: JsonFile = None,
 ) -> None:
-    """Follows arms through time: new sessions as they come, figures over dates, alarms, a page for each arm."""
+    """Follows arms through time: new sessions as they come, figures over dates, alarms, a page for
+    each arm.
+    """
     from ident.api.daily import watch as look
     from ident.monitor.store import NoSession
 
@@ -67,14 +89,14 @@ def watch(
         try:
             with progress_line(console, "watch"):
                 stage("sessions")
-                found = look(folder, store, **vars(options), progress=step)
+                watched = look(folder, store, **vars(options), progress=step)
         except NoSession as error:
             if once:
                 raise
             words = f"{error.where}: no session yet"
         else:
-            words = f"{found.summary()}\nwritten to {store}; look at {store / 'index.html'}"
-            write_record(json_file, found.to_dict())
+            words = f"{watched.summary()}\nwritten to {store}; look at {store / 'index.html'}"
+            write_record(json_file, watched.to_dict())
         if words != shown:
             console.print(visible(words, lines=True), highlight=False, soft_wrap=True)
         if once:
@@ -88,7 +110,9 @@ def watch(
 
 @command
 def simulate(
-    out: Annotated[Path, typer.Option(help="Folder of the simulated session."), Writes(SESSION_KIND)],
+    out: Annotated[
+        Path, typer.Option(help="Folder of the simulated session."), Writes(SESSION_KIND)
+    ],
     options: SimulateOptions,
 ) -> Result:
     """A session of the simulated arm, its effects chosen."""
@@ -101,15 +125,23 @@ def simulate(
 @command
 def blind(
     options: CheckOptions,
-    semi_real: Annotated[Path | None, typer.Option(help="Real recordings to which known effects are added.")] = None,
-    mix: Annotated[str, typer.Option(help="Kinds of case and their shares: single=20,healthy=5,…")] = "",
+    semi_real: Annotated[
+        Path | None, typer.Option(help="Real recordings to which known effects are added.")
+    ] = None,
+    mix: Annotated[
+        str, typer.Option(help="Kinds of case and their shares: single=20,healthy=5,…")
+    ] = "",
     corpus: Annotated[
         Path | None, typer.Option(help="Make, diagnose and score a stored corpus in this folder.")
     ] = None,
-    calibrate: Annotated[Path | None, typer.Option(help="Fit the probabilities to this stored corpus.")] = None,
+    calibrate: Annotated[
+        Path | None, typer.Option(help="Fit the probabilities to this stored corpus.")
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """The check on withheld effects: draws, simulates, seals, diagnoses from the recordings alone, scores."""
+    """The check on withheld effects: draws, simulates, seals, diagnoses from the recordings alone,
+    scores.
+    """
     from ident.benchmark.cases import FULL_MIX, parse_mix
     from ident.benchmark.real_check import check_on_real
     from ident.benchmark.run import BlindOptions, run_blind
@@ -131,14 +163,22 @@ def blind(
 
 
 def _corpus(
-    options: CheckOptions, recordings: Path | None, corpus: Path | None, calibrate: Path | None, json_file: Path | None
+    options: CheckOptions,
+    recordings: Path | None,
+    corpus: Path | None,
+    calibrate: Path | None,
+    json_file: Path | None,
 ) -> None:
     """What a stored corpus is asked for."""
     from ident.benchmark.corpus_check import calibrate_corpus, check_corpus
     from ident.benchmark.run import BlindOptions
 
     if corpus is not None and calibrate is not None:
-        raise InputError("--calibrate", "a corpus to be made and one to be fitted", "make it first, then calibrate")
+        raise InputError(
+            "--calibrate",
+            "a corpus to be made and one to be fitted",
+            "make it first, then calibrate",
+        )
     with progress_line(console, "blind"):
         if calibrate is not None:
             report: Result = calibrate_corpus(calibrate, options.seed)
@@ -156,12 +196,18 @@ def _corpus(
 
 @command
 def close(
-    out: Annotated[Path, typer.Option(help="Folder for close.json and each arm's diagnosis and patch.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for close.json and each arm's diagnosis and patch.")
+    ],
     options: CloseOptions,
-    robot: Annotated[str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data."), READS] = "tm5-900",
+    robot: Annotated[
+        str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data."), READS
+    ] = "tm5-900",
     json_file: JsonFile = None,
 ) -> None:
-    """Closes the gap: diagnose, patch, record what is open, and again, until only noise is left; tells the minutes."""
+    """Closes the gap: diagnose, patch, record what is open, and again, until only noise is left;
+    tells the minutes.
+    """
     from ident.api.simulating import close as run
 
     def say(line: str) -> None:

@@ -22,7 +22,8 @@ def main(name: str = "ident") -> NoReturn:
         finally:
             os._exit(128 + number)
 
-    if signal.getsignal(signal.SIGINT) == signal.default_int_handler:  # nohup and its like stay as they are
+    # nohup and its like stay as they are
+    if signal.getsignal(signal.SIGINT) == signal.default_int_handler:
         signal.signal(signal.SIGINT, leave)
     from ident.process import run_command
 

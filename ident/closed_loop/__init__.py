@@ -1,1 +1,3 @@
-"""From a URDF and an arm to a model whose gap is noise: diagnose, patch, excite, record, and again."""
+"""From a URDF and an arm to a model whose gap is noise: diagnose, patch, excite, record,
+and again.
+"""

@@ -1,6 +1,8 @@
-"""The loop: record, check the last model on what it never saw, diagnose all that was recorded, and again.
+"""The loop: record, check the last model on what it never saw, diagnose all that was recorded, and
+again.
 
-The motions are those of `ident.trajectories`, chosen by what each effect says of the motion that shows it.
+The motions are those of `ident.trajectories`, chosen by what each effect says of the motion that
+shows it.
 """
 
 from __future__ import annotations
@@ -41,50 +43,68 @@ KIND_OF = {
     **dict.fromkeys(("wide", "more", "repeat", "loaded"), "fourier"),
     "jointwise": "jointwise",
 }
-# One path there and back at two speeds belongs to every round: a check that only sees what was chosen flatters.
+# One path there and back at two speeds belongs to every round: a check that only sees what was
+# chosen flatters.
 ALWAYS = 4
 # Rough duration of a run [s].
 RUN_S = 8.0
+MOST_ROUNDS = 8
+# A gap that looks closed and is not sure to be is looked at in so many rounds before all of them
+# teach again.
+PATIENCE = 2
+# The loop has stalled where so many models in turn came no nearer than this share of the best
+# before them: what is left then is unexplained, and more motion of these kinds won't give it one.
+STALLED_MODELS = 2
+PROGRESS = 0.97
+# A gap within so much of the noise counts as closed.
+MARGIN = 1.10
+# One-sided chance that a gap reported as closed is not.
+DOUBT = 0.05
+CONSTANT = "time_constant_s"
+# A joint of which nobody knows how warm it is.
+HALF_WARM = 0.5
+# Heat of less than this is none [J].
+LEAST_HEAT = 1e-12
 
 
 def choose_motions(
     arm: ArmModel, rng: np.random.Generator, record: Mapping[str, Any] | None
 ) -> tuple[ReferenceMotion, ...]:
-    """Motions of a round: one run of each kind at first; then kinds that the last diagnosis leaves open, and a path."""
+    """Motions of a round: one run of each kind at first; then kinds that the last diagnosis leaves
+    open, and a path.
+    """
     if record is None:
         return plan_motions(arm, (*tuple(KINDS)[1:], "spline"), len(KINDS) + 1, RUN_S, rng)
     kinds = open_kinds(record)
-    return (*plan_motions(arm, kinds, len(kinds), RUN_S, rng), *plan_motions(arm, ("spline",), ALWAYS, RUN_S, rng))
+    return (
+        *plan_motions(arm, kinds, len(kinds), RUN_S, rng),
+        *plan_motions(arm, ("spline",), ALWAYS, RUN_S, rng),
+    )
 
 
 def open_kinds(record: Mapping[str, Any]) -> tuple[str, ...]:
     """The three kinds of motion that answer what a diagnosis leaves open, the most pressing first.
 
-    Tied classes come first, then the identified effects, whose parameters more of the same motion sharpens, then what
-    came nearest without being identified, then what could not be tested.
+    Tied classes come first, then the identified effects, whose parameters more of the same motion
+    sharpens, then what came nearest without being identified, then what could not be tested.
     """
     findings = record.get("findings", [])
-    tied = [list(one["class"]) for one in findings if len(one["class"]) > 1]
-    named = [[one["effect"]] for one in findings]
+    tied = [list(finding["class"]) for finding in findings if len(finding["class"]) > 1]
+    named = [[finding["effect"]] for finding in findings]
     nearest = record.get("nearest") or {}
     near = [[nearest["effect"]]] if nearest.get("effect") else []
-    unseen = [[one["effect"]] for one in record.get("not_testable", [])]
-    wanted = [KIND_OF[family_for(one, CATALOGUE)] for one in (*tied, *named, *near, *unseen)]
-    found = [kind for kind in dict.fromkeys(wanted) if kind != "spline"]
-    usual = [kind for kind in ("fourier", "chirp", "ladder") if kind not in found]
-    return tuple((found + usual)[:3])
+    unseen = [[entry["effect"]] for entry in record.get("not_testable", [])]
+    wanted = [KIND_OF[family_for(names, CATALOGUE)] for names in (*tied, *named, *near, *unseen)]
+    kinds = [kind for kind in dict.fromkeys(wanted) if kind != "spline"]
+    usual = [kind for kind in ("fourier", "chirp", "ladder") if kind not in kinds]
+    return tuple((kinds + usual)[:3])
 
 
-# Every round's recordings first test the model of the round before, and only then teach the next one: the gap that
-# ends the loop is always one on runs that the model never saw. Who moves the arm is given from outside.
+# Every round's recordings first test the model of the round before, and only then teach the next
+# one: the gap that ends the loop is always one on runs that the model never saw. Who moves the arm
+# is given from outside.
 
 
-MOST_ROUNDS = 8
-# A gap that looks closed and is not sure to be is looked at in so many rounds before all of them teach again.
-PATIENCE = 2
-# The loop has stalled where so many models in turn came no nearer than this share of the best before them: what is left
-# then is unexplained, and more motion of these kinds won't give it one.
-STALLED_MODELS, PROGRESS = 2, 0.97
 Say = Callable[[str], None]
 
 
@@ -105,7 +125,8 @@ class Taught:
     """A model, what it comes from, and the runs since, which it never saw."""
 
     record: dict[str, Any]  # the diagnosis
-    model: LawModel  # the arm as that has it: tuned links and losses, and all identified effects that have a law
+    # the arm as that has it: tuned links and losses, and all identified effects that have a law
+    model: LawModel
     learned: tuple[Motion, ...]  # motions that it was made from
     unseen: list[Motion] = field(default_factory=list)  # motions since
     looks: int = 0  # how often it was checked
@@ -125,18 +146,23 @@ class Taught:
     @property
     def floors(self) -> Float[Array, " n"]:
         """Noise of each joint [N m]."""
-        return np.array([one["noise_floor_Nm"] for one in self.record["gap"].values()])
+        return np.array([gap["noise_floor_Nm"] for gap in self.record["gap"].values()])
 
     @property
     def named(self) -> tuple[str, ...]:
         """Effects that were identified, each `effect joint`."""
-        return tuple(f"{one['effect']} {', '.join(one['joints'])}" for one in self.record["findings"])
+        return tuple(
+            f"{finding['effect']} {', '.join(finding['joints'])}"
+            for finding in self.record["findings"]
+        )
 
     def check(self, session: Session) -> GapFloors:
         """The model's gap on all runs since it was made, a further session with them."""
         self.unseen.extend(prepare(session, self.corner))
         self.looks += 1
-        return measure_floors(follow_warmth(self.model, self.learned, self.unseen), self.unseen, self.floors)
+        return measure_floors(
+            follow_warmth(self.model, self.learned, self.unseen), self.unseen, self.floors
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,11 +183,15 @@ class Closed:
     @property
     def minutes(self) -> float:
         """Of motion in all rounds, the last one's check among them."""
-        return sum(one.minutes for one in self.rounds)
+        return sum(passed.minutes for passed in self.rounds)
 
 
 def close_gap(
-    arm: ArmModel, recorder: Recorder, seed: int, most: int = MOST_ROUNDS, say: Say = lambda line: None
+    arm: ArmModel,
+    recorder: Recorder,
+    seed: int,
+    most: int = MOST_ROUNDS,
+    say: Say = lambda line: None,
 ) -> Closed:
     """Runs the loop until the gap is closed, or the rounds are spent.
 
@@ -188,7 +218,8 @@ def close_gap(
         report = inspect_sessions([session], arm)[0]
         report.require_fit(learning=False)
         known.append(report.session)
-        minutes, gap = session.duration / 60.0, None
+        minutes = session.duration / 60.0
+        gap = None
         if state is not None:
             gap = state.check(report.session)
             joints = " ".join(f"{value:.2f}" for value in gap.joints.values())
@@ -212,51 +243,50 @@ def close_gap(
         state = Taught.by(known, arm)
         by_joint, upper = (None, None) if gap is None else (gap.joints, gap.upper)
         rounds.append(Round(minutes, by_joint, upper, state.record["verdict"], state.named))
-        say(f"round {number}: {state.record['verdict']}" + "".join(f"; {one}" for one in state.named))
+        say(
+            f"round {number}: {state.record['verdict']}"
+            + "".join(f"; {name}" for name in state.named)
+        )
 
 
-def _diagnose(sessions: Sequence[Session], arm: ArmModel) -> tuple[dict[str, Any], tuple[Motion, ...]]:
+def _diagnose(
+    sessions: Sequence[Session], arm: ArmModel
+) -> tuple[dict[str, Any], tuple[Motion, ...]]:
     reports = inspect_sessions(join_sessions(sessions), arm)
     diagnosis, analysis, motions = diagnose_reports(reports, arm, CATALOGUE)
     if analysis is None:
         fatal = next(issue for issue in diagnosis.telemetry if issue.severity == "fatal")
         where = str(sessions[-1].path or sessions[-1].name)
-        raise InputError(where, f"the recordings are refused: {fatal.issue}, {fatal.evidence}", fatal.remedy)
+        raise InputError(
+            where, f"the recordings are refused: {fatal.issue}, {fatal.evidence}", fatal.remedy
+        )
     return diagnosis.to_dict(), tuple(motions)
 
 
 def join_sessions(sessions: Sequence[Session]) -> tuple[Session, ...]:
-    """One session of all runs where one clock goes on through them; the sessions as they are where it does not."""
+    """One session of all runs where one clock goes on through them; the sessions as they are where
+    it does not.
+    """
     runs = [run for session in sessions for run in session.runs]
     if any(after.time[0] <= before.time[-1] for before, after in pairwise(runs)):
         return tuple(sessions)
     return (sessions[0].replace(runs=tuple(runs)),)
 
 
-# How far a model is from recordings that it never saw, in each joint's noise; and whether that is sure.
-# A model whose friction follows warmth must know more than the motion. A diagnosis reports how much friction changes
-# between the coldest and the warmest moment of its recordings, and how fast a joint warms, not how warm it was when.
-# That follows from the motion itself: θ' = P − θ / τ with P the power that friction turns into heat, over the clock of
-# all runs, pauses included.
+# How far a model is from recordings that it never saw, in each joint's noise; and whether that is
+# sure. A model whose friction follows warmth must know more than the motion. A diagnosis reports
+# how much friction changes between the coldest and the warmest moment of its recordings, and how
+# fast a joint warms, not how warm it was when. That follows from the motion itself: θ' = P − θ / τ
+# with P the power that friction turns into heat, over the clock of all runs, pauses included.
 # Source: the law of `thermal_friction` of the catalogue (Wolf and Iskandar 2018; Simoni 2017).
-
-
-# A gap within so much of the noise counts as closed.
-MARGIN = 1.10
-# One-sided chance that a gap reported as closed is not.
-DOUBT = 0.05
-CONSTANT = "time_constant_s"
-# A joint of which nobody knows how warm it is.
-HALF_WARM = 0.5
-# Heat of less than this is none [J].
-LEAST_HEAT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class GapFloors:
     """A model's torque gap in noise floors."""
 
-    joints: Mapping[str, float]  # RMS of what is left at each joint over its noise floor, by its name
+    # RMS of what is left at each joint over its noise floor, by its name
+    joints: Mapping[str, float]
     together: float  # root mean square over the joints
     upper: float  # the same at the upper end of its one-sided interval, by how the runs differ
 
@@ -281,18 +311,21 @@ def measure_floors(
     return pool_runs(squares, counts, motions[0].joints)
 
 
-def pool_runs(squares: Float[Array, "R n"], counts: Float[Array, "R n"], joints: Sequence[str]) -> GapFloors:
+def pool_runs(
+    squares: Float[Array, "R n"], counts: Float[Array, "R n"], joints: Sequence[str]
+) -> GapFloors:
     """Mean squares of runs of unequal length, and the upper bound of their mean over the joints.
 
-    Neighbouring samples are copies of each other, so that a run counts as one draw; the variance is that of a ratio of
-    sums. Joints that never slide are left out.
+    Neighbouring samples are copies of each other, so that a run counts as one draw; the variance is
+    that of a ratio of sums. Joints that never slide are left out.
 
     Source: Cochran, Sampling Techniques (1977), section 6.3.
     """
     total = np.maximum(counts.sum(axis=0), 1.0)
     mean = squares.sum(axis=0) / total
     slid = counts.sum(axis=0) > 0
-    runs, n = len(squares), max(int(slid.sum()), 1)
+    runs = len(squares)
+    n = max(int(slid.sum()), 1)
     # What each run adds to the mean over the joints, about its expectation.
     apart = ((squares - mean * counts) / total)[:, slid].sum(axis=1) / n
     together = float(mean[slid].sum() / n)
@@ -319,13 +352,16 @@ TimedRun = Motion | PlannedRun
 def follow_warmth(
     model: SimulatorModel, learned: Sequence[TimedRun], runs: Sequence[TimedRun], cold: bool = False
 ) -> list[SimulatorModel]:
-    """The model for each of further runs; one without a law that follows modelled warmth is the same for all.
+    """The model for each of further runs; one without a law that follows modelled warmth is the
+    same for all.
 
     Args:
         model: The model.
-        learned: Runs that its laws were learnt from: their least and largest heat are coldest and warmest.
+        learned: Runs that its laws were learnt from: their least and largest heat are coldest and
+            warmest.
         runs: All runs since, in order of time.
-        cold: Whether the joints are cold before these; else they go on from where the learned ones left them.
+        cold: Whether the joints are cold before these; else they go on from where the learned ones
+            left them.
     """
     effects = model.effects if isinstance(model, LawModel) else ()
     warming = [(j, values[CONSTANT]) for _, j, values in effects if CONSTANT in values]
@@ -334,22 +370,30 @@ def follow_warmth(
     warmth = [np.full(run.dq.shape, HALF_WARM) for run in runs]
     for j, constant in warming:
         known = heat_along(model, j, constant, learned)
-        coldest, warmest = min(one.min() for one in known), max(one.max() for one in known)
+        coldest = min(warmth.min() for warmth in known)
+        warmest = max(warmth.max() for warmth in known)
         courses = heat_along(model, j, constant, runs if cold else (*learned, *runs))[-len(runs) :]
         for values, heat in zip(warmth, courses, strict=True):
             values[:, j] = (heat - coldest) / max(warmest - coldest, LEAST_HEAT)
     return [replace(model, warmth=values) for values in warmth]
 
 
-def heat_along(model: LawModel, joint: int, constant: float, runs: Sequence[TimedRun]) -> list[Float[Array, " T"]]:
-    """Heat of a joint over each run, cold before the first [J]; it keeps its heat for a time constant [s]."""
-    found: list[Float[Array, " T"]] = []
-    heat, clock = 0.0, None
-    coulomb, viscous = model.losses.coulomb[joint], model.losses.viscous[joint]
+def heat_along(
+    model: LawModel, joint: int, constant: float, runs: Sequence[TimedRun]
+) -> list[Float[Array, " T"]]:
+    """Heat of a joint over each run, cold before the first [J]; it keeps its heat for a time
+    constant [s].
+    """
+    heats: list[Float[Array, " T"]] = []
+    heat = 0.0
+    clock = None
+    coulomb = model.losses.coulomb[joint]
+    viscous = model.losses.viscous[joint]
     for run in runs:
         rest = 0.0 if clock is None else max(float(run.time[0]) - clock, 0.0)
         speed = np.abs(run.dq[:, joint])
         power = speed * (coulomb + viscous * speed)
-        found.append(warm_up(power, run.interval, constant, heat * np.exp(-rest / constant)))
-        heat, clock = float(found[-1][-1]), float(run.time[-1])
-    return found
+        heats.append(warm_up(power, run.interval, constant, heat * np.exp(-rest / constant)))
+        heat = float(heats[-1][-1])
+        clock = float(run.time[-1])
+    return heats

@@ -1,4 +1,6 @@
-"""Who records: an arm, real or simulated, that is given motions and returns what its log says of them."""
+"""Who records: an arm, real or simulated, that is given motions and returns what its log says of
+them.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,13 @@ from ident.simulation.simulate import SimulationOptions, simulate
 from ident.trajectories.files import write_commands
 from ident.trajectories.reference import ReferenceMotion
 
-# What a user's command must hold: the folder with the command files, and the folder for what was recorded.
-COMMANDS, SESSION = "{commands}", "{session}"
+# What a user's command must hold: the folder with the command files, and the folder for what was
+# recorded.
+COMMANDS = "{commands}"
+SESSION = "{session}"
+# A simulated arm with hidden effects in the loop: the arm rests and cools while the diagnosis
+# thinks [s].
+REST_S = 600.0
 
 
 class Recorder(Protocol):
@@ -39,8 +46,8 @@ class CommandRecorder:
     """A real arm behind a user's command, which is run once a round, without a shell.
 
     Args:
-        command: What to run; `{commands}` becomes the folder with one command file a run, `{session}` the folder in
-            which the command must leave its recordings.
+        command: What to run; `{commands}` becomes the folder with one command file a run,
+            `{session}` the folder in which the command must leave its recordings.
         folder: Where both lie, in a folder a round.
         arm: The arm that moves.
 
@@ -49,14 +56,20 @@ class CommandRecorder:
     """
 
     def __init__(self, command: str, folder: Path, arm: ArmModel) -> None:
-        self.folder, self.arm, self.rounds = folder, arm, 0
+        self.folder = folder
+        self.arm = arm
+        self.rounds = 0
         try:
             self.words = shlex.split(command)
         except ValueError as error:
-            raise InputError("--record", f"{command!r} can't be read ({error})", "quote it as for a shell") from None
+            raise InputError(
+                "--record", f"{command!r} can't be read ({error})", "quote it as for a shell"
+            ) from None
         for place in (COMMANDS, SESSION):
             if not any(place in word for word in self.words):
-                raise InputError("--record", f"{command!r} has no {place}", f"say where {place} goes")
+                raise InputError(
+                    "--record", f"{command!r} has no {place}", f"say where {place} goes"
+                )
 
     def record(self, motions: Sequence[ReferenceMotion]) -> Session:
         """Writes the command files, runs the command, reads what it recorded.
@@ -67,34 +80,45 @@ class CommandRecorder:
         """
         self.rounds += 1
         place = self.folder / f"round_{self.rounds}"
-        commands, session = place / "commands", place / "session"
+        commands = place / "commands"
+        session = place / "session"
         write_commands(motions, self.arm.joint_names, commands)
         session.mkdir(parents=True, exist_ok=True)
-        words = [word.replace(COMMANDS, str(commands)).replace(SESSION, str(session)) for word in self.words]
+        words = [
+            word.replace(COMMANDS, str(commands)).replace(SESSION, str(session))
+            for word in self.words
+        ]
         try:
             done = subprocess.run(words, check=False, env={**os.environ, "PYTHONSAFEPATH": ""})
         except OSError as error:
-            raise InputError("--record", f"{words[0]!r} can't be run ({error.strerror})", "give a program") from None
+            raise InputError(
+                "--record", f"{words[0]!r} can't be run ({error.strerror})", "give a program"
+            ) from None
         if done.returncode != 0:
             what = f"it ended with exit status {done.returncode} in round {self.rounds}"
             raise InputError("--record", what, "mend it, and start again")
         if not any(session.iterdir()):
-            raise RecordingError(session, "the command left no recording there", "write one run a command file")
+            raise RecordingError(
+                session, "the command left no recording there", "write one run a command file"
+            )
         return load_session(session)
 
 
-# A simulated arm with hidden effects in the loop: the arm rests and cools while the diagnosis thinks [s].
-REST_S = 600.0
-
-
-def draw_effects(joints: Sequence[str], count: int, rng: np.random.Generator) -> tuple[EffectRequest, ...]:
-    """Random effects of usual size at random joints, no two of which are one and the same torque."""
+def draw_effects(
+    joints: Sequence[str], count: int, rng: np.random.Generator
+) -> tuple[EffectRequest, ...]:
+    """Random effects of usual size at random joints, no two of which are one and the same
+    torque.
+    """
     names = sorted(set(CATALOGUE) - EVENTS)
     while True:
-        ids = [str(one) for one in rng.choice(names, count, replace=False)]
+        ids = [str(effect) for effect in rng.choice(names, count, replace=False)]
         if all(len(twins & set(ids)) < 2 for twins in ALIKE):
             break
-    return tuple(EffectRequest(one, "" if find_cause(one).whole_arm else str(rng.choice(joints))) for one in ids)
+    return tuple(
+        EffectRequest(effect, "" if find_cause(effect).whole_arm else str(rng.choice(joints)))
+        for effect in ids
+    )
 
 
 class SimulatedArm:
@@ -105,7 +129,9 @@ class SimulatedArm:
     """
 
     def __init__(self, options: SimulationOptions) -> None:
-        self.options, self.clock, self.rounds = options, 0.0, 0
+        self.options = options
+        self.clock = 0.0
+        self.rounds = 0
         self.hardware: Hardware | None = None
         self.effects: tuple[str, ...] = ()
 
@@ -115,15 +141,22 @@ class SimulatedArm:
         name = f"round_{self.rounds}"
         if self.hardware is None:
             made = simulate(self.options, motions=motions)
-            session, self.hardware = made.session, made.hardware
+            session = made.session
+            self.hardware = made.hardware
             truth = made.answer.effects
-            self.effects = tuple(":".join([one.effect, *(one.joints or ("arm",)), f"{one.size:.4g}"]) for one in truth)
+            self.effects = tuple(
+                ":".join([effect.effect, *(effect.joints or ("arm",)), f"{effect.size:.4g}"])
+                for effect in truth
+            )
         else:
             rng = np.random.default_rng([self.options.seed, self.rounds])
             pauses = draw_pauses(len(motions), self.options.pause, rng)
             channels = Channels(self.options.rate, self.options.velocity, self.options.commands)
             recorded, _ = record_runs(self.hardware, motions, channels, rng, pauses)
             session = Session(name, tuple(recorded), robot=self.options.robot)
-        runs = [run.replace(time=run.time + self.clock, name=f"{name}_{run.name}") for run in session.runs]
+        runs = [
+            run.replace(time=run.time + self.clock, name=f"{name}_{run.name}")
+            for run in session.runs
+        ]
         self.clock = float(runs[-1].time[-1]) + REST_S
         return session.replace(name=name, runs=tuple(runs))

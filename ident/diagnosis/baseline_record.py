@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
+from ident.effects import optional
 from ident.inference.estimate import Estimate
 from ident.model.inertia import lift_base, parameter_scale
 from ident.regression.baseline import Baseline
@@ -99,12 +100,12 @@ def tuned_beside(
     found = np.split(beta / evidence.scale[columns], ends)
     for k, group in enumerate(groups):
         if group.effect.open_law:
-            found[k], dry = group.effect.without_dry_friction(found[k], group.variant)
+            found[k], dry = optional.without_dry_friction(group.effect, found[k], group.variant)
             place = evidence.layout.rank + LOSS_PARAMETERS * group.joint + LOSS_KEYS.index("coulomb_Nm")
             scaled_baseline[place] += dry * evidence.scale[place]
     laws: dict[int, dict[str, OpenLaw]] = {}
     for group, values in zip(groups, found, strict=True):
-        if group.effect.tells_law(group.variant):
+        if optional.tells_law(group.effect, group.variant):
             shape = {**group.variant.shape, **group.variant.inner}
             law = OpenLaw(tuple(map(float, values)), {name: float(value) for name, value in shape.items()})
             laws.setdefault(group.joint, {})[group.effect.id] = law

@@ -19,6 +19,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
+from ident.effects import optional
 from ident.effects.base import Effect, SessionContext, impossible
 from ident.inference.conclusion import Conclusion
 from ident.inference.search import SetSearch
@@ -169,7 +170,8 @@ class _LimitFinder:
     def _coefficients(self, group: Group) -> Float[Array, " k"] | None:
         """Coefficients of a typical effect, zero where its size does not depend on them."""
         width = len(group.columns)
-        beta = group.effect.typical_coefficients(self._context(group), group.joint, group.variant, width)
+        context = self._context(group)
+        beta = optional.typical_coefficients(group.effect, context, group.joint, group.variant, width)
         key = group.effect.id, width, group.variant.shape.get("law")
         if key not in self._parts:  # all joints share the answer
             self._parts[key] = self._parts_of(group, beta)
@@ -189,7 +191,7 @@ class _LimitFinder:
 
     def _size(self, group: Group, beta: Float[Array, " k"]) -> float:
         """Value of the parameter that is an effect's size."""
-        return group.effect.size_of(self._context(group), group.joint, group.variant, beta)
+        return optional.size_of(group.effect, self._context(group), group.joint, group.variant, beta)
 
     def _context(self, group: Group) -> SessionContext:
         return self.session

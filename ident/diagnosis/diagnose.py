@@ -33,6 +33,7 @@ from ident.diagnosis.reservations import (
 from ident.diagnosis.result import Details, Diagnosis, Finding, HeldOutGain
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.verdict import decide, score_outside
+from ident.effects import optional
 from ident.effects.base import Effect, SessionContext
 from ident.inference.conclusion import EVEN_ODDS, Conclusion, Named, conclude
 from ident.inference.infer import evidence_of
@@ -164,7 +165,7 @@ def sum_candidates(
         session, baseline, catalogue: The runs, the tuned model, and the effects to test for.
     """
     unusual = unusual_torque(session, leftover_torque(session))
-    screened = [effect.screened(session, unusual) for effect in catalogue]
+    screened = [optional.screened(effect, session, unusual) for effect in catalogue]
     rank = baseline.base.rank
     layout = build_layout(session, rank, screened, beside=(HeldFriction(),), flexible=KINDS)
     return gather(session, baseline, layout, rest=True).with_dwells(), layout.silent

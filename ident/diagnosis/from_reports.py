@@ -15,8 +15,8 @@ from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Effect
 from ident.errors import RecordingError
 from ident.model.hybrid import HybridModel
-from ident.motion.filter import MotionSettings
 from ident.motion.motion import Motion, no_motion
+from ident.motion.settings import MotionSettings
 from ident.motion.stretches import Held, hold, within_band
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
 from ident.diagnosis.tolerance import USUAL_TOLERANCE, ToleranceSettings
-from ident.motion.filter import FOR_DIAGNOSIS, MotionSettings
+from ident.motion.settings import FOR_DIAGNOSIS, MotionSettings
 from ident.records import Settings
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 

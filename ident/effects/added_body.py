@@ -1,13 +1,15 @@
-"""A body on a link: what it does to the link's ten inertial numbers, and where tuning says that one sits.
+"""A body on a link: what it does to the link's ten inertial numbers, and where tuning says that one
+sits.
 
-A mass m at c has the first moment m c and second moments that grow with c². Columns are straight lines about a place
-known beforehand: a link's own density, a tool a reach off the flange. A body a distance d beside that lacks second
-moments of about m d², for which the tuned inertias of every link would have to make up. So each body is also laid out
-about a place that a first look found for it, where what a straight line lacks is of second order in the error of c.
-Links near an upright base are left as they are: there a mass shows by its moments alone, where it is stays open.
+A mass m at c has the first moment m c and second moments that grow with c². Columns are straight
+lines about a place known beforehand: a link's own density, a tool a reach off the flange. A body a
+distance d beside that lacks second moments of about m d², for which the tuned inertias of every
+link would have to make up. So each body is also laid out about a place that a first look found for
+it, where what a straight line lacks is of second order in the error of c. Links near an upright
+base are left as they are: there a mass shows by its moments alone, where it is stays open.
 
-Source: Atkeson, An and Hollerbach 1986 (inertial parameters of a load, in which the torque is linear); Nocedal and
-Wright 2006, chapter 10 (Gauss–Newton).
+Source: Atkeson, An and Hollerbach 1986 (inertial parameters of a load, in which the torque is
+linear); Nocedal and Wright 2006, chapter 10 (Gauss–Newton).
 """
 
 from __future__ import annotations
@@ -20,8 +22,8 @@ import numpy as np
 from ident.arrays import Array, Float, freeze
 from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.intervals import amplitude_interval
-from ident.effects.session_context import ADDED_BODY as LIMIT
 from ident.effects.session_context import arm_mass, arm_reach, rated_torque, sampled_states
+from ident.effects.settings import ADDED_BODY as LIMIT
 from ident.laws.acting import moment_change, point_mass
 from ident.robot.arm import ArmModel
 
@@ -39,7 +41,8 @@ def link_law(arm: ArmModel, link: int, variant: Variant) -> Float[Array, "10 4"]
     Of a body at the variant's place, or, where it has none, of more of the link's own density.
     """
     parameters = arm.inertial_parameters[10 * link : 10 * link + 10]
-    mass, placed_there = float(parameters[0]), all(name in variant.shape for name in PLACE)
+    mass = float(parameters[0])
+    placed_there = all(name in variant.shape for name in PLACE)
     if placed_there or mass <= 0.0:
         place = place_of(variant) if placed_there else np.zeros(3)
         return np.column_stack([point_mass(place), moment_change(place)])
@@ -49,13 +52,17 @@ def link_law(arm: ArmModel, link: int, variant: Variant) -> Float[Array, "10 4"]
 def acting(arm: ArmModel, link: int, law: Float[Array, "10 k"]) -> list[int]:
     """Which columns of a law act on some torque: a matter of the arm, not of the motion."""
     size = np.sqrt(np.mean((_structure(arm, link) @ law) ** 2, axis=0))
-    return [int(k) for k in np.flatnonzero(size > LIMIT.least_column * max(float(size.max()), 1e-12))]
+    return [
+        int(k) for k in np.flatnonzero(size > LIMIT.least_column * max(float(size.max()), 1e-12))
+    ]
 
 
 def moment_about_axis(
     arm: ArmModel, link: int, law: Float[Array, "10 k"], coefficients: Array, covariance: Array
 ) -> Interval:
-    """Size of a body's first moment about its joint's axis [kg m]: what gravity shows of it, whatever it weighs."""
+    """Size of a body's first moment about its joint's axis [kg m]: what gravity shows of it,
+    whatever it weighs.
+    """
     axis = arm.joint_axes[link]
     across = (np.eye(3) - np.outer(axis, axis)) @ law[1:4]
     return amplitude_interval(across @ coefficients, across @ covariance @ across.T)
@@ -75,7 +82,9 @@ def placed(places: Places, arm: ArmModel, link: int) -> tuple[Variant, ...]:
 
 
 def centre_of(arm: ArmModel, mass: float, moment: Float[Array, " 3"]) -> Float[Array, " 3"] | None:
-    """Where a body of such mass and moment is, no farther out than a tool's centre; None of what weighs nothing."""
+    """Where a body of such mass and moment is, no farther out than a tool's centre; None of what
+    weighs nothing.
+    """
     if abs(mass) < LIMIT.least_mass_share * arm_mass(arm):
         return None
     place = moment / mass
@@ -84,39 +93,46 @@ def centre_of(arm: ArmModel, mass: float, moment: Float[Array, " 3"]) -> Float[A
 
 
 def places_of_tuning(session: SessionContext, links: Iterable[int]) -> Places:
-    """On each of some links the place of the one body there that explains best what tuning changed of all inertias."""
+    """On each of some links the place of the one body there that explains best what tuning changed
+    of all inertias.
+    """
     if session.tuned is None or not session.tuned.any():
         return {}
     arm = session.runs[0].arm
     rated = np.array([rated_torque(session, j) for j in range(session.n)])
     regressor = arm.regressor(*sampled_states(session)) / rated[:, None]
     changed = (regressor @ session.tuned).ravel()
-    found = {}
+    places = {}
     for link in links:
-        own, variant = regressor[:, :, 10 * link : 10 * link + 10].reshape(-1, 10), Variant()
+        of_link = regressor[:, :, 10 * link : 10 * link + 10].reshape(-1, 10)
+        variant = Variant()
         for _ in range(LIMIT.place_steps):
             law = link_law(arm, link, variant)
-            body = law[:4] @ np.linalg.lstsq(own @ law, changed, rcond=1e-9)[0]
+            body = law[:4] @ np.linalg.lstsq(of_link @ law, changed, rcond=1e-9)[0]
             place = centre_of(arm, float(body[0]), body[1:])
             if place is None:
                 break
             variant = Variant(shape=dict(zip(PLACE, map(float, place), strict=True)))
         else:
-            found[link] = place_of(variant)
-    return found
+            places[link] = place_of(variant)
+    return places
 
 
 @lru_cache(maxsize=64)
 def weighs(arm: ArmModel, link: int) -> bool:
-    """Whether a mass on a link does what no moments and no inertia of that link do; a matter of the arm.
+    """Whether a mass on a link does what no moments and no inertia of that link do; a matter of the
+    arm.
 
-    Of a link that turns about a fixed point gravity tells the first moment alone: how heavy it is hangs on how it is
-    spread, which nobody knows.
+    Of a link that turns about a fixed point gravity tells the first moment alone: how heavy it is
+    hangs on how it is spread, which nobody knows.
     """
-    own = _structure(arm, link)
-    mass, others = own[:, 0], own[:, 1:]
+    structure = _structure(arm, link)
+    mass = structure[:, 0]
+    others = structure[:, 1:]
     left = mass - others @ np.linalg.lstsq(others, mass, rcond=None)[0]
-    return bool(np.linalg.norm(left) > LIMIT.least_column * max(float(np.linalg.norm(own)), 1e-12))
+    return bool(
+        np.linalg.norm(left) > LIMIT.least_column * max(float(np.linalg.norm(structure)), 1e-12)
+    )
 
 
 @lru_cache(maxsize=64)

@@ -1,7 +1,8 @@
 """A push from outside: a force at a link during a window of time.
 
-A push is an event, not a law: runs without it say nothing of its force, and it can't be held out. It is looked for
-where the tuned model leaves much more than usual, with the pattern of a link's Jacobian.
+A push is an event, not a law: runs without it say nothing of its force, and it can't be held out.
+It is looked for where the tuned model leaves much more than usual, with the pattern of a link's
+Jacobian.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -17,8 +18,8 @@ from scipy.ndimage import uniform_filter1d
 from ident.arrays import Array, Float, Int
 from ident.effects.base import Effect, Interval, Range, RunContext, SessionContext, Variant
 from ident.effects.intervals import amplitude_interval, exactly
-from ident.effects.session_context import CONTACT as LIMIT
 from ident.effects.session_context import arm_reach, rated_torque
+from ident.effects.settings import CONTACT as LIMIT
 from ident.robot.arm import ArmModel
 from ident.robot.chain import compute_joint_poses
 
@@ -42,22 +43,33 @@ class Leftover:
     """What a model leaves of all runs, and what it usually leaves."""
 
     session: SessionContext
-    torque: Sequence[Float[Array, "t n"]]  # by run, filtered and decimated; NaN where nobody knows [N m]
+    # by run, filtered and decimated; NaN where nobody knows [N m]
+    torque: Sequence[Float[Array, "t n"]]
 
     @cached_property
     def usual(self) -> Float[Array, " n"]:
         """Robust standard deviation of what is usually left at each joint [N m]."""
         every = max(1, sum(len(values) for values in self.torque) // LIMIT.usual_samples)
         squares = np.nan_to_num(np.concatenate([values[::every] for values in self.torque])) ** 2
-        middle = np.array([np.median(column[column > 0.0]) if (column > 0.0).any() else 0.0 for column in squares.T])
-        return np.sqrt(middle / 0.455) + 1e-12  # 0.455 is the median of χ² with one degree of freedom
+        middle = np.array(
+            [
+                np.median(column[column > 0.0]) if (column > 0.0).any() else 0.0
+                for column in squares.T
+            ]
+        )
+        # 0.455 is the median of χ² with one degree of freedom
+        return np.sqrt(middle / 0.455) + 1e-12
 
-    def around(self, push: Push, seconds: float) -> tuple[RunContext, Int[Array, " k"], Float[Array, "k n"]]:
-        """A push's run, the samples so long before and after the push, and what is left there in usual deviations."""
-        at = [run.motion.name for run in self.session.runs].index(push.run)
-        time = self.session.runs[at].motion.time[self.session.runs[at].motion.coarse]
+    def around(
+        self, push: Push, seconds: float
+    ) -> tuple[RunContext, Int[Array, " k"], Float[Array, "k n"]]:
+        """A push's run, the samples so long before and after the push, and what is left there in
+        usual deviations.
+        """
+        index = [run.motion.name for run in self.session.runs].index(push.run)
+        time = self.session.runs[index].motion.time[self.session.runs[index].motion.coarse]
         near = np.flatnonzero((time > push.start - seconds) & (time < push.end + seconds))
-        return self.session.runs[at], near, self.torque[at][near] / self.usual
+        return self.session.runs[index], near, self.torque[index][near] / self.usual
 
 
 class Located(NamedTuple):
@@ -70,10 +82,11 @@ class Located(NamedTuple):
 
 @dataclass(frozen=True)
 class ExternalContact(Effect):
-    """A force f along one direction of the base frame at a point of a link during a window: τ = −Jᵀ f.
+    """A force f along one direction of the base frame at a point of a link during a window: τ = −Jᵀ
+    f.
 
-    It sets in and fades at once, or swells until the middle of a longer window, as a hand's does. The plain effect has
-    no windows; `screened` finds them where something is left to explain.
+    It sets in and fades at once, or swells until the middle of a longer window, as a hand's does.
+    The plain effect has no windows; `screened` finds them where something is left to explain.
     """
 
     pushes: tuple[Push, ...] = ()  # windows to be asked for
@@ -81,49 +94,84 @@ class ExternalContact(Effect):
 
     id = "external_contact"
 
-    def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> ExternalContact:
-        cells = sum(float(run.motion.time[-1] - run.motion.time[0]) for run in session.runs) / LIMIT.shortest_window
+    def screened(
+        self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]
+    ) -> ExternalContact:
+        cells = (
+            sum(float(run.motion.time[-1] - run.motion.time[0]) for run in session.runs)
+            / LIMIT.shortest_window
+        )
         left = Leftover(session, leftover)
         located = [locate(left, push) for push in screen_windows(left)]
         apart: list[Push] = []
-        for one in sorted(located, key=lambda one: -one.fall):
-            clear = one.share >= LIMIT.least_explained and not any(one.push.overlaps(other) for other in apart)
-            apart += [one.push] if clear and len(apart) < LIMIT.most_pushes else []
+        for candidate in sorted(located, key=lambda located_push: -located_push.fall):
+            clear = candidate.share >= LIMIT.least_explained and not any(
+                candidate.push.overlaps(other) for other in apart
+            )
+            apart += [candidate.push] if clear and len(apart) < LIMIT.most_pushes else []
         spans = [locate(left, find_span(left, push)) for push in apart]
-        found = (*apart, *(one.push for one in spans if one.share >= LIMIT.least_explained))
-        return replace(self, pushes=found, screens=max(1, round(2 * cells * len(_points(session.n)))))
+        pushes = (
+            *apart,
+            *(
+                located_span.push
+                for located_span in spans
+                if located_span.share >= LIMIT.least_explained
+            ),
+        )
+        return replace(
+            self, pushes=pushes, screens=max(1, round(2 * cells * len(_points(session.n))))
+        )
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         shapes: list[dict[str, float]] = []
         for push in self.pushes:
-            reach, middle = 0.5 * (push.end - push.start), 0.5 * (push.start + push.end)
-            where = {"link": float(push.link or session.n), "outward": push.outward, f"run {push.run}": 1.0}
+            reach = 0.5 * (push.end - push.start)
+            middle = 0.5 * (push.start + push.end)
+            where = {
+                "link": float(push.link or session.n),
+                "outward": push.outward,
+                f"run {push.run}": 1.0,
+            }
             for swells, wider in ((0.0, 1.0), (1.0, LIMIT.swelling)):
                 ends = {"start_s": middle - wider * reach, "end_s": middle + wider * reach}
                 shapes.append(ends | {"swells": swells} | where)
         return tuple(Variant(shape=shape) for shape in shapes)
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
         """−Jᵀ for the three directions of the base frame, inside the window."""
         start, end, outward = (variant.shape[name] for name in ("start_s", "end_s", "outward"))
-        edge = 0.5 * (end - start) if variant.shape["swells"] else min(LIMIT.edge, (end - start) / 4)
-        found = []
+        edge = (
+            0.5 * (end - start) if variant.shape["swells"] else min(LIMIT.edge, (end - start) / 4)
+        )
+        by_run = []
         for run in session.runs:
             time = run.motion.time
             columns = np.zeros((len(time), run.n, 3))
             inside = np.flatnonzero((time > start) & (time < end))
             if f"run {run.motion.name}" in variant.shape and len(inside):
-                ramp = np.clip(np.minimum(time[inside] - start, end - time[inside]) / edge, 0.0, 1.0)
+                ramp = np.clip(
+                    np.minimum(time[inside] - start, end - time[inside]) / edge, 0.0, 1.0
+                )
                 envelope = 0.5 - 0.5 * np.cos(np.pi * ramp)
-                force = force_columns(run.arm, run.motion.q[inside], round(variant.shape["link"]), outward)
+                force = force_columns(
+                    run.arm, run.motion.q[inside], round(variant.shape["link"]), outward
+                )
                 columns[inside] = envelope[:, None, None] * force
-            found.append(columns)
-        return found
+            by_run.append(columns)
+        return by_run
 
     def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Array,
+        covariance: Array,
     ) -> dict[str, Interval]:
-        start, end = variant.shape["start_s"], variant.shape["end_s"]
+        start = variant.shape["start_s"]
+        end = variant.shape["end_s"]
         doubt = LIMIT.edge + 0.1 * (end - start)
         # A force along which no joint turns is anything: no more than such an arm bears.
         most = _largest_force(session) ** 2 * np.eye(len(coefficients))
@@ -135,58 +183,86 @@ class ExternalContact(Effect):
             "link": exactly(variant.shape["link"]),
         }
 
-    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(
+        self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]
+    ) -> dict[str, Range]:
         return {"force_N": Range(0.0, _largest_force(session), "the arm would have stopped")}
 
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
-        start, end = estimates["start_s"].value, estimates["end_s"].value
-        force, link = estimates["force_N"].words("N"), round(estimates["link"].value)
-        what = f"link {link} or one behind it (with {force} if at the centre of mass of link {link})"
-        own = min(self.pushes, key=lambda push: abs(push.start + push.end - start - end), default=None)
-        clock = "" if own is None else f" on the clock of {own.run}"  # clocks may restart with each run
-        return f"find what pushed {what}, from {start:.1f} to {end:.1f} s{clock}, and record in free space"
+        start = estimates["start_s"].value
+        end = estimates["end_s"].value
+        force = estimates["force_N"].words("N")
+        link = round(estimates["link"].value)
+        what = (
+            f"link {link} or one behind it (with {force} if at the centre of mass of link {link})"
+        )
+        nearest = min(
+            self.pushes, key=lambda push: abs(push.start + push.end - start - end), default=None
+        )
+        # clocks may restart with each run
+        clock = "" if nearest is None else f" on the clock of {nearest.run}"
+        return (
+            f"find what pushed {what}, from {start:.1f} to {end:.1f} s{clock}, and record in free "
+            "space"
+        )
 
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+    def prior_scale(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> Float[Array, " k"]:
         return np.full(3, _largest_force(session))
-
-    def compared(self, true: Mapping[str, Any], starts: Sequence[float]) -> dict[str, float]:
-        """The simulated arm's clock is the run's; its force acts at another point."""
-        start = starts[int(true["run"]) - 1] if starts else np.nan
-        return {name: float(true[name]) + start for name in ("start_s", "end_s") if np.isfinite(start)}
 
 
 def screen_windows(leftover: Leftover) -> tuple[Push, ...]:
     """Windows in which much more torque is left unexplained than usual, the strongest first."""
-    found: list[tuple[float, Push]] = []
+    windows: list[tuple[float, Push]] = []
     for run, torque in zip(leftover.session.runs, leftover.torque, strict=True):
-        time, values = run.motion.time[run.motion.coarse], torque / leftover.usual
+        time = run.motion.time[run.motion.coarse]
+        values = torque / leftover.usual
         step = max(1, round(LIMIT.shortest_window / 2 / (run.interval * run.motion.lowpass.factor)))
         squares = np.nan_to_num(values**2)
         power = np.mean(squares, axis=1)
         count = len(power) // step
         cell = squares[: count * step].reshape(count, step, run.n).mean(axis=1)
-        strong = (cell.mean(axis=1) > LIMIT.screen_ratio) | (cell.max(axis=1) > LIMIT.screen_one_ratio)
+        strong = (cell.mean(axis=1) > LIMIT.screen_ratio) | (
+            cell.max(axis=1) > LIMIT.screen_one_ratio
+        )
         edges = np.flatnonzero(np.diff(np.concatenate([[0], strong.astype(int), [0]])))
-        fine = uniform_filter1d(power, max(1, round(LIMIT.edge * step / (LIMIT.shortest_window / 2))))
+        fine = uniform_filter1d(
+            power, max(1, round(LIMIT.edge * step / (LIMIT.shortest_window / 2)))
+        )
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             cells = slice(first * step, last * step)
-            # Cells cut a push anywhere: it lasts for as long as the power is at least a quarter of its mean.
+            # Cells cut a push anywhere: it lasts for as long as the power is at least a quarter of
+            # its mean.
             around = np.arange(max(first - 1, 0) * step, min((last + 1) * step, len(power)))
             inside = around[fine[around] > 0.25 * power[cells].mean()]
             start, end = _changes(time, values, float(time[inside[0]]), float(time[inside[-1]]))
-            found.append((float(power[cells].sum()), Push(run.motion.name, start, max(end, start + 2 * LIMIT.edge))))
-    return tuple(push for _, push in sorted(found, key=lambda pair: -pair[0])[: LIMIT.most_windows])
+            windows.append(
+                (
+                    float(power[cells].sum()),
+                    Push(run.motion.name, start, max(end, start + 2 * LIMIT.edge)),
+                )
+            )
+    return tuple(
+        push for _, push in sorted(windows, key=lambda pair: -pair[0])[: LIMIT.most_windows]
+    )
 
 
-def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float, end: float) -> tuple[float, float]:
-    """The part of a window, and of the time around it, in which the mean differs most from the rest."""
+def _changes(
+    time: Float[Array, " t"], values: Float[Array, "t n"], start: float, end: float
+) -> tuple[float, float]:
+    """The part of a window, and of the time around it, in which the mean differs most from the
+    rest.
+    """
     near = np.flatnonzero((time >= start - LIMIT.around) & (time <= end + LIMIT.around))
-    known, values = ~np.isnan(values[near]), np.nan_to_num(values[near])
+    known = ~np.isnan(values[near])
+    values = np.nan_to_num(values[near])
     counts = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(known, axis=0)])
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     least = max(2, int(2 * LIMIT.edge / max(float(np.median(np.diff(time[near]))), 1e-9)))
     first, last = _pairs(len(near), 1, least)
-    inside, total = counts[last] - counts[first], counts[-1]
+    inside = counts[last] - counts[first]
+    total = counts[-1]
     outside = total - inside
     split = (inside > 0) & (outside > 0)
     middle = (sums[last] - sums[first]) / np.maximum(inside, 1)
@@ -195,47 +271,71 @@ def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float
     if not gain.any():
         return start, end
     best = int(np.argmax(gain))
-    part = slice(first[best], last[best])
-    rest = slice(part.stop, len(near)) if part.start == 0 else slice(0, part.start)
-    halves = (part.start == 0) != (part.stop == len(near))
-    if halves and np.mean(values[rest] ** 2) > np.mean(values[part] ** 2):
-        part = rest  # of two halves the push is the one that is away from zero
-    return float(time[near[part.start]]), float(time[near[part.stop - 1]])
+    inside_part = slice(first[best], last[best])
+    rest = (
+        slice(inside_part.stop, len(near))
+        if inside_part.start == 0
+        else slice(0, inside_part.start)
+    )
+    halves = (inside_part.start == 0) != (inside_part.stop == len(near))
+    if halves and np.mean(values[rest] ** 2) > np.mean(values[inside_part] ** 2):
+        inside_part = rest  # of two halves the push is the one that is away from zero
+    return float(time[near[inside_part.start]]), float(time[near[inside_part.stop - 1]])
 
 
 def find_span(leftover: Leftover, rough: Push) -> Push:
-    """The part of the time around a rough window in which a constant force at one of the points explains most.
+    """The part of the time around a rough window in which a constant force at one of the points
+    explains most.
 
-    Each joint has a level of its own around it. The fall of the squares by the force is, for any part, a quadratic form
-    of sums over it, which are differences of cumulative ones.
+    Each joint has a level of its own around it. The fall of the squares by the force is, for any
+    part, a quadratic form of sums over it, which are differences of cumulative ones.
     """
     run, near, left = leftover.around(rough, LIMIT.reach)
-    time, q = run.motion.time[run.motion.coarse][near], run.motion.q[run.motion.coarse][near]
-    known, left = ~np.isnan(left), np.nan_to_num(left)
-    count, level = np.maximum(known.sum(axis=0), 1), left.sum(axis=0)
+    time = run.motion.time[run.motion.coarse][near]
+    q = run.motion.q[run.motion.coarse][near]
+    known = ~np.isnan(left)
+    left = np.nan_to_num(left)
+    count = np.maximum(known.sum(axis=0), 1)
+    level = left.sum(axis=0)
     step = max(1, round(LIMIT.edge / max(float(np.median(np.diff(time))), 1e-9)))
     first, last = _pairs(len(near), step, 2 * step)
-    best, most, largest = rough, 0.0, _largest_force(leftover.session)
+    best = rough
+    most = 0.0
+    largest = _largest_force(leftover.session)
     for link, outward in _points(run.n):
-        force = known[:, :, None] * force_columns(run.arm, q, link, outward) / leftover.usual[None, :, None]
+        force = (
+            known[:, :, None]
+            * force_columns(run.arm, q, link, outward)
+            / leftover.usual[None, :, None]
+        )
         sums = force, np.einsum("tja,tjb->tab", force, force), np.einsum("tja,tj->ta", force, left)
         across, square, target = (
-            np.concatenate([np.zeros((1, *one.shape[1:])), np.cumsum(one, axis=0)]) for one in sums
+            np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+            for values in sums
         )
-        across, square, target = (one[last] - one[first] for one in (across, square, target))
+        across, square, target = (
+            cumulated[last] - cumulated[first] for cumulated in (across, square, target)
+        )
         square = square - np.einsum("pja,pjb,j->pab", across, across, 1.0 / count)
         target = target - np.einsum("pja,j->pa", across, level / count)
-        ridge = 1e-6 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-12 * np.eye(3)
+        ridge = 1e-6 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(
+            3
+        ) + 1e-12 * np.eye(3)
         solved = np.linalg.solve(square + ridge, target[:, :, None])[:, :, 0]
-        fall = np.where(np.linalg.norm(solved, axis=1) < largest, np.sum(solved * target, axis=1), 0.0)
+        fall = np.where(
+            np.linalg.norm(solved, axis=1) < largest, np.sum(solved * target, axis=1), 0.0
+        )
         if fall.size and fall.max() > most:
-            most, k = float(fall.max()), int(np.argmax(fall))
+            most = float(fall.max())
+            k = int(np.argmax(fall))
             best = replace(rough, start=float(time[first[k]]), end=float(time[last[k] - 1]))
     return best
 
 
 def _pairs(count: int, step: int, least: int) -> tuple[Int[Array, " p"], Int[Array, " p"]]:
-    """Beginning and end of the parts of some samples, a step apart: of many samples no more than of a few hundred."""
+    """Beginning and end of the parts of some samples, a step apart: of many samples no more than of
+    a few hundred.
+    """
     cuts = np.unique(np.append(np.arange(0, count, max(step, -(-count // LIMIT.most_cuts))), count))
     first, last = cuts[np.stack(np.triu_indices(len(cuts), 1))]
     long = last - first >= least
@@ -245,14 +345,20 @@ def _pairs(count: int, step: int, least: int) -> tuple[Int[Array, " p"], Int[Arr
 def locate(leftover: Leftover, push: Push) -> Located:
     """The link and point whose Jacobian explains a window best.
 
-    What is left around the window as well as in it is no part of the push, nor is what is usually left of any window.
+    What is left around the window as well as in it is no part of the push, nor is what is usually
+    left of any window.
     """
     run, near, left = leftover.around(push, LIMIT.around)
     time = run.motion.time[run.motion.coarse]
-    # While the force sets in and fades it is neither there nor away; of few samples none lies in between.
+    # While the force sets in and fades it is neither there nor away; of few samples none lies in
+    # between.
     if float(np.median(np.diff(time))) < LIMIT.edge / 2:
-        steady = np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end)) > LIMIT.edge / 2
-        near, left = near[steady], left[steady]
+        steady = (
+            np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end))
+            > LIMIT.edge / 2
+        )
+        near = near[steady]
+        left = left[steady]
     during = (time[near] >= push.start) & (time[near] <= push.end)
     counts = ~np.isnan(left)
     if np.count_nonzero(during & counts.any(axis=1)) < 3:
@@ -262,8 +368,10 @@ def locate(leftover: Leftover, push: Push) -> Located:
     target = target - level @ np.linalg.lstsq(level, target, rcond=1e-9)[0]
     q = run.motion.q[run.motion.coarse][near]
     square = float(np.sum(target**2))
-    beyond = square - max(float(counts.sum()) - run.n, 0.0)  # in usual deviations: each sample's own square is one
-    best, largest = Located(push, 0.0, 0.0), _largest_force(leftover.session)
+    # in usual deviations: each sample's own square is one
+    beyond = square - max(float(counts.sum()) - run.n, 0.0)
+    best = Located(push, 0.0, 0.0)
+    largest = _largest_force(leftover.session)
     for link, outward in _points(run.n):
         force = force_columns(run.arm, q, link, outward) / leftover.usual[None, :, None]
         columns = np.where((counts & during[:, None])[:, :, None], force, 0.0).reshape(-1, 3)
@@ -271,12 +379,17 @@ def locate(leftover: Leftover, push: Push) -> Located:
         solved = np.linalg.lstsq(columns, target, rcond=1e-3)[0]
         fall = square - float(np.sum((target - columns @ solved) ** 2))
         if fall > best.fall and np.linalg.norm(solved) < largest:
-            best = Located(replace(push, link=link, outward=outward), fall / max(beyond, fall, 1e-300), fall)
+            best = Located(
+                replace(push, link=link, outward=outward), fall / max(beyond, fall, 1e-300), fall
+            )
     return best
 
 
-def force_columns(arm: ArmModel, q: Float[Array, "T n"], link: int, outward: float = 0.0) -> Float[Array, "T n 3"]:
-    """−Jᵀ of a point of a link, which counts from 1: torque that holds a unit force along each axis of the base frame.
+def force_columns(
+    arm: ArmModel, q: Float[Array, "T n"], link: int, outward: float = 0.0
+) -> Float[Array, "T n 3"]:
+    """−Jᵀ of a point of a link, which counts from 1: torque that holds a unit force along each axis
+    of the base frame.
 
     The point is the centre of mass where `outward` is 0, the next joint where it is 1.
     """
@@ -284,19 +397,24 @@ def force_columns(arm: ArmModel, q: Float[Array, "T n"], link: int, outward: flo
     point = parameters[1:4] / max(float(parameters[0]), 1e-9)
     if outward:
         point = (1.0 - outward) * point + outward * arm.model.jointPlacements[link + 1].translation
-    poses, found = compute_joint_poses(arm.chain, q, range(1, link + 1)), np.zeros((*q.shape, 3))
+    poses = compute_joint_poses(arm.chain, q, range(1, link + 1))
+    columns = np.zeros((*q.shape, 3))
     turn, origin = poses[link]
     there = origin + turn @ point
     for j in range(link):
         turn, origin = poses[j + 1]
         axis = turn @ arm.chain.axes[j]
-        found[:, j] = -axis if arm.chain.sliding[j] else np.cross(there - origin, axis)
-    return found
+        columns[:, j] = -axis if arm.chain.sliding[j] else np.cross(there - origin, axis)
+    return columns
 
 
 def _points(n: int) -> list[tuple[int, float]]:
     """Links and points on them that are tried."""
-    return [(link, outward) for link in range(1, n + 1) for outward in ((0.0, 1.0) if link < n else (0.0,))]
+    return [
+        (link, outward)
+        for link in range(1, n + 1)
+        for outward in ((0.0, 1.0) if link < n else (0.0,))
+    ]
 
 
 def _largest_force(session: SessionContext) -> float:

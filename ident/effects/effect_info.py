@@ -2,42 +2,54 @@
 
 Which motion shows an effect, and what tells two effects apart that one recording cannot.
 
-Running a path both ways parts odd torques from even ones, a ladder of speeds parts the laws of friction, a change of
-pose parts what follows the load from what follows the angle. Where two effects are the same torque in every motion,
-only another set-up of the arm parts them.
+Running a path both ways parts odd torques from even ones, a ladder of speeds parts the laws of
+friction, a change of pose parts what follows the load from what follows the angle. Where two
+effects are the same torque in every motion, only another set-up of the arm parts them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
 from math import log
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
-from ident.laws.carried import KINDS, TABLE
+from ident.laws.carried import TABLE
 
 Answer = Literal["yes", "approximate", "no"]
-# A parameter whose name begins with this is no estimate but the state at which the fitted law was evaluated for another
-# one: `bend_Nm` is torque of the law at `at_speed_rad_s`. Sentences and cards say these: no number in them is made by a
-# formula that is written a second time.
+# A parameter whose name begins with this is no estimate but the state at which the fitted law was
+# evaluated for another one: `bend_Nm` is torque of the law at `at_speed_rad_s`. Sentences and cards
+# say these: no number in them is made by a formula that is written a second time.
 STATE = "at_"
-
-
-# Units that sentences use for those of parameters: how many there are in one.
-UNIT_SCALE = {"mrad": 1e3, "ms": 1e3, "%": 100.0}
+# Kinds of motion by their short names, of which `plan excite` has motions: what to do in `words`,
+# with {joint} for the joint, and the usual length in `minutes`.
+SHOWINGS: dict[str, dict[str, Any]] = TABLE["motions"]
+# What parts two effects that are the same torque, or nearly so, in every motion: another set-up of
+# the arm.
+KNOWN_MASS: str = TABLE["set_ups"]["known_mass"]
 
 
 @dataclass(frozen=True)
 class Expression:
     """How a format expresses an effect."""
 
-    answer: Answer  # `yes`: it states the same law; `approximate`: something near; `no`: it has no words for it
+    # `yes`: it states the same law; `approximate`: something near; `no`: it has no words for it
+    answer: Answer
     words: str  # the place in the format, or the reason
     part: str = ""  # which part of the file carries it, as its writer calls it; "" for none
+    # Parameters with which the format has no words for it after all, and the reason then.
+    unless: tuple[str, ...] = ()
+    otherwise: str = ""
 
     def to_dict(self) -> dict[str, str]:
         return {"expressed": self.answer, "how": self.words}
+
+    def given(self, parameters: Mapping[str, float]) -> Expression:
+        """The expression of an effect with these parameters."""
+        if any(parameters[name] for name in self.unless):
+            return Expression("no", self.otherwise)
+        return self
 
 
 @dataclass(frozen=True)
@@ -45,22 +57,31 @@ class Typical:
     """How large an effect is taken to be where nobody has found it yet."""
 
     figure: str = ""  # the reported parameter that scales it; "" where none does
-    # Typical size as a share of the largest plausible one (`Effect.prior_scale`), from the catalogue's sizes.
+    # Typical size as a share of the largest plausible one (`Effect.prior_scale`), from the
+    # catalogue's sizes.
     share: float = 0.2
     # Typical inner parameters, where the first point of the grid is none.
     inner: Mapping[str, float] = field(default_factory=dict)
     absent: tuple[int, ...] = ()  # coefficients that a typical effect has not
     inverse: bool = False  # whether it shows less as the parameter grows: a stiffer spring
 
-    def distance(self, inner: Mapping[str, float], reported: Mapping[str, float] | None = None) -> float:
-        """How far inner parameters are from what is reported, or typical: sum of the logarithms of their ratios."""
+    def distance(
+        self, inner: Mapping[str, float], reported: Mapping[str, float] | None = None
+    ) -> float:
+        """How far inner parameters are from what is reported, or typical: sum of the logarithms of
+        their ratios.
+        """
         wanted = {**self.inner, **(reported or {})}
-        return sum(abs(log(max(wanted[name], 1e-9) / inner[name])) for name in inner if name in wanted)
+        return sum(
+            abs(log(max(wanted[name], 1e-9) / inner[name])) for name in inner if name in wanted
+        )
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """What is certain of an effect: how far an arm's own law differs from it in all else is fitted to a corpus."""
+    """What is certain of an effect: how far an arm's own law differs from it in all else is fitted
+    to a corpus.
+    """
 
     exact: frozenset[str] = frozenset()  # parameters of which there is no doubt
 
@@ -70,86 +91,17 @@ class AsChange:
     """What is known of an effect as a change between two sets of recordings."""
 
     order: int = 0  # its place among the changes that are tested; 0 where it is none
-    exact: bool = False  # whether arms obey its law to the letter: bodies fall, readings are scaled and shifted
-    body: bool = False  # whether it is a body, of which the tuned baseline says already what all runs alike say
+    # whether arms obey its law to the letter: bodies fall, readings are scaled and shifted
+    exact: bool = False
+    # whether it is a body, of which the tuned baseline says already what all runs alike say
+    body: bool = False
     friction: bool = False  # whether it is a law of friction, which differs from run to run anyhow
     common_gain: bool = False  # whether a gain that both sets share makes it as open as that gain
     # Whether the later set's runs lay it out: where its lines, widths or windows are looked for.
     later_alone: bool = False
-    taken_off: str = ""  # the parameter that is negative where the change is that something has gone; "" for none
+    # the parameter that is negative where the change is that something has gone; "" for none
+    taken_off: str = ""
     sentence: str = ""  # what to do about it, as `Effect.sentence`
-
-
-@dataclass(frozen=True)
-class Interval:
-    """An estimate with its 95 % interval."""
-
-    value: float  # the estimate
-    low: float  # ends of the interval
-    high: float
-    # Which ends the recordings leave open, where `low` and `high` are those of the values that were tried or that an
-    # arm can have: "low", "high", "both", or "" for none.
-    open: Literal["", "low", "high", "both"] = ""
-    # Ends with the URDF's own error added, where `low` and `high` are for the URDF as it is; None where it has no part.
-    low_with_urdf: float | None = None
-    high_with_urdf: float | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Its record; `open` only where an end is."""
-        ends: dict[str, Any] = {"value": self.value, "low": self.low, "high": self.high}
-        if self.low_with_urdf is not None and self.high_with_urdf is not None:
-            ends |= {"low_with_urdf": self.low_with_urdf, "high_with_urdf": self.high_with_urdf}
-        return {**ends, "open": self.open} if self.open else ends
-
-    def wider(self, factor: float) -> Interval:
-        """An interval so many times as wide; one that does not go beyond zero grows by ratios, and never does.
-
-        An end that is open stays: it is no estimate.
-        """
-        low, high = (self.value + factor * (end - self.value) for end in (self.low, self.high))
-        if self.value != 0.0 and min(self.low * self.value, self.high * self.value) >= 0.0:
-            low, high = (self.value * float((end / self.value) ** factor) for end in (self.low, self.high))
-        low = self.low if self.open in ("low", "both") else low
-        return replace(self, low=low, high=self.high if self.open in ("high", "both") else high)
-
-    def reported(self, unit: str, scale: float = 1.0) -> str:
-        """The value alone, as a person reads it: of a named state."""
-        return f"{_three_digits(scale * self.value)} {unit}"
-
-    def __format__(self, how: str) -> str:
-        """As `how` says: a unit for the estimate with its interval; `=unit` for its value, `|unit` for its size; and
-
-        `?more,less` for the first word where it is positive. Without a unit the value is a whole number.
-        """
-        if how.startswith("?"):
-            return how[1:].split(",")[self.value <= 0.0]
-        unit = how.lstrip("=|")
-        scale = UNIT_SCALE.get(unit, 1.0)
-        if not unit:
-            return str(round(self.value))
-        return self.reported(unit, scale) if how.startswith("=") else self.words(unit, scale, how.startswith("|"))
-
-    def words(self, unit: str, scale: float = 1.0, size: bool = False) -> str:
-        """The estimate with its interval as a person reads it; of an open one the end that is known.
-
-        Args:
-            unit: Its unit.
-            scale: What that unit is the inverse of, in the parameter's own: 1000 for milliradians.
-            size: Whether only its size is of interest, not its sign.
-        """
-        value, low, high = (scale * one for one in (self.value, self.low, self.high))
-        if size and value < 0.0:
-            value, low, high = -value, -high, -low
-        middle, least, most = map(_three_digits, (value, low, high))
-        known = {"high": f"at least {least} {unit}", "low": f"at most {most} {unit}"}
-        known["both"] = f"{middle} {unit}, or anything else,"
-        return known.get(self.open, f"{middle} {unit} [{least}, {most}]")
-
-
-def _three_digits(value: float) -> str:
-    """A number as people write it: a true minus, thousands in full."""
-    text = f"{value:.3g}"
-    return (f"{float(text):.0f}" if 1e3 <= abs(value) < 1e6 else text).replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -161,38 +113,27 @@ class Range:
     reason: str  # why no arm has others
 
 
-def read_row(effect: str) -> dict[str, Any]:
-    """Class attributes of an effect by its row of `effects.toml`; none where there is no such row."""
+class ToldApart(Protocol):
+    """What of an effect's record says how it is told from others; see `EffectRecord`."""
 
-    readers: dict[str, Callable[[Any], Any]] = {
-        "typical": lambda value: Typical(**{name: _frozen(one) for name, one in value.items()}),
-        "doubt": lambda value: Doubt(frozenset(value.get("exact", ()))),
-        "formats": lambda value: {form: Expression(*one) for form, one in value.items()},
-        "as_change": lambda value: AsChange(**value),
-        "states": lambda value: KINDS[effect],
-        "set_ups": lambda value: {other: TABLE["set_ups"][one] for other, one in value.items()},
-        **dict.fromkeys(("incomparable", "opposite"), frozenset),
-    }
-    return {key: readers.get(key, _frozen)(value) for key, value in TABLE["effects"].get(effect, {}).items()}
+    @property
+    def id(self) -> str: ...
+    @property
+    def shown_by(self) -> str: ...
+    @property
+    def parted_by(self) -> Mapping[str, str]: ...
+    @property
+    def set_ups(self) -> Mapping[str, str]: ...
 
 
-def _frozen(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-# Kinds of motion by their short names, of which `plan excite` has motions: what to do in `words`, with {joint} for the
-# joint, and the usual length in `minutes`.
-SHOWINGS: dict[str, dict[str, Any]] = TABLE["motions"]
-# What parts two effects that are the same torque, or nearly so, in every motion: another set-up of the arm.
-KNOWN_MASS: str = TABLE["set_ups"]["known_mass"]
-
-
-def family_for(effects: Sequence[str], known: Iterable[Any]) -> str:
-    """The kind of motion that shows effects, or parts the first pair of them that has one of its own."""
+def family_for(effects: Sequence[str], known: Iterable[ToldApart]) -> str:
+    """The kind of motion that shows effects, or parts the first pair of them that has one of its
+    own.
+    """
     by_id = {effect.id: effect for effect in known}
     asked = [by_id[effect] for effect in effects if effect in by_id]
-    for one, other in combinations(asked, 2):
-        if family := one.parted_by.get(other.id) or other.parted_by.get(one.id):
+    for first, other in combinations(asked, 2):
+        if family := first.parted_by.get(other.id) or other.parted_by.get(first.id):
             return family
     families = [effect.shown_by for effect in asked]
     return max(families, key=families.count) if families else "wide"
@@ -203,11 +144,13 @@ def describe_motion(family: str, joint: str) -> str:
     return str(SHOWINGS[family]["words"].format(joint=joint))
 
 
-def setup_for(effects: Sequence[str], known: Iterable[Any]) -> str | None:
-    """The change of set-up that parts effects which no motion, or hardly any, can part; None where motion does."""
+def setup_for(effects: Sequence[str], known: Iterable[ToldApart]) -> str | None:
+    """The change of set-up that parts effects which no motion, or hardly any, can part; None where
+    motion does.
+    """
     by_id = {effect.id: effect for effect in known}
-    for one, other in combinations(effects, 2):
-        for effect, rival in ((one, other), (other, one)):
+    for first, other in combinations(effects, 2):
+        for effect, rival in ((first, other), (other, first)):
             if effect in by_id and rival in by_id[effect].set_ups:
                 return by_id[effect].set_ups[rival]
     return None

@@ -1,17 +1,18 @@
 """Gears that give way: what a joint's link does behind its motor, and what all joints feel of it.
 
-The measured position is the motor's; the link lags by a deflection δ. With the motor's motion given, the link's own
-equation of motion is one of a single unknown, linear in small δ:
+The measured position is the motor's; the link lags by a deflection δ. With the motor's motion
+given, the link's own equation of motion is one of a single unknown, linear in small δ:
 
     M δ'' + V δ' + P δ + τ_gear(δ, δ') = τ_rigid,
 
-M, V, P the derivatives of the rigid torque by acceleration, velocity and position of the joint. It is integrated over
-the recording, which holds near the resonance too, where a series in 1/K does not. What all joints feel of it is
-−(M δ'' + V δ' + P δ), with the whole column of each derivative.
+M, V, P the derivatives of the rigid torque by acceleration, velocity and position of the joint. It
+is integrated over the recording, which holds near the resonance too, where a series in 1/K does
+not. What all joints feel of it is −(M δ'' + V δ' + P δ), with the whole column of each derivative.
 
 Narrow gaps of a gear with play go by their coefficient, wide ones by a grid of widths.
 
-Source: Spong 1987, for the elastic joint; integration by Newmark's method (1959), of average acceleration.
+Source: Spong 1987, for the elastic joint; integration by Newmark's method (1959), of average
+acceleration.
 """
 
 from __future__ import annotations
@@ -25,8 +26,14 @@ from ident.arrays import Array, Float
 from ident.compiled import compiled
 from ident.effects.base import Effect, Interval, Range, RunContext, SessionContext, Variant
 from ident.effects.intervals import coefficient_interval
-from ident.effects.session_context import GEAR as LIMIT
-from ident.effects.session_context import high_passed, joined, rated_torque, root_mean_square, sampled_states
+from ident.effects.session_context import (
+    high_passed,
+    joined,
+    rated_torque,
+    root_mean_square,
+    sampled_states,
+)
+from ident.effects.settings import GEAR as LIMIT
 from ident.laws.elastic import LONGEST_STEP, integrate_twist
 
 _integrate = compiled(error_model="numpy", nogil=True)(integrate_twist)
@@ -41,26 +48,45 @@ def deflect(
     run: RunContext, joint: int, stiffness: float, damping: float, gap: float
 ) -> tuple[Float[Array, " T"], Float[Array, " T"]]:
     """Deflection of the joint and its rate [rad, rad/s]; none where the law doesn't hold."""
-    slopes = (part[:, joint, joint] for part in reversed(run.derivatives))
-    load, found = run.link[:, joint], np.zeros((2, len(run.link)))
-    found[1, 0] = (load[1] - load[0]) / (run.interval * stiffness)
+    slopes = (slope[:, joint, joint] for slope in reversed(run.derivatives))
+    load = run.link[:, joint]
+    deflection = np.zeros((2, len(run.link)))
+    deflection[1, 0] = (load[1] - load[0]) / (run.interval * stiffness)
     steps = max(1, int(np.ceil(run.interval / LONGEST_STEP)))
-    _integrate(np.array([load, *slopes]), np.array([stiffness, damping, gap / 2]), run.interval, steps, found)
-    twist, rate = found if np.abs(found[0]).max() < LIMIT.largest_twist else np.zeros_like(found)
+    _integrate(
+        np.array([load, *slopes]),
+        np.array([stiffness, damping, gap / 2]),
+        run.interval,
+        steps,
+        deflection,
+    )
+    twist, rate = (
+        deflection
+        if np.abs(deflection[0]).max() < LIMIT.largest_twist
+        else np.zeros_like(deflection)
+    )
     return twist, rate
 
 
 def felt_torque(
-    run: RunContext, joint: int, twist: Array, rate: Array, rows: slice = slice(None), unit: float = 1.0
+    run: RunContext,
+    joint: int,
+    twist: Array,
+    rate: Array,
+    rows: slice = slice(None),
+    unit: float = 1.0,
 ) -> Float[Array, "T k"]:
     """What all joints, or some of them, feel of a deflection, divided by a unit of it [N m]."""
-    position, velocity, inertia = (np.moveaxis(part, 0, -1)[rows, joint] for part in run.derivatives)
+    position, velocity, inertia = (
+        np.moveaxis(derivative, 0, -1)[rows, joint] for derivative in run.derivatives
+    )
     change = np.gradient(rate, run.interval)
     return (-(inertia * change + velocity * rate + position * twist) / unit).T
 
 
 class JointElasticity(Effect):
-    """A torsion spring between motor and link: K δ + D δ' = τ_gear. The coefficient is the compliance 1/K.
+    """A torsion spring between motor and link: K δ + D δ' = τ_gear. The coefficient is the
+    compliance 1/K.
 
     Each point of the grid is exact at its own stiffness and follows 1/K around it.
     """
@@ -68,15 +94,22 @@ class JointElasticity(Effect):
     id = "joint_elasticity"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        corner, name = LIMIT.low_frequency, session.joint_names[joint]
-        high = root_mean_square([high_passed(run.link[:, joint], run.interval, corner) for run in session.runs])
+        corner = LIMIT.low_frequency
+        name = session.joint_names[joint]
+        high = root_mean_square(
+            [high_passed(run.link[:, joint], run.interval, corner) for run in session.runs]
+        )
         slow = f"load of {name} changes too slowly ({high:.2f} N m above {corner:g} Hz)"
         return slow if high < LIMIT.least_high_share * rated_torque(session, joint) else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         inertia = mean_inertia(session, joint)
-        found = np.unique(np.clip(inertia * (2 * np.pi * np.array(LIMIT.resonances)) ** 2, *_bounds(session, joint)))
-        return tuple(_elastic(float(k), inertia, LIMIT.damping_ratio) for k in found)
+        stiffnesses = np.unique(
+            np.clip(
+                inertia * (2 * np.pi * np.array(LIMIT.resonances)) ** 2, *_bounds(session, joint)
+            )
+        )
+        return tuple(_elastic(float(k), inertia, LIMIT.damping_ratio) for k in stiffnesses)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         inertia = mean_inertia(session, joint)
@@ -86,15 +119,27 @@ class JointElasticity(Effect):
             for factor in LIMIT.fine_factors
         )
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        stiffness, damping = variant.shape["stiffness_Nm_rad"], variant.shape["damping_Nms_rad"]
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
+        stiffness = variant.shape["stiffness_Nm_rad"]
+        damping = variant.shape["damping_Nms_rad"]
         gear = joint, stiffness, damping, 0.0
-        return [stiffness * felt_torque(run, joint, *deflect(run, *gear))[:, :, None] for run in session.runs]
+        return [
+            stiffness * felt_torque(run, joint, *deflect(run, *gear))[:, :, None]
+            for run in session.runs
+        ]
 
     def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Array,
+        covariance: Array,
     ) -> dict[str, Interval]:
-        compliance, (softest, stiffest) = coefficient_interval(0, coefficients, covariance), _bounds(session, joint)
+        compliance = coefficient_interval(0, coefficients, covariance)
+        (softest, stiffest) = _bounds(session, joint)
         value, low, high = (
             float(np.clip(1.0 / max(c, 1.0 / stiffest), softest, stiffest))
             for c in (compliance.value, compliance.high, compliance.low)
@@ -102,16 +147,28 @@ class JointElasticity(Effect):
         damping = variant.shape["damping_Nms_rad"]
         return {
             "stiffness_Nm_rad": Interval(value, low, high),
-            "damping_Nms_rad": Interval(damping, damping / LIMIT.damping_doubt, damping * LIMIT.damping_doubt),
+            "damping_Nms_rad": Interval(
+                damping, damping / LIMIT.damping_doubt, damping * LIMIT.damping_doubt
+            ),
         }
 
-    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
-        """A joint that winds up by radians would fold; one whose interval holds zero compliance is as good as rigid."""
+    def physical(
+        self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]
+    ) -> dict[str, Range]:
+        """A joint that winds up by radians would fold; one whose interval holds zero compliance is
+        as good as rigid.
+        """
         least, stiffest = _bounds(session, joint)
         most = stiffest if estimates["stiffness_Nm_rad"].high < stiffest else 0.0
-        return {"stiffness_Nm_rad": Range(least, most, "the joint would fold up, or is as good as rigid")}
+        return {
+            "stiffness_Nm_rad": Range(
+                least, most, "the joint would fold up, or is as good as rigid"
+            )
+        }
 
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+    def prior_scale(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> Float[Array, " k"]:
         return np.array([1.0 / _bounds(session, joint)[0]])
 
 
@@ -131,8 +188,9 @@ def _elastic(stiffness: float, inertia: float, ratio: float) -> Variant:
 class Backlash(Effect):
     """Play of width b: no torque passes while the link crosses from one flank to the other.
 
-    The columns are the difference of two integrations, with and without the gap, per width. That of a narrow gap is
-    proportional to its width, which is then its coefficient; a wide one is a point of the grid (`screened`).
+    The columns are the difference of two integrations, with and without the gap, per width. That of
+    a narrow gap is proportional to its width, which is then its coefficient; a wide one is a point
+    of the grid (`screened`).
     """
 
     # Wide gaps of each joint that look most like what the tuned model leaves [rad].
@@ -141,16 +199,23 @@ class Backlash(Effect):
 
     id = "backlash"
 
-    def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> Backlash:
-        found = tuple(
-            () if self.untestable(session, joint) else _widths(session, leftover, joint) for joint in range(session.n)
+    def screened(
+        self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]
+    ) -> Backlash:
+        widths = tuple(
+            () if self.untestable(session, joint) else _widths(session, leftover, joint)
+            for joint in range(session.n)
         )
-        return replace(self, widths=found, screens=len(LIMIT.wide_gaps) // LIMIT.wide_kept)
+        return replace(self, widths=widths, screens=len(LIMIT.wide_gaps) // LIMIT.wide_kept)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        least, load = LIMIT.least_load_share * rated_torque(session, joint), joined(session, "link", joint)
-        low, high = load.min(), load.max()
-        one_sided = f"load of {session.joint_names[joint]} never changes sign ({low:.2f} to {high:.2f} N m)"
+        least = LIMIT.least_load_share * rated_torque(session, joint)
+        load = joined(session, "link", joint)
+        low = load.min()
+        high = load.max()
+        one_sided = (
+            f"load of {session.joint_names[joint]} never changes sign ({low:.2f} to {high:.2f} N m)"
+        )
         return one_sided if low > -least or high < least else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
@@ -166,14 +231,22 @@ class Backlash(Effect):
         contacts = [_contact(session, joint, ratio) for ratio in LIMIT.fine_contact_ratios]
         if variant.inner:
             wide = [factor * variant.inner["gap_rad"] for factor in LIMIT.fine_wide_factors]
-            return tuple(Variant({"gap_rad": gap}, shape=contact) for contact in contacts for gap in wide)
+            return tuple(
+                Variant({"gap_rad": gap}, shape=contact) for contact in contacts for gap in wide
+            )
         narrow = [factor * variant.shape["gap_rad"] for factor in LIMIT.fine_factors]
-        return tuple(Variant(shape={**contact, "gap_rad": gap}) for contact in contacts for gap in narrow)
+        return tuple(
+            Variant(shape={**contact, "gap_rad": gap}) for contact in contacts for gap in narrow
+        )
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
         gap = variant.inner.get("gap_rad", variant.shape.get("gap_rad", 0.0))
         contact = variant.shape["stiffness_Nm_rad"], variant.shape["damping_Nms_rad"]
-        return [next(_knock(run, joint, contact, (gap,), unit=gap))[:, :, None] for run in session.runs]
+        return [
+            next(_knock(run, joint, contact, (gap,), unit=gap))[:, :, None] for run in session.runs
+        ]
 
 
 def _contact(session: SessionContext, joint: int, ratio: float) -> dict[str, float]:
@@ -201,11 +274,16 @@ def _knock(
         yield felt_torque(run, joint, loose[0] - tight[0], loose[1] - tight[1], rows, unit)
 
 
-def _widths(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int) -> tuple[float, ...]:
-    """The wide gaps whose torque looks most like what is left at a joint, by differences from sample to sample."""
+def _widths(
+    session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int
+) -> tuple[float, ...]:
+    """The wide gaps whose torque looks most like what is left at a joint, by differences from
+    sample to sample.
+    """
     stiffness = _contact(session, joint, LIMIT.wide_contact_ratio)
     contact = stiffness["stiffness_Nm_rad"], stiffness["damping_Nms_rad"]
-    along, power = np.zeros(len(LIMIT.wide_gaps)), np.zeros(len(LIMIT.wide_gaps))
+    along = np.zeros(len(LIMIT.wide_gaps))
+    power = np.zeros(len(LIMIT.wide_gaps))
     for run, left in zip(session.runs, leftover, strict=True):
         settled = run.motion.settled[:, joint]
         counts = settled[1:] & settled[:-1]

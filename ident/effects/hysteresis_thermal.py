@@ -1,4 +1,6 @@
-"""Friction with a memory: of the last reversals (hysteresis) and of the work done so far (warmth)."""
+"""Friction with a memory: of the last reversals (hysteresis) and of the work done so far
+(warmth).
+"""
 
 from __future__ import annotations
 
@@ -11,21 +13,23 @@ from ident.arrays import Array, Float
 from ident.compiled import compiled
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import delta_interval, drawn_interval, exactly, grid_interval
-from ident.effects.session_context import MEMORY as LIMIT
 from ident.effects.session_context import coulomb_level, friction_level
+from ident.effects.settings import MEMORY as LIMIT
 from ident.model.linearisation import stop_operator
 
-# Displacement of a smooth build-up over the mean range of the stops that imitate it, each weighted by its area.
+# Displacement of a smooth build-up over the mean range of the stops that imitate it, each weighted
+# by its area.
 SMOOTH_SHARE = 2.0 / 3.0
 
 
 class ThermalFriction(Effect):
-    """Friction that changes as the gear warms up: τ = −θ c_v v + θ c_s s, θ from 0 (cold) to 1 (warmest here).
+    """Friction that changes as the gear warms up: τ = −θ c_v v + θ c_s s, θ from 0 (cold) to 1
+    (warmest here).
 
-    θ is the measured temperature; where there is none, or the sensor sits where it hardly warms, θ follows the modelled
-    friction power P over the session's clock, pauses included: θ' = P − θ / τ_θ. Viscous friction falls with warmth;
-    Coulomb friction may do either. Both changes are shares of the cold level, between the coldest and the warmest
-    moment of the session.
+    θ is the measured temperature; where there is none, or the sensor sits where it hardly warms, θ
+    follows the modelled friction power P over the session's clock, pauses included: θ' = P − θ /
+    τ_θ. Viscous friction falls with warmth; Coulomb friction may do either. Both changes are shares
+    of the cold level, between the coldest and the warmest moment of the session.
 
     Source: Wolf and Iskandar 2018; Simoni 2017.
     """
@@ -39,7 +43,11 @@ class ThermalFriction(Effect):
         measured = _measured(session, joint)
         if _warms(measured):
             return None
-        why = "no temperature" if measured is None else f"temperature of {session.joint_names[joint]} hardly varies"
+        why = (
+            "no temperature"
+            if measured is None
+            else f"temperature of {session.joint_names[joint]} hardly varies"
+        )
         if not session.common_clock:
             return f"{why}, and the runs share no clock"
         if _span(session) < LIMIT.least_session:
@@ -50,60 +58,89 @@ class ThermalFriction(Effect):
         measured = _measured(session, joint)
         if measured is not None and _warms(measured):
             return (Variant(shape=_scale(measured)),)
-        longest = max(LIMIT.longest_time_constant * max(_span(session), LIMIT.least_session), LIMIT.time_constants[0])
-        return _of_constants(session, joint, [constant for constant in LIMIT.time_constants if constant <= longest])
+        longest = max(
+            LIMIT.longest_time_constant * max(_span(session), LIMIT.least_session),
+            LIMIT.time_constants[0],
+        )
+        return _of_constants(
+            session, joint, [constant for constant in LIMIT.time_constants if constant <= longest]
+        )
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         if "time_constant_s" not in variant.inner:
             return (variant,)
         return _of_constants(
-            session, joint, [factor * variant.inner["time_constant_s"] for factor in LIMIT.fine_time_factors]
+            session,
+            joint,
+            [factor * variant.inner["time_constant_s"] for factor in LIMIT.fine_time_factors],
         )
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
         measured = None if "time_constant_s" in variant.inner else _measured(session, joint)
         if measured is None:
             measured, _ = _warmth(session, joint, variant.inner["time_constant_s"], variant.shape)
-        warmth = [(values - variant.shape["coldest"]) / variant.shape["range"] for values in measured]
+        warmth = [
+            (values - variant.shape["coldest"]) / variant.shape["range"] for values in measured
+        ]
         return [
-            np.stack([-one * run.motion.dq[:, joint], one * run.direction[:, joint]], axis=1)
-            for run, one in zip(session.runs, warmth, strict=True)
+            np.stack([-warm * run.motion.dq[:, joint], warm * run.direction[:, joint]], axis=1)
+            for run, warm in zip(session.runs, warmth, strict=True)
         ]
 
     def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Array,
+        covariance: Array,
     ) -> dict[str, Interval]:
         coulomb, viscous = friction_level(session, joint)
         mean = variant.shape["mean"]
-        # The tuned level is that of the mean warmth; the cold one follows from it and the change itself.
-        signed, cells = coefficients * (-1.0, 1.0), covariance * np.outer((-1.0, 1.0), (-1.0, 1.0))
-        found = {
+        # The tuned level is that of the mean warmth; the cold one follows from it and the change
+        # itself.
+        signed = coefficients * (-1.0, 1.0)
+        cells = covariance * np.outer((-1.0, 1.0), (-1.0, 1.0))
+        estimates = {
             name: delta_interval(
-                lambda c, k=k, level=level: c[k] / max(level - mean * c[k], 0.05 * level), signed, cells
+                lambda c, k=k, level=level: c[k] / max(level - mean * c[k], 0.05 * level),
+                signed,
+                cells,
             )
-            for k, (name, level) in enumerate((("viscous_change", viscous), ("coulomb_change", coulomb)))
+            for k, (name, level) in enumerate(
+                (("viscous_change", viscous), ("coulomb_change", coulomb))
+            )
         }
         if "time_constant_s" in variant.inner:
-            found["time_constant_s"] = grid_interval(variant.inner["time_constant_s"], LIMIT.time_constants)
-        return found
+            estimates["time_constant_s"] = grid_interval(
+                variant.inner["time_constant_s"], LIMIT.time_constants
+            )
+        return estimates
 
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
-        change, constant = estimates["viscous_change"].words("%", 100.0), estimates.get("time_constant_s")
+        change = estimates["viscous_change"].words("%", 100.0)
+        constant = estimates.get("time_constant_s")
         minutes = max(2.0 * constant.value / 60.0, 1.0) if constant else 0.0
         how_long = (
-            f"for {minutes:.0f} minute{'s' * (round(minutes) != 1)}" if constant else "until its temperature is steady"
+            f"for {minutes:.0f} minute{'s' * (round(minutes) != 1)}"
+            if constant
+            else "until its temperature is steady"
         )
         warm = f"warm {where} up {how_long} before precise work, or compensate"
         return f"{warm}: its viscous friction changes by {change}"
 
 
 class PreslidingHysteresis(Effect):
-    """Friction that builds up over a displacement after each reversal: τ = Σ k_i stop_i[q] / r_i, k_i ≥ 0.
+    """Friction that builds up over a displacement after each reversal: τ = Σ k_i stop_i[q] / r_i,
+    k_i ≥ 0.
 
-    Stop operators of several ranges side by side bend the build-up, as contacts that slip one after the other do. Each
-    run starts unstressed. The shortest ranges can't be distinguished from dry friction that turns round at once, and
-    their share of the amplitude is anybody's guess; so amplitude A and displacement d are those of the smooth build-up
-    A (1 − 2 e^(−x/d)) with the same area Σ k_i r_i = A d and the same second moment Σ k_i r_i² = 3/2 A d².
+    Stop operators of several ranges side by side bend the build-up, as contacts that slip one after
+    the other do. Each run starts unstressed. The shortest ranges can't be distinguished from dry
+    friction that turns round at once, and their share of the amplitude is anybody's guess; so
+    amplitude A and displacement d are those of the smooth build-up A (1 − 2 e^(−x/d)) with the same
+    area Σ k_i r_i = A d and the same second moment Σ k_i r_i² = 3/2 A d².
 
     Source: Al-Bender 2005 (generalised Maxwell slip, without the dynamics of slip).
     """
@@ -114,40 +151,69 @@ class PreslidingHysteresis(Effect):
         reason = super().untestable(session, joint)
         if reason is not None:
             return reason
-        name, least = session.joint_names[joint], min(LIMIT.displacements)
+        name = session.joint_names[joint]
+        least = min(LIMIT.displacements)
         if not _usable(session, joint):
             return f"position of {name} is too noisy to follow some mrad after a reversal"
-        count = sum(_count_reversals(np.ascontiguousarray(run.motion.q[:, joint]), least) for run in session.runs)
+        count = sum(
+            _count_reversals(np.ascontiguousarray(run.motion.q[:, joint]), least)
+            for run in session.runs
+        )
         return f"{name} reverses fewer than three times" if count < 3 else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         return (_of_ranges(_usable(session, joint)),)
 
     def parts(self, variant: Variant) -> Sequence[tuple[Variant, Sequence[int]]]:
-        """Neighbouring ranges: a build-up needs a few of them, and each that it may have costs evidence.
+        """Neighbouring ranges: a build-up needs a few of them, and each that it may have costs
+        evidence.
 
-        The shortest one alone is none: it can't be distinguished from dry friction that turns round at once.
+        The shortest one alone is none: it can't be distinguished from dry friction that turns round
+        at once.
         """
         sizes = list(variant.shape.values())
-        stretches = [range(k, k + width) for width in LIMIT.stops_side_by_side for k in range(len(sizes) - width + 1)]
+        stretches = [
+            range(k, k + width)
+            for width in LIMIT.stops_side_by_side
+            for k in range(len(sizes) - width + 1)
+        ]
         stated = [some for some in stretches if some[-1] > 0 and len(some) < len(sizes)]
-        return [(_of_ranges([sizes[k] for k in some]), some) for some in stated]
+        points = []
+        for some in stated:
+            ranges = [sizes[k] for k in some]
+            points.append((_of_ranges(ranges), some))
+        return points
 
     def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
-        """Whether its displacement is longer than the shortest range, over which contacts of all gears bend."""
-        return _displacement(np.array(list(variant.shape.values())), coefficients) > min(LIMIT.displacements)
+        """Whether its displacement is longer than the shortest range, over which contacts of all
+        gears bend.
+        """
+        return _displacement(np.array(list(variant.shape.values())), coefficients) > min(
+            LIMIT.displacements
+        )
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         """All ranges: the parameters of one law hang on all of its build-up."""
         return self.variants(session, joint)
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
         paths = (np.ascontiguousarray(run.motion.q[:, joint]) for run in session.runs)
         sizes = variant.shape.values()
-        return [np.stack([stop_operator(q, size) / size for size in sizes], axis=1) for q in paths]
+        columns = []
+        for q in paths:
+            shares = [stop_operator(q, size) / size for size in sizes]
+            columns.append(np.stack(shares, axis=1))
+        return columns
 
     def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Array,
+        covariance: Array,
     ) -> dict[str, Interval]:
         sizes = np.array(list(variant.shape.values()))
 
@@ -158,14 +224,15 @@ class PreslidingHysteresis(Effect):
             return float(np.maximum(k, 0.0) @ sizes) / displacement(k)
 
         def reversal(k: Array) -> float:
-            kept, _ = self.without_dry_friction(k, variant)
-            return float(kept @ np.clip(where.value / sizes, 0.0, 2.0))
+            bent, _ = self.without_dry_friction(k, variant)
+            return float(bent @ np.clip(where.value / sizes, 0.0, 2.0))
 
         where = drawn_interval(displacement, coefficients, covariance)
         reach = grid_interval(where.value, LIMIT.displacements)
         strength = drawn_interval(amplitude, coefficients, covariance)
         if delta_interval(lambda k: float(k @ sizes), coefficients, covariance).low <= 0.0:
-            strength = replace(strength, low=0.0)  # draws that are not negative can't tell that there may be none
+            # draws that are not negative can't tell that there may be none
+            strength = replace(strength, low=0.0)
         nearest = max(min(where.low, reach.low), sizes[0] / 4)
         return {
             "amplitude_Nm": strength,
@@ -174,37 +241,49 @@ class PreslidingHysteresis(Effect):
             "at_travel_rad": exactly(where.value),
         }
 
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+    def prior_scale(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> Float[Array, " k"]:
         return np.full(len(variant.shape), coulomb_level(session, joint))
 
     def without_dry_friction(
         self, coefficients: Float[Array, " k"], variant: Variant
     ) -> tuple[Float[Array, " k"], float]:
-        """All ranges together are the amplitude of the smooth build-up; what they have more, the shortest ones lose."""
-        sizes, parts = np.array(list(variant.shape.values())), np.maximum(coefficients, 0.0)
+        """All ranges together are the amplitude of the smooth build-up; what they have more, the
+        shortest ones lose.
+        """
+        sizes = np.array(list(variant.shape.values()))
+        parts = np.maximum(coefficients, 0.0)
         bent = float(parts @ sizes**2)
         amplitude = float(parts @ sizes) ** 2 / (SMOOTH_SHARE * bent) if bent > 0.0 else 0.0
         taken = np.clip(parts.sum() - amplitude - (np.cumsum(parts) - parts), 0.0, parts)
         return parts - taken, float(taken.sum())
 
     def law_figures(
-        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+        self,
+        reported: Mapping[str, float],
+        coefficients: Sequence[float],
+        shape: Mapping[str, float],
     ) -> dict[str, float]:
         """Every range and its torque; without them, the two ranges next to the displacement."""
-        parts, ranges = tuple(coefficients), list(shape.values())
+        parts = tuple(coefficients)
+        ranges = list(shape.values())
         if not parts:
-            where, amplitude = reported["displacement_rad"], reported["amplitude_Nm"]
+            where = reported["displacement_rad"]
+            amplitude = reported["amplitude_Nm"]
             within = [size for size in LIMIT.displacements[:-1] if size <= where]
-            at = max(len(within) - 1, 0)
-            ranges = [LIMIT.displacements[at], LIMIT.displacements[at + 1]]
+            index = max(len(within) - 1, 0)
+            ranges = [LIMIT.displacements[index], LIMIT.displacements[index + 1]]
             share = min(1.0, max(0.0, (where - ranges[0]) / (ranges[1] - ranges[0])))
             parts = amplitude * (1.0 - share), amplitude * share
-        found = {f"range_{i}_rad": size for i, size in enumerate(ranges)}
-        return found | {f"part_{i}_Nm": part for i, part in enumerate(parts)}
+        parameters = {f"range_{i}_rad": size for i, size in enumerate(ranges)}
+        return parameters | {f"part_{i}_Nm": torque for i, torque in enumerate(parts)}
 
 
 def _displacement(sizes: Float[Array, " k"], parts: Float[Array, " k"]) -> float:
-    """Displacement of the smooth build-up that stops of some ranges stand for [rad]; 0 where they bear nothing."""
+    """Displacement of the smooth build-up that stops of some ranges stand for [rad]; 0 where they
+    bear nothing.
+    """
     area = float(np.maximum(parts, 0.0) @ sizes)
     return SMOOTH_SHARE * float(np.maximum(parts, 0.0) @ sizes**2) / area if area > 0.0 else 0.0
 
@@ -222,7 +301,9 @@ def _usable(session: SessionContext, joint: int) -> list[float]:
 @compiled(error_model="numpy", nogil=True)
 def _count_reversals(q: Array, least: float) -> int:
     """The number of reversals after which the path goes back by some distance at least."""
-    count, heading, extreme = 0, 0, q[0]
+    count = 0
+    heading = 0
+    extreme = q[0]
     for value in q:
         if heading == 0:
             if abs(value - extreme) > least:
@@ -237,7 +318,9 @@ def _count_reversals(q: Array, least: float) -> int:
     return count
 
 
-def warm_up(power: Float[Array, " T"], interval: float, constant: float, start: float) -> Float[Array, " T"]:
+def warm_up(
+    power: Float[Array, " T"], interval: float, constant: float, start: float
+) -> Float[Array, " T"]:
     """Warmth θ over a run [J]: θ' = P − θ / τ from a start, the power even between samples.
 
     Args:
@@ -260,10 +343,15 @@ def _warm_up(power: Array, keep: float, gain: float, start: float) -> Array:
     return out
 
 
-def _of_constants(session: SessionContext, joint: int, constants: Sequence[float]) -> tuple[Variant, ...]:
+def _of_constants(
+    session: SessionContext, joint: int, constants: Sequence[float]
+) -> tuple[Variant, ...]:
     """Points of the grid by their time constants."""
-    found = [(constant, *_warmth(session, joint, constant)) for constant in constants]
-    return tuple(Variant({"time_constant_s": one}, shape=_scale(warmth) | starts) for one, warmth, starts in found)
+    warmths = [(constant, *_warmth(session, joint, constant)) for constant in constants]
+    return tuple(
+        Variant({"time_constant_s": constant}, shape=_scale(warmth) | starts)
+        for constant, warmth, starts in warmths
+    )
 
 
 def _span(session: SessionContext) -> float:
@@ -275,26 +363,32 @@ def _measured(session: SessionContext, joint: int) -> list[Float[Array, " T"]] |
     """Measured temperature of every run, averaged a little; None if a run has none."""
     from scipy.ndimage import uniform_filter1d  # slow to load, and few logs have temperatures
 
-    found = []
+    averaged = []
     for run in session.runs:
         if run.temperature is None or not np.all(np.isfinite(run.temperature[:, joint])):
             return None
         width = max(1, round(LIMIT.temperature_average / run.interval))
-        found.append(uniform_filter1d(run.temperature[:, joint], min(width, len(run.temperature)), mode="nearest"))
-    return found
+        averaged.append(
+            uniform_filter1d(
+                run.temperature[:, joint], min(width, len(run.temperature)), mode="nearest"
+            )
+        )
+    return averaged
 
 
 def _warms(measured: Sequence[Float[Array, " T"]] | None) -> bool:
     """Whether a measured temperature varies enough to tell warm from cold."""
     if measured is None:
         return False
-    coldest, warmest = min(values.min() for values in measured), max(values.max() for values in measured)
+    coldest = min(values.min() for values in measured)
+    warmest = max(values.max() for values in measured)
     return bool(warmest - coldest >= LIMIT.least_temperature_range)
 
 
 def _scale(values: Sequence[Float[Array, " T"]]) -> dict[str, float]:
     """Parameters that map warmth to 0 … 1 over the whole session, and its mean there."""
-    coldest, warmest = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+    coldest = min(float(v.min()) for v in values)
+    warmest = max(float(v.max()) for v in values)
     span = max(warmest - coldest, 1e-12)
     mean = sum(float(v.sum()) for v in values) / sum(len(v) for v in values)
     return {"coldest": coldest, "range": span, "mean": (mean - coldest) / span}
@@ -307,17 +401,21 @@ def _warmth(
 
     `known` holds the latter where the session is only a part of the whole.
     """
-    found, starts = [], {}
-    level, last = 0.0, float(session.runs[0].motion.time[0])
+    warmths = []
+    starts = {}
+    level = 0.0
+    last = float(session.runs[0].motion.time[0])
     for run in session.runs:  # warmed by the modelled power of friction [W]
         start = float(run.motion.time[0])
         name = f"start_{start!r}"
         level = (known or {}).get(name, level * np.exp(-max(start - last, 0.0) / constant))
         starts[name] = level
-        dq, friction = run.motion.dq[:, joint], run.friction[:, joint]
+        dq = run.motion.dq[:, joint]
+        friction = run.friction[:, joint]
         if not friction.any():  # none is modelled: that of a typical joint
             coulomb, viscous = friction_level(session, joint)
             friction = coulomb * run.direction[:, joint] + viscous * dq
-        found.append(warm_up(np.maximum(friction * dq, 0.0), run.interval, constant, level))
-        level, last = float(found[-1][-1]), float(run.motion.time[-1])
-    return found, starts
+        warmths.append(warm_up(np.maximum(friction * dq, 0.0), run.interval, constant, level))
+        level = float(warmths[-1][-1])
+        last = float(run.motion.time[-1])
+    return warmths, starts

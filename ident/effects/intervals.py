@@ -2,10 +2,11 @@
 
 How large an effect's coefficients are beforehand, and what they cost for it: an Occam factor.
 
-What a name of the inertias' kind explains, a URDF that is a little wrong explains nearly as well; so it matters whether
-its parameters are usual. A last link of twice its own weight is hardly an error of the URDF: it is a link that carries
-something. With p the density of the coefficients beforehand, ĉ their estimate and J what recordings tell about the k of
-them, beside an expected deviation s of each,
+What a name of the inertias' kind explains, a URDF that is a little wrong explains nearly as well;
+so it matters whether its parameters are usual. A last link of twice its own weight is hardly an
+error of the URDF: it is a link that carries something. With p the density of the coefficients
+beforehand, ĉ their estimate and J what recordings tell about the k of them, beside an expected
+deviation s of each,
 
     log p(y | name) − log p(y) ≈ ½ gain − cost,
     cost = ½ (ĉ − c)ᵀ J (ĉ − c) + ½ log|J + s⁻²| − ½ k log 2π − log p(c),    c = (J + s⁻²)⁻¹ J ĉ:
@@ -19,28 +20,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.special import gammaln
 
 from ident.arrays import Array, Float
-from ident.effects.effect_info import Interval
+from ident.effects.interval import Interval
 
 # Draws behind an interval: its ends are then sure to a twentieth of its width.
 INTERVAL_DRAWS = 400
 # Deviations from the mean at the ends of a 95 % interval.
 NORMAL_95 = 1.96
+# Arms that are several times as far off as usual are rare, but there are some.
+FREEDOM = 10
 
 
 def grid_interval(value: float, grid: Sequence[float]) -> Interval:
     """A point of a grid with what the grid can resolve: half-way (by ratio) to its neighbours."""
     points = np.unique(np.asarray([*grid, value], dtype=float))
-    at = int(np.searchsorted(points, value))
+    place = int(np.searchsorted(points, value))
     if len(points) == 1:
         return Interval(value, value / 2.0, value * 2.0)
-    down = points[at - 1] if at > 0 else value**2 / points[at + 1]
-    up = points[at + 1] if at + 1 < len(points) else value**2 / points[at - 1]
+    down = points[place - 1] if place > 0 else value**2 / points[place + 1]
+    up = points[place + 1] if place + 1 < len(points) else value**2 / points[place - 1]
     return Interval(value, float(np.sqrt(value * down)), float(np.sqrt(value * up)))
 
 
@@ -56,18 +58,25 @@ def _about(value: float, variance: float) -> Interval:
 
 
 def coefficient_interval(
-    index: int, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], scale: float = 1.0
+    index: int,
+    coefficients: Float[Array, " k"],
+    covariance: Float[Array, "k k"],
+    scale: float = 1.0,
 ) -> Interval:
     """Interval of one coefficient times a known factor."""
     return _about(scale * float(coefficients[index]), scale**2 * covariance[index, index])
 
 
-def amplitude_interval(coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]) -> Interval:
+def amplitude_interval(
+    coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]
+) -> Interval:
     """Interval of the length of a vector, such as (cos, sin) coefficients; it can't be negative."""
     size = float(np.linalg.norm(coefficients))
-    along = coefficients / size if size > 0.0 else np.full(len(coefficients), len(coefficients) ** -0.5)
-    found = _about(size, along @ covariance @ along)
-    return replace(found, low=max(0.0, found.low))
+    along = (
+        coefficients / size if size > 0.0 else np.full(len(coefficients), len(coefficients) ** -0.5)
+    )
+    interval = _about(size, along @ covariance @ along)
+    return replace(interval, low=max(0.0, interval.low))
 
 
 def wave_parameters(
@@ -99,7 +108,9 @@ def linear_interval(
 
 
 def drawn_interval(
-    function: Callable[[Float[Array, " k"]], float], coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]
+    function: Callable[[Float[Array, " k"]], float],
+    coefficients: Float[Array, " k"],
+    covariance: Float[Array, "k k"],
 ) -> Interval:
     """95 % interval of any function of coefficients that are not negative, from draws of them.
 
@@ -111,23 +122,30 @@ def drawn_interval(
     # The same draws every time: a parameter is reported the same when it is reported again.
     normal = np.random.default_rng(0).standard_normal((INTERVAL_DRAWS, len(coefficients)))
     drawn = coefficients + (normal * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    reported = np.array([function(one) for one in np.maximum(drawn, 0.0)])
-    value, (low, high) = function(coefficients), np.quantile(reported, (0.025, 0.975))
+    reported = np.array([function(draw) for draw in np.maximum(drawn, 0.0)])
+    value = function(coefficients)
+    (low, high) = np.quantile(reported, (0.025, 0.975))
     return Interval(value, min(value, float(low)), max(value, float(high)))
 
 
-def delta_interval(function: Any, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]) -> Interval:
-    """Interval of a smooth function of coefficients by the delta method, derivatives by central differences."""
+def delta_interval(
+    function: Callable[..., float],
+    coefficients: Float[Array, " k"],
+    covariance: Float[Array, "k k"],
+) -> Interval:
+    """Interval of a smooth function of coefficients by the delta method, derivatives by central
+    differences.
+    """
     if not covariance.any():
         return Interval(*3 * (float(function(coefficients)),))
     sizes = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 1e-12) * 1e-4 / 1e-2
-    ends = [(function(coefficients + step), function(coefficients - step)) for step in np.diag(sizes)]
-    gradient = np.array([(up - down) / (2 * size) for (up, down), size in zip(ends, sizes, strict=True)])
+    ends = [
+        (function(coefficients + step), function(coefficients - step)) for step in np.diag(sizes)
+    ]
+    gradient = np.array(
+        [(up - down) / (2 * size) for (up, down), size in zip(ends, sizes, strict=True)]
+    )
     return _about(float(function(coefficients)), gradient @ covariance @ gradient)
-
-
-# Arms that are several times as far off as usual are rare, but there are some.
-FREEDOM = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +170,9 @@ class SizePrior:
     def cost(self, coefficients: Float[Array, " k"], information: Float[Array, "k k"]) -> float:
         """What coefficients cost the evidence for a name [nats]."""
         width = self.deviation
-        values, vectors = np.linalg.eigh(width[:, None] * (0.5 * (information + information.T)) * width)
+        values, vectors = np.linalg.eigh(
+            width[:, None] * (0.5 * (information + information.T)) * width
+        )
         values = np.maximum(values, 0.0)
         free = vectors.T @ (coefficients / width)
         held = free * values / (1.0 + values)

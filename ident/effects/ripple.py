@@ -1,11 +1,13 @@
-"""Ripple of the teeth, and order tracking: at which cycles a turn of a joint its torque ripples, whatever its gear.
+"""Ripple of the teeth, and order tracking: at which cycles a turn of a joint its torque ripples,
+whatever its gear.
 
 A ripple is a line in the angle, not in time: the residual's Fourier sum over the joint's angle,
 
     S(k) = Σ r exp(−i k q),    P(k) = 2 |S|² / (N σ²),
 
-over the N samples at which k |q'| / 2π lies below the common filter's corner. P is about twice a unit exponential where
-there is only noise. Residuals of slow laws rise towards low k: P is held against its own median around k.
+over the N samples at which k |q'| / 2π lies below the common filter's corner. P is about twice a
+unit exponential where there is only noise. Residuals of slow laws rise towards low k: P is held
+against its own median around k.
 
 Source: Fyfe and Munck 1997 (order tracking by the shaft's angle); Lomb 1976 for the normalisation.
 """
@@ -21,8 +23,8 @@ from scipy.ndimage import median_filter
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import exactly, wave_parameters
-from ident.effects.session_context import RIPPLE as LIMIT
 from ident.effects.session_context import travel, typical_load, wave
+from ident.effects.settings import RIPPLE as LIMIT
 
 # Where a line is looked for around what stood out, in lines that the joint's travel tells apart.
 FINE_LINES = tuple(0.05 * k for k in range(-8, 9))
@@ -30,53 +32,80 @@ FINE_LINES = tuple(0.05 * k for k in range(-8, 9))
 
 @dataclass(frozen=True)
 class TorqueRipple(Effect):
-    """Torque at the teeth's pace: τ = A cos(k N q − φ), or as a share of the load, τ_l a cos(k N q − φ).
+    """Torque at the teeth's pace: τ = A cos(k N q − φ), or as a share of the load, τ_l a cos(k N q
+    − φ).
 
-    The order k counts cycles a turn of the motor, N is the gear ratio; k N also comes from lines that stand out of the
-    residual over the joint's angle (`screened`), and where the ratio is not known, the order is that of the joint.
-    Motion so fast that a line lies above the common filter adds nothing; some slow motion is needed.
+    The order k counts cycles a turn of the motor, N is the gear ratio; k N also comes from lines
+    that stand out of the residual over the joint's angle (`screened`), and where the ratio is not
+    known, the order is that of the joint. Motion so fast that a line lies above the common filter
+    adds nothing; some slow motion is needed.
     """
 
     lines: tuple[tuple[float, ...], ...] = ()  # cycles a turn of each joint that stand out
     screens: int = 1  # number of lines that were looked at to find them
-    # Of a line among noise that stands out so far as one must; as many as were looked at: the best, always.
+    # Of a line among noise that stands out so far as one must; as many as were looked at: the best,
+    # always.
     chance: float = LIMIT.chance
 
     id = "torque_ripple"
 
-    def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> TorqueRipple:
+    def screened(
+        self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]
+    ) -> TorqueRipple:
         lines, looked = zip(
-            *(find_lines(session, leftover, joint, chance=self.chance) for joint in range(session.n)), strict=True
+            *(
+                find_lines(session, leftover, joint, chance=self.chance)
+                for joint in range(session.n)
+            ),
+            strict=True,
         )
         return replace(self, lines=lines, screens=max(1, round(float(np.mean(looked)))))
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        why = "is never slow enough: the ripple lies above the filter's corner or the position's noise"
+        why = (
+            "is never slow enough: the ripple lies above the filter's corner or the position's "
+            "noise"
+        )
         shows = _ripple_shows(session, joint, _gear(session, joint) or LIMIT.fewest)
         return None if shows else f"{session.joint_names[joint]} {why}"
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         gear = _gear(session, joint)
         turns = [order * gear for order in LIMIT.ripple_orders] if gear else []
-        turns = [one for one in turns if _ripple_shows(session, joint, one)]
+        turns = [cycles for cycles in turns if _ripple_shows(session, joint, cycles)]
         low, high = travel(session, joint)
         apart = np.pi / max(high - low, 1e-6)
         lines = self.lines[joint] if self.lines else ()
-        turns += [one for one in lines if all(abs(one - other) > apart for other in turns)]
+        known = np.array(turns)
+        turns += [line for line in lines if np.all(np.abs(line - known) > apart)]
         typical = typical_load(session, joint)
-        shapes = [{"turns": one, "loaded": loaded, "load_Nm": typical} for one in turns for loaded in (0.0, 1.0)]
-        return tuple(Variant({"order": shape["turns"] / (gear or 1.0)}, shape=shape) for shape in shapes)
+        shapes = [
+            {"turns": cycles, "loaded": loaded, "load_Nm": typical}
+            for cycles in turns
+            for loaded in (0.0, 1.0)
+        ]
+        return tuple(
+            Variant({"order": shape["turns"] / (gear or 1.0)}, shape=shape) for shape in shapes
+        )
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        """A line that was found lies between points of a sum; that of a known gear is where it is."""
-        turns, gear = variant.shape["turns"], _gear(session, joint)
+        """A line that was found lies between points of a sum; that of a known gear is where
+        it is.
+        """
+        turns = variant.shape["turns"]
+        gear = _gear(session, joint)
         if gear and any(np.isclose(turns, order * gear) for order in LIMIT.ripple_orders):
             return (variant,)
         low, high = travel(session, joint)
         near = [float(turns + share * 2.0 * np.pi / max(high - low, 1e-6)) for share in FINE_LINES]
-        return tuple(Variant({"order": one / (gear or 1.0)}, shape={**variant.shape, "turns": one}) for one in near)
+        return tuple(
+            Variant({"order": cycles / (gear or 1.0)}, shape={**variant.shape, "turns": cycles})
+            for cycles in near
+        )
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
         turns, loaded, load = (variant.shape[name] for name in ("turns", "loaded", "load_Nm"))
         return [
             (run.link[:, [joint]] / load if loaded else 1.0) * wave(run.motion.q[:, joint], turns)
@@ -84,31 +113,53 @@ class TorqueRipple(Effect):
         ]
 
     def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Array,
+        covariance: Array,
     ) -> dict[str, Interval]:
         load = variant.shape["loaded"] * variant.shape["load_Nm"]
-        return {**wave_parameters(variant.inner["order"], coefficients, covariance), "at_load_Nm": exactly(load)}
+        return {
+            **wave_parameters(variant.inner["order"], coefficients, covariance),
+            "at_load_Nm": exactly(load),
+        }
 
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
-        amplitude, load = estimates["amplitude_Nm"].words("N m"), estimates["at_load_Nm"]
+        amplitude = estimates["amplitude_Nm"].words("N m")
+        load = estimates["at_load_Nm"]
         under = f" under {load.reported('N m')} of load" if load.value else ""
-        return f"compensate ± {amplitude} of tooth ripple at {where}{under}; have its gear looked at if that has risen"
+        return (
+            f"compensate ± {amplitude} of tooth ripple at {where}{under}; have its gear looked at "
+            "if that has risen"
+        )
 
     def law_figures(
-        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+        self,
+        reported: Mapping[str, float],
+        coefficients: Sequence[float],
+        shape: Mapping[str, float],
     ) -> dict[str, float]:
         """Whether the teeth's torque is a share of the load, and its cycles a turn of the joint."""
-        return {name: shape.get(name, usual) for name, usual in (("loaded", 0.0), ("load_Nm", 1.0), ("turns", 0.0))}
+        return {
+            name: shape.get(name, usual)
+            for name, usual in (("loaded", 0.0), ("load_Nm", 1.0), ("turns", 0.0))
+        }
 
 
 def _gear(session: SessionContext, joint: int) -> float | None:
-    """A joint's gear ratio, if it is known: one is what URDFs hold where their writers did not know it."""
+    """A joint's gear ratio, if it is known: one is what URDFs hold where their writers did not know
+    it.
+    """
     ratio = np.nan if session.gear_ratios is None else float(session.gear_ratios[joint])
     return ratio if ratio >= LIMIT.fewest else None
 
 
 def _ripple_shows(session: SessionContext, joint: int, turns: float) -> bool:
-    """Whether some cycles pass slowly enough for the common filter, and position tells the phase."""
+    """Whether some cycles pass slowly enough for the common filter, and position tells the
+    phase.
+    """
     cycles = 0.0
     for run in session.runs:
         speed = np.abs(run.motion.dq[:, joint])
@@ -120,10 +171,17 @@ def _ripple_shows(session: SessionContext, joint: int, turns: float) -> bool:
 
 
 def find_lines(
-    session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, chance: float = LIMIT.chance
+    session: SessionContext,
+    leftover: Sequence[Float[Array, "t n"]],
+    joint: int,
+    chance: float = LIMIT.chance,
 ) -> tuple[tuple[float, ...], int]:
-    """Lines in a joint's angle that the tuned model leaves, the strongest first, and how many were looked at."""
-    angles, speeds, left = [], [], []
+    """Lines in a joint's angle that the tuned model leaves, the strongest first, and how many were
+    looked at.
+    """
+    angles = []
+    speeds = []
+    left = []
     for run, values in zip(session.runs, leftover, strict=True):
         counts = run.motion.settled[:, joint]
         angles.append(run.motion.q[run.motion.coarse][counts, joint])
@@ -134,44 +192,56 @@ def find_lines(
     if covered < LIMIT.least_travel:
         return (), 1
     motion = session.runs[0].motion
-    corner, step = motion.lowpass.cutoff, motion.interval * motion.lowpass.factor
+    corner = motion.lowpass.cutoff
+    step = motion.interval * motion.lowpass.factor
     turns, power, cycles = _spectrum(angle - angle.min(), speed, residual, corner)
     spread = max(float(run.motion.std[0, joint]) for run in session.runs)
     shows = (cycles * step >= LIMIT.least_cycles) & (turns * spread < LIMIT.largest_phase_noise)
     shows &= turns >= LIMIT.fewest
     if not shows.any():
         return (), 1
-    usual = median_filter(power, 2 * LIMIT.around * LIMIT.padding + 1, mode="nearest") / (2.0 * np.log(2.0))
+    usual = median_filter(power, 2 * LIMIT.around * LIMIT.padding + 1, mode="nearest") / (
+        2.0 * np.log(2.0)
+    )
     above = np.where(shows, power / np.maximum(usual, 1.0), 0.0)
     looked = max(1, int(shows.sum()) // LIMIT.padding)
-    found: list[float] = []
-    while len(found) < LIMIT.most_lines and above.max() > max(0.0, 2.0 * np.log(looked / chance)):
+    lines: list[float] = []
+    while len(lines) < LIMIT.most_lines and above.max() > max(0.0, 2.0 * np.log(looked / chance)):
         best = int(np.argmax(above))
-        found.append(float(turns[best]))
+        lines.append(float(turns[best]))
         above[np.abs(turns - turns[best]) < 2.0 * (2.0 * np.pi / covered)] = 0.0
-    return tuple(found), looked
+    return tuple(lines), looked
 
 
 def _spectrum(
-    angle: Float[Array, " t"], speed: Float[Array, " t"], residual: Float[Array, " t"], corner: float
+    angle: Float[Array, " t"],
+    speed: Float[Array, " t"],
+    residual: Float[Array, " t"],
+    corner: float,
 ) -> tuple[Float[Array, " k"], Float[Array, " k"], Float[Array, " k"]]:
-    """Lines, their power against white noise, and speed summed over what passes them slowly, in cycles a second."""
+    """Lines, their power against white noise, and speed summed over what passes them slowly, in
+    cycles a second.
+    """
     width = np.pi / LIMIT.most
     bins = int(angle.max() / width) + 1
     length = 1 << int(np.ceil(np.log2(LIMIT.padding * bins)))
     turns = 2.0 * np.pi * np.arange(length // 2 + 1) / (length * width)
-    sums, counts, cycles = np.zeros(len(turns), dtype=complex), np.zeros(len(turns)), np.zeros(len(turns))
+    sums = np.zeros(len(turns), dtype=complex)
+    counts = np.zeros(len(turns))
+    cycles = np.zeros(len(turns))
     # Of each octave the slowest line that it blurs.
     edges = 2.0 * np.pi * corner / (LIMIT.most / 2.0 ** np.arange(LIMIT.octaves + 1))
     octave = np.searchsorted(edges, speed)
     place = (angle / width).astype(int)
     for k, edge in enumerate(edges):
-        own = octave == k
-        if not own.any():
+        of_octave = octave == k
+        if not of_octave.any():
             continue
         passes = turns < 2.0 * np.pi * corner / edge
-        sums[passes] += np.fft.rfft(np.bincount(place[own], residual[own], bins), length)[passes]
-        counts[passes] += own.sum()
-        cycles[passes] += speed[own].sum()
+        sums[passes] += np.fft.rfft(
+            np.bincount(place[of_octave], residual[of_octave], bins), length
+        )[passes]
+        counts[passes] += of_octave.sum()
+        cycles[passes] += speed[of_octave].sum()
     power = 2.0 * np.abs(sums) ** 2 / np.maximum(counts * np.mean(residual**2), 1e-300)
     return turns, power, cycles * turns / (2.0 * np.pi)

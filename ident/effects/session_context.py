@@ -1,4 +1,6 @@
-"""What effects see of a session, never the measured torque; typical sizes in it, and reasons that several share."""
+"""What effects see of a session, never the measured torque; typical sizes in it, and reasons that
+several share.
+"""
 
 from __future__ import annotations
 
@@ -11,26 +13,15 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.intervals import coefficient_interval as coefficient_interval
+from ident.effects.settings import TYPICAL as LIMIT
 from ident.motion.motion import Motion
-from ident.records import read_group
 from ident.robot.arm import ArmModel
 from ident.robot.limits import is_placeholder
 
-# Numbers that decide, an attribute each: `settings.toml` has their units, meanings and sources.
-LIMIT = read_group(__file__, "typical")
-ADDED_BODY = read_group(__file__, "added_body")
-CONTACT = read_group(__file__, "contact")
-FRICTION = read_group(__file__, "friction")
-GEAR = read_group(__file__, "gear")
-MEMORY = read_group(__file__, "memory")
-RIGID_BODY = read_group(__file__, "rigid_body")
-RIPPLE = read_group(__file__, "ripple")
-SENSING = read_group(__file__, "sensing")
-TRANSMISSION = read_group(__file__, "transmission")
-
 # A joint that covers less than this shows nothing of its friction [rad or m].
 LEAST_TRAVEL = 0.03
-# An effect that takes more than this share of what a joint can give leaves a joint that hardly moves by itself.
+# An effect that takes more than this share of what a joint can give leaves a joint that hardly
+# moves by itself.
 LARGEST_TORQUE_SHARE = 0.5
 
 
@@ -38,16 +29,19 @@ LARGEST_TORQUE_SHARE = 0.5
 class RunContext:
     """One run as the effects see it; T samples of n joints, before the common filter.
 
-    The regressor and the derivatives are computed once, when first asked for, and live as long as the run does: a long
-    session is gone through with fresh copies of its runs (`dataclasses.replace`), a few at a time.
+    The regressor and the derivatives are computed once, when first asked for, and live as long as
+    the run does: a long session is gone through with fresh copies of its runs
+    (`dataclasses.replace`), a few at a time.
     """
 
     motion: Motion  # the run (q, dq, ddq smoothed, time on the session clock, filter)
     arm: ArmModel  # the rigid arm with its payload
     rigid: Float[Array, "T n"]  # rigid torque of the motion [N m]
-    # Modelled torque that the joint transmits: rigid torque without rotor inertia and friction [N m].
+    # Modelled torque that the joint transmits: rigid torque without rotor inertia and friction [N
+    # m].
     link: Float[Array, "T n"]
-    friction: Float[Array, "T n"]  # modelled friction torque of the baseline (viscous + Coulomb) [N m]
+    # modelled friction torque of the baseline (viscous + Coulomb) [N m]
+    friction: Float[Array, "T n"]
     # Direction of sliding in [-1, 1]; each joint turns round over its own displacement or speed.
     direction: Float[Array, "T n"]
     temperature: Float[Array, "T n"] | None = None  # measured joint temperature [degC], or None
@@ -71,13 +65,18 @@ class RunContext:
         return self.arm.regressor(self.motion.q, self.motion.dq, self.motion.ddq)
 
     @cached_property
-    def derivatives(self) -> tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n"]]:
+    def derivatives(
+        self,
+    ) -> tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n"]]:
         """Derivatives of the rigid torque by position, velocity and acceleration; rows are torques.
 
         Each of their entries lies side by side for all samples: they are asked for one by one.
         """
         by_sample = self.arm.derivatives(self.motion.q, self.motion.dq, self.motion.ddq)
-        q, dq, ddq = (np.moveaxis(np.ascontiguousarray(np.moveaxis(one, 0, -1)), -1, 0) for one in by_sample)
+        q, dq, ddq = (
+            np.moveaxis(np.ascontiguousarray(np.moveaxis(derivative, 0, -1)), -1, 0)
+            for derivative in by_sample
+        )
         return q, dq, ddq
 
     @cached_property
@@ -86,7 +85,9 @@ class RunContext:
         return {}
 
     def copied(self) -> RunContext:
-        """A copy that knows the derivatives if this one does, and takes what more it computes along when it goes."""
+        """A copy that knows the derivatives if this one does, and takes what more it computes along
+        when it goes.
+        """
         copy = replace(self)
         if "derivatives" in vars(self):
             vars(copy)["derivatives"] = self.derivatives
@@ -107,7 +108,8 @@ class SessionContext:
     joint_names: tuple[str, ...]  # the joints
     gear_ratios: Float[Array, " n"] | None  # reduction of each joint, or None where it is not known
     rated_torque: Float[Array, " n"]  # effort limits [N m]
-    # Change of the links' inertial numbers by tuning, shape (10 n,), or None where nobody tuned them.
+    # Change of the links' inertial numbers by tuning, shape (10 n,), or None where nobody tuned
+    # them.
     tuned: Float[Array, " 10n"] | None = None
 
     @property
@@ -119,30 +121,41 @@ class SessionContext:
 class Variant:
     """One point of an effect's inner grid: the parameters in which its torque is not linear."""
 
-    # Names (with units) and values, such as {"stribeck_velocity_rad_s": 0.05, "exponent": 2}; the same names in all
-    # variants of an effect. They are reported, with intervals from their likelihood over the grid.
+    # Names (with units) and values, such as {"stribeck_velocity_rad_s": 0.05, "exponent": 2}; the
+    # same names in all variants of an effect. They are reported, with intervals from their
+    # likelihood over the grid.
     inner: Mapping[str, float] = field(default_factory=dict)
     other: int | None = None  # another joint that takes part (coupling), or None
-    # Further parameters that the columns need and nobody asks for: centres and scales of the whole session, points
-    # about which a law is linearised. Columns of a part of a session then match those of the whole.
+    # Further parameters that the columns need and nobody asks for: centres and scales of the whole
+    # session, points about which a law is linearised. Columns of a part of a session then match
+    # those of the whole.
     shape: Mapping[str, float] = field(default_factory=dict)
 
 
 def rated_torque(session: SessionContext, joint: int) -> float:
     """Rated torque of a joint [N m].
 
-    Where the URDF has no limit it is half as much again as the largest modelled load of the joint and those behind it:
-    motors do not grow towards the tip, and one about a vertical axis carries next to nothing of its size.
+    Where the URDF has no limit it is half as much again as the largest modelled load of the joint
+    and those behind it: motors do not grow towards the tip, and one about a vertical axis carries
+    next to nothing of its size.
     """
     rated = float(session.rated_torque[joint])
     if np.isfinite(rated) and rated > 0.0 and not is_placeholder(session.rated_torque[joint]):
         return rated
-    return max(1.5 * max(float(np.abs(run.total[:, joint:]).max(initial=0.0)) for run in session.runs), 1e-3)
+    return max(
+        1.5 * max(float(np.abs(run.total[:, joint:]).max(initial=0.0)) for run in session.runs),
+        1e-3,
+    )
 
 
 def joined(session: SessionContext, signal: str, joint: int) -> Float[Array, " T"]:
-    """A joint's signal over all runs: one of the motion's (`q`, `dq`, `ddq`) or of the run's own (`link`, `total`)."""
-    parts = [getattr(run.motion if hasattr(run.motion, signal) else run, signal)[:, joint] for run in session.runs]
+    """A joint's signal over all runs: one of the motion's (`q`, `dq`, `ddq`) or of the run's own
+    (`link`, `total`).
+    """
+    parts = [
+        getattr(run.motion if hasattr(run.motion, signal) else run, signal)[:, joint]
+        for run in session.runs
+    ]
     return np.concatenate(parts)
 
 
@@ -157,8 +170,11 @@ def least_rest_speed(session: SessionContext, joint: int) -> float:
 
 
 def friction_level(session: SessionContext, joint: int) -> tuple[float, float]:
-    """Coulomb [N m] and viscous [N m s/rad] friction of a joint as the baseline has them, or typical ones."""
-    gram, right = np.zeros((2, 2)), np.zeros(2)
+    """Coulomb [N m] and viscous [N m s/rad] friction of a joint as the baseline has them, or
+    typical ones.
+    """
+    gram = np.zeros((2, 2))
+    right = np.zeros(2)
     for run in session.runs:
         x = np.stack([run.direction[:, joint], run.motion.dq[:, joint]], axis=1)
         gram += x.T @ x
@@ -181,30 +197,44 @@ def hardly_moves(session: SessionContext, joint: int) -> str | None:
     name = session.joint_names[joint]
     if high - low < LEAST_TRAVEL:
         return f"{name} covers only {high - low:.3f} rad"
-    ratio = max(float(np.abs(run.motion.dq[:, joint]).max() / run.motion.rest_speed[joint]) for run in session.runs)
-    return f"{name} hardly moves faster than its velocity noise" if ratio < LIMIT.least_speed_ratio else None
+    ratio = max(
+        float(np.abs(run.motion.dq[:, joint]).max() / run.motion.rest_speed[joint])
+        for run in session.runs
+    )
+    return (
+        f"{name} hardly moves faster than its velocity noise"
+        if ratio < LIMIT.least_speed_ratio
+        else None
+    )
 
 
 def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> str | None:
-    """The first of an effect's needs that the recordings do not meet, in words; None where they meet all.
+    """The first of an effect's needs that the recordings do not meet, in words; None where they
+    meet all.
 
     Args:
-        needs: By name the least travel [rad] or top speed [rad/s], or, of any value, that the joint `moves` or that the
-            arm takes several `poses`. Of a joint that slides the same is asked in its own scale.
+        needs: By name the least travel [rad] or top speed [rad/s], or, of any value, that the joint
+            `moves` or that the arm takes several `poses`. Of a joint that slides the same is asked
+            in its own scale.
         session: The runs.
         joint: The joint.
     """
-    name, reasons = session.joint_names[joint], list[str | None]()
+    name = session.joint_names[joint]
+    reasons = list[str | None]()
     slides = bool(session.runs[0].arm.sliding_joints[joint])
     scale, unit = (LIMIT.slide_per_turn, "m") if slides else (1.0, "rad")
     for need, least in needs.items():
         if need == "moves":
             reasons.append(hardly_moves(session, joint))
         elif need == "poses":
-            widest = max(high - low for low, high in (travel(session, j) for j in range(session.n)))
+            ends = [travel(session, j) for j in range(session.n)]
+            widest = max(high - low for low, high in ends)
             near = f"the arm stays near one pose: no joint covers more than {widest:.2f} rad"
             reasons.append(near if widest < LIMIT.least_poses else None)
-        elif need == "travel" and (covered := float(-np.subtract(*travel(session, joint)))) < scale * least:
+        elif (
+            need == "travel"
+            and (covered := float(-np.subtract(*travel(session, joint)))) < scale * least
+        ):
             reasons.append(f"{name} covers {covered:.3g} {unit}; {scale * least:g} are needed")
         elif need == "top_speed" and (fastest := top_speed(session, joint)) < scale * least:
             reasons.append(f"{name} moves no faster than {fastest:.3g} {unit}/s")
@@ -233,17 +263,26 @@ def root_mean_square(columns: Sequence[Float[Array, "T ..."]]) -> float:
     return float(np.sqrt(sum(float(np.sum(values**2)) for values in columns) / max(count, 1)))
 
 
-def sampled_states(session: SessionContext) -> tuple[Float[Array, "t n"], Float[Array, "t n"], Float[Array, "t n"]]:
+def sampled_states(
+    session: SessionContext,
+) -> tuple[Float[Array, "t n"], Float[Array, "t n"], Float[Array, "t n"]]:
     """Some states (q, dq, ddq), evenly over the session."""
     total = sum(len(run.motion.time) for run in session.runs)
     step = max(1, total // LIMIT.sampled_states)
-    names = "q", "dq", "ddq"  # a long session's runs are made anew when asked for, and let go one by one
-    q, dq, ddq = (np.concatenate([getattr(run.motion, one)[::step] for run in session.runs]) for one in names)
+    # a long session's runs are made anew when asked for, and let go one by one
+    names = "q", "dq", "ddq"
+    states: dict[str, list[Array]] = {name: [] for name in names}
+    for name in names:
+        for run in session.runs:
+            states[name].append(getattr(run.motion, name)[::step])
+    q, dq, ddq = (np.concatenate(states[name]) for name in names)
     return q, dq, ddq
 
 
 def high_passed(values: Float[Array, " T"], interval: float, corner: float) -> Float[Array, " T"]:
-    """What of a signal lies above a corner frequency [Hz]: the signal less its moving average of one period."""
+    """What of a signal lies above a corner frequency [Hz]: the signal less its moving average of
+    one period.
+    """
     width = min(len(values), max(1, round(1.0 / (corner * interval))))
     sums = np.cumsum(np.concatenate([[0.0], values]))
     left = np.clip(np.arange(len(values)) - width // 2, 0, None)
@@ -256,31 +295,48 @@ def wave(angle: Float[Array, " T"], cycles: float) -> Float[Array, "T 2"]:
     return np.stack([np.cos(cycles * angle), np.sin(cycles * angle)], axis=1)
 
 
-def is_near(point: float, found: float, least: float) -> bool:
-    """Whether a parameter that was found is about the one at which its law was made linear; all near zero are."""
-    ratio = found / point
+def is_near(point: float, estimate: float, least: float) -> bool:
+    """Whether a parameter that was found is about the one at which its law was made linear; all
+    near zero are.
+    """
+    ratio = estimate / point
     return (abs(point) <= least and ratio < LIMIT.near) or 1.0 / LIMIT.near < ratio < LIMIT.near
 
 
 def arm_mass(arm: ArmModel) -> float:
-    """Mass of all moving links [kg]: what an arm weighs, it is rated by; tuning may take more off one than it has."""
+    """Mass of all moving links [kg]: what an arm weighs, it is rated by; tuning may take more off
+    one than it has.
+    """
     return float(np.maximum(arm.inertial_parameters[::10], 0.0).sum())
 
 
 def arm_reach(arm: ArmModel) -> float:
-    """Length of the chain from the first joint to the last link's centre of mass, stretched out [m]."""
+    """Length of the chain from the first joint to the last link's centre of mass, stretched out
+    [m].
+    """
     steps = [np.asarray(placement.translation) for placement in list(arm.model.jointPlacements)[2:]]
     last = arm.inertial_parameters[-10:]
     tip = float(np.linalg.norm(last[1:4])) / float(last[0]) if last[0] > 0.0 else 0.0
     limits = arm.known_limits
-    sliding = sum(float(limits.upper[j] - limits.lower[j]) for j in np.flatnonzero(arm.sliding_joints))
-    return float(sum(np.linalg.norm(step) for step in steps)) + tip + (sliding if np.isfinite(sliding) else 0.0)
+    sliding = sum(
+        float(limits.upper[j] - limits.lower[j]) for j in np.flatnonzero(arm.sliding_joints)
+    )
+    return (
+        float(sum(np.linalg.norm(step) for step in steps))
+        + tip
+        + (sliding if np.isfinite(sliding) else 0.0)
+    )
 
 
-def joint_range(session: SessionContext, joint: int, seen: tuple[float, float]) -> tuple[float, float]:
-    """Where a joint can go [rad]: its limits in the URDF, or where it has none a turn about what was seen."""
+def joint_range(
+    session: SessionContext, joint: int, seen: tuple[float, float]
+) -> tuple[float, float]:
+    """Where a joint can go [rad]: its limits in the URDF, or where it has none a turn about what
+    was seen.
+    """
     limits = session.runs[0].arm.known_limits
-    low, high = float(limits.lower[joint]), float(limits.upper[joint])
+    low = float(limits.lower[joint])
+    high = float(limits.upper[joint])
     if np.isfinite(low) and np.isfinite(high) and high > low and high - low < 8.0 * np.pi:
         return low, high
     return seen[0] - np.pi, seen[1] + np.pi

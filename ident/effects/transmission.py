@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Expression, Interval, Range, SessionContext, Variant
+from ident.effects.base import Effect, Interval, Range, SessionContext, Variant
 from ident.effects.intervals import (
     amplitude_interval,
     coefficient_interval,
@@ -29,7 +28,7 @@ from ident.effects.session_context import (
     travel,
     usual_speed,
 )
-from ident.effects.session_context import TRANSMISSION as LIMIT
+from ident.effects.settings import TRANSMISSION as LIMIT
 
 STRAIGHT, BENT, PERIODIC = range(3)
 # Parameters of a spring with two rests a turn.
@@ -39,9 +38,9 @@ WAVE = ("cosine_Nm", "sine_Nm")
 class JointCoupling(Effect):
     """Torque that comes with the motion of another joint o: τ = f s_o + c v_o + b a_o.
 
-    Between neighbours, whose gears may sit on one axis, also friction of the sum or difference of the two motions:
-    τ = f s(v_j ± v_o) + c (v_o ± v_j). The part ± c v_j fits as well as viscous friction of the joint's own, which
-    then would stay where the coupling is taken out.
+    Between neighbours, whose gears may sit on one axis, also friction of the sum or difference of
+    the two motions: τ = f s(v_j ± v_o) + c (v_o ± v_j). The part ± c v_j fits as well as viscous
+    friction of the joint's own, which then would stay where the coupling is taken out.
     """
 
     id = "joint_coupling"
@@ -49,7 +48,9 @@ class JointCoupling(Effect):
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         if session.n < 2:
             return "there is no other joint"
-        reason = f"the other joints stand still, or move only together with {session.joint_names[joint]}"
+        reason = (
+            f"the other joints stand still, or move only together with {session.joint_names[joint]}"
+        )
         return None if self.variants(session, joint) else reason
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
@@ -66,34 +67,55 @@ class JointCoupling(Effect):
         shapes = [(o, {"mix": mix, "width_rad_s": width[o]}) for o in width for mix in (1.0, -1.0)]
         return (*single, *(Variant(other=o, shape=shape) for o, shape in shapes))
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        other, mix = _other(variant), variant.shape["mix"]
-        found = []
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
+        other = _other(variant)
+        mix = variant.shape["mix"]
+        columns = []
         for run in session.runs:
-            own, others = run.motion.dq[:, joint], run.motion.dq[:, other]
+            speed = run.motion.dq[:, joint]
+            others = run.motion.dq[:, other]
             width = 2.0 * float(max(run.motion.rest_speed[joint], run.motion.rest_speed[other]))
-            both = [np.tanh((own + mix * others) / width), others + mix * own]
-            found.append(np.stack(both if mix else [run.direction[:, other], others, run.motion.ddq[:, other]], axis=1))
-        return found
+            both = [np.tanh((speed + mix * others) / width), others + mix * speed]
+            columns.append(
+                np.stack(
+                    both if mix else [run.direction[:, other], others, run.motion.ddq[:, other]],
+                    axis=1,
+                )
+            )
+        return columns
 
     def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Array,
+        covariance: Array,
     ) -> dict[str, Interval]:
-        lone, speed = variant.shape["mix"] == 0.0, usual_speed(session, _other(variant))
-        # This joint at rest, the other one at an even speed: its own direction, or that of the sum or difference.
+        lone = variant.shape["mix"] == 0.0
+        speed = usual_speed(session, _other(variant))
+        # This joint at rest, the other one at an even speed: its own direction, or that of the sum
+        # or difference.
         drag = np.array([variant.shape["mix"] or 1.0, speed, 0.0])
         return {
             "viscous_Nms_rad": coefficient_interval(1, coefficients, covariance),
             "coulomb_Nm": coefficient_interval(0, coefficients, covariance),
-            "inertia_kgm2": coefficient_interval(2, coefficients, covariance) if lone else exactly(0.0),
+            "inertia_kgm2": coefficient_interval(2, coefficients, covariance)
+            if lone
+            else exactly(0.0),
             "other_joint": exactly(float(_other(variant) + 1)),
             "drag_Nm": linear_interval(drag[: len(coefficients)], coefficients, covariance),
             "at_speed_rad_s": exactly(speed),
         }
 
-    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(
+        self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]
+    ) -> dict[str, Range]:
         other = round(estimates["other_joint"].value) - 1
-        most, speed = LARGEST_TORQUE_SHARE * rated_torque(session, joint), max(top_speed(session, other), 1e-6)
+        most = LARGEST_TORQUE_SHARE * rated_torque(session, joint)
+        speed = max(top_speed(session, other), 1e-6)
         pull = max(float(np.abs(run.motion.ddq[:, other]).max()) for run in session.runs)
         reason = "the other joint's motion takes more than the motor can give"
         drags = estimates["inertia_kgm2"].value == 0.0  # friction of a sum or difference: passive
@@ -103,7 +125,9 @@ class JointCoupling(Effect):
             "inertia_kgm2": Range(-most / max(pull, 1e-6), most / max(pull, 1e-6), reason),
         }
 
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+    def prior_scale(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)
         if variant.shape["mix"] != 0.0:
             return np.array([coulomb, viscous])
@@ -111,18 +135,18 @@ class JointCoupling(Effect):
         return np.array([coulomb, viscous, coulomb / max(top, 1e-6)])
 
     def law_figures(
-        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+        self,
+        reported: Mapping[str, float],
+        coefficients: Sequence[float],
+        shape: Mapping[str, float],
     ) -> dict[str, float]:
-        """Friction of a sum or difference has no inertia; the other joint turns it with the viscous part's sign."""
-        mix = float(np.sign(reported["viscous_Nms_rad"])) if reported["inertia_kgm2"] == 0.0 else 0.0
+        """Friction of a sum or difference has no inertia; the other joint turns it with the viscous
+        part's sign.
+        """
+        mix = (
+            float(np.sign(reported["viscous_Nms_rad"])) if reported["inertia_kgm2"] == 0.0 else 0.0
+        )
         return {"mix": mix, "width_rad_s": LIMIT.coupling_width, **shape}
-
-    def compared(self, true: Mapping[str, Any], starts: Sequence[float]) -> dict[str, float]:
-        """Friction of both joints' sum or difference is reported at the other joint's speed."""
-        parameters = super().compared(true, starts)
-        if "viscous_Nms_rad" in parameters:
-            parameters["viscous_Nms_rad"] *= parameters.get("ratio", 1.0)
-        return parameters
 
 
 def _other(variant: Variant) -> int:
@@ -133,36 +157,60 @@ def _other(variant: Variant) -> int:
 class SpringTorque(Effect):
     """A spring across the joint (hoses, cables, a balancer).
 
-    Three laws: straight, τ = k (q − q₀); bent, a cubic in q (hoses get stiffer as they stretch); and with two rests a
-    turn, τ = k sin(2 (q − q₀)) / 2 beside a constant. Stiffness k is that at rest in all.
+    Three laws: straight, τ = k (q − q₀); bent, a cubic in q (hoses get stiffer as they stretch);
+    and with two rests a turn, τ = k sin(2 (q − q₀)) / 2 beside a constant. Stiffness k is that at
+    rest in all.
     """
 
     id = "spring_torque"
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         centre = sum(travel(session, joint)) / 2
-        return tuple(Variant(shape={"centre_rad": centre, "law": float(law)}) for law in (STRAIGHT, BENT, PERIODIC))
+        return tuple(
+            Variant(shape={"centre_rad": centre, "law": float(law)})
+            for law in (STRAIGHT, BENT, PERIODIC)
+        )
 
     def signed(self, variant: Variant) -> tuple[int, ...]:
-        """The slope of a straight spring; one that is bent is judged at its rest, a wave pulls both ways."""
+        """The slope of a straight spring; one that is bent is judged at its rest, a wave pulls both
+        ways.
+        """
         return (0,) if variant.shape["law"] == STRAIGHT else ()
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
         return [_spring(run.motion.q[:, joint], variant) for run in session.runs]
 
     def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Array,
+        covariance: Array,
     ) -> dict[str, Interval]:
         ends = travel(session, joint)
-        pulls = (linear_interval(row, coefficients, covariance) for row in _spring(np.array(ends), variant))
+        pulls = (
+            linear_interval(row, coefficients, covariance)
+            for row in _spring(np.array(ends), variant)
+        )
         return {
             **self._at_rest(session, joint, variant, coefficients, covariance),
             **dict(zip(("low_Nm", "high_Nm"), pulls, strict=True)),
-            **{f"at_{end}_rad": exactly(float(q)) for end, q in zip(("low", "high"), ends, strict=True)},
+            **{
+                f"at_{end}_rad": exactly(float(q))
+                for end, q in zip(("low", "high"), ends, strict=True)
+            },
         }
 
     def _at_rest(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Array,
+        covariance: Array,
     ) -> dict[str, Interval]:
         """Stiffness at rest and the angle of rest."""
         centre = variant.shape["centre_rad"]
@@ -170,11 +218,15 @@ class SpringTorque(Effect):
             seen = travel(session, joint)
             reach = max(np.ptp(seen), LIMIT.least_spring_range)
             stiffness = delta_interval(lambda c: _at_rest(c, reach)[1], coefficients, covariance)
-            if stiffness.value > 0.0:  # it pulls towards its rest, however unsure its slope there is
+            # it pulls towards its rest, however unsure its slope there is
+            if stiffness.value > 0.0:
                 stiffness = replace(stiffness, low=max(stiffness.low, 0.0))
-            rest = delta_interval(lambda c: centre + _at_rest(c, reach)[0], coefficients, covariance)
+            rest = delta_interval(
+                lambda c: centre + _at_rest(c, reach)[0], coefficients, covariance
+            )
             beyond = rest.value - centre
-            if abs(beyond) >= reach:  # nearer than that it has none: as far as the joint could be turned
+            # nearer than that it has none: as far as the joint could be turned
+            if abs(beyond) >= reach:
                 low, high = joint_range(session, joint, seen)
                 farthest = low - np.pi if beyond < 0.0 else high + np.pi
                 rest = replace(rest, low=min(rest.low, farthest), high=max(rest.high, farthest))
@@ -182,12 +234,17 @@ class SpringTorque(Effect):
         if variant.shape["law"] == STRAIGHT:
             stiffness = coefficient_interval(0, coefficients, covariance)
             slope = max(abs(stiffness.value), 1e-9) * (1.0 if stiffness.value >= 0 else -1.0)
-            rest = delta_interval(lambda c: centre - c[1] / (c[0] or slope), coefficients, covariance)
+            rest = delta_interval(
+                lambda c: centre - c[1] / (c[0] or slope), coefficients, covariance
+            )
             return {"stiffness_Nm_rad": stiffness, "rest_rad": rest}
         # k sin(2 (q − q₀)) = k cos 2q₀ · sin 2q − k sin 2q₀ · cos 2q: φ = 2q₀ + π/2.
-        wave, spread = coefficients[:2], covariance[:2, :2]
+        wave = coefficients[:2]
+        spread = covariance[:2, :2]
         phase = phase_interval(wave, spread)
-        value, low, high = ((angle - np.pi / 2) / 2 for angle in (phase.value, phase.low, phase.high))
+        value, low, high = (
+            (angle - np.pi / 2) / 2 for angle in (phase.value, phase.low, phase.high)
+        )
         # Of the two rests a turn, the one nearer to the middle of the range.
         turns = np.pi * np.round((centre - value) / np.pi)
         return {
@@ -195,26 +252,38 @@ class SpringTorque(Effect):
             "rest_rad": Interval(value + turns, low + turns, high + turns),
         }
 
-    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
-        """A spring pulls towards its rest, which lies where the joint can go or, with preload, half a turn beyond.
+    def physical(
+        self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]
+    ) -> dict[str, Range]:
+        """A spring pulls towards its rest, which lies where the joint can go or, with preload, half
+        a turn beyond.
 
-        A balancer may pull, from one end of the motion to the other, from all that the motor can hold to as much the
-        other way.
+        A balancer may pull, from one end of the motion to the other, from all that the motor can
+        hold to as much the other way.
         """
         seen = travel(session, joint)
         low, high = joint_range(session, joint, seen)
         most = 2.0 * rated_torque(session, joint) / max(seen[1] - seen[0], LIMIT.least_spring_range)
         return {
-            "stiffness_Nm_rad": Range(0.0, most, "a spring that pushes away from its rest, or is beyond the motor"),
+            "stiffness_Nm_rad": Range(
+                0.0, most, "a spring that pushes away from its rest, or is beyond the motor"
+            ),
             "rest_rad": Range(low - np.pi, high + np.pi, "the joint never comes near such a rest"),
         }
 
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        largest = max(LIMIT.largest_spring_share * rated_torque(session, joint), coulomb_level(session, joint))
+    def prior_scale(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> Float[Array, " k"]:
+        largest = max(
+            LIMIT.largest_spring_share * rated_torque(session, joint), coulomb_level(session, joint)
+        )
         return np.full({STRAIGHT: 2, BENT: 4, PERIODIC: 3}[int(variant.shape["law"])], largest)
 
     def law_figures(
-        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+        self,
+        reported: Mapping[str, float],
+        coefficients: Sequence[float],
+        shape: Mapping[str, float],
     ) -> dict[str, float]:
         """A cubic about an angle, and a wave with two rests a turn beside a constant."""
         names = ("linear_Nm_rad", "constant_Nm", "square_Nm_rad2", "cube_Nm_rad3", *WAVE)
@@ -229,29 +298,38 @@ class SpringTorque(Effect):
         parameters = dict(zip(names, map(float, values), strict=True))
         return {"centre_rad": shape.get("centre_rad", reported["rest_rad"]), **parameters}
 
-    def expressed(self, form: str, parameters: Mapping[str, float]) -> Expression | None:
-        if form == "mjcf" and any(parameters[name] for name in WAVE):
-            why = "a joint's spring is a cubic, this one has two rests a turn; add the module's torque"
-            return Expression("no", why)
-        return super().expressed(form, parameters)
-
 
 def _spring(q: Float[Array, " T"], variant: Variant) -> Float[Array, "T k"]:
-    """Columns of a spring at angles: a line, a cubic about the middle of the range, or a wave with two rests a turn."""
+    """Columns of a spring at angles: a line, a cubic about the middle of the range, or a wave with
+    two rests a turn.
+    """
     x = q - variant.shape["centre_rad"]
     if variant.shape["law"] == PERIODIC:
         return np.stack([0.5 * np.cos(2 * q), 0.5 * np.sin(2 * q), np.ones_like(q)], axis=1)
-    return np.stack([x, np.ones_like(x)] + ([x**2, x**3] if variant.shape["law"] == BENT else []), axis=1)
+    return np.stack(
+        [x, np.ones_like(x)] + ([x**2, x**3] if variant.shape["law"] == BENT else []), axis=1
+    )
 
 
 def _at_rest(coefficients: Float[Array, " 4"], reach: float) -> tuple[float, float]:
     """Where a cubic c₀ x + c₁ + c₂ x² + c₃ x³ is zero, nearest to the middle, and its slope there.
 
-    A cubic without a zero within a range's width is at rest where it comes nearest to one; a turn has no slope.
+    A cubic without a zero within a range's width is at rest where it comes nearest to one; a turn
+    has no slope.
     """
     cubic = np.polynomial.Polynomial(coefficients[[1, 0, 2, 3]])
     slope = cubic.deriv()
-    roots = [float(root.real) for root in cubic.roots() if abs(root.imag) < 1e-9 and abs(root.real) < reach]
-    turns = [float(root.real) for root in slope.roots() if abs(root.imag) < 1e-9 and abs(root.real) < reach]
-    rest = min(roots, key=abs) if roots else min([*turns, -reach, reach], key=lambda x: abs(cubic(x)))
+    roots = [
+        float(root.real)
+        for root in cubic.roots()
+        if abs(root.imag) < 1e-9 and abs(root.real) < reach
+    ]
+    turns = [
+        float(root.real)
+        for root in slope.roots()
+        if abs(root.imag) < 1e-9 and abs(root.real) < reach
+    ]
+    rest = (
+        min(roots, key=abs) if roots else min([*turns, -reach, reach], key=lambda x: abs(cubic(x)))
+    )
     return rest, 0.0 if np.isclose(rest, turns).any() else float(slope(rest))

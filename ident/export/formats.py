@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from ident.arrays import Array
+from ident.effects import optional
 from ident.effects.effect_info import Expression
 from ident.export.identified import Change, IdentifiedArm, in_module
 from ident.export.loaded import LawModel, WrittenFile
@@ -53,7 +54,7 @@ def express(change: Change, form: str) -> Expression:
     if effect is None:
         return Expression("no", _UNKNOWN)
     if form != "module":
-        return effect.expressed(form, change.values) or FRICTIONS[form]
+        return optional.expressed(effect, form, change.values) or FRICTIONS[form]
     if not change.has_law:
         return Expression("no", effect.left_open or "its class gives no `law` for the module")
     return Expression("approximate", effect.left_open) if effect.left_open else Expression("yes", "the law")

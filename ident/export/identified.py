@@ -25,7 +25,7 @@ from ident.laws.acting import Effect as ModuleEffect
 from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
 from ident.model.inertia import is_consistent
-from ident.motion.filter import FOR_DIAGNOSIS
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.results import files_of
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_record, require_finite

@@ -21,7 +21,8 @@ from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.command_options import FitOptions
-from ident.effects.base import StatesEffect, Variant
+from ident.effects.base import Variant
+from ident.effects.states_effect import StatesEffect
 from ident.errors import RecordingError
 from ident.laws.carried import NamedLaw
 from ident.model.inertia import PRIOR_SHARE

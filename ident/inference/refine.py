@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ident.effects import optional
 from ident.effects.base import SessionContext
 from ident.inference.components import ModelSums
 from ident.inference.infer import Inference, Inferred
@@ -38,7 +39,7 @@ def refine(inference: Inference, session: SessionContext, baseline: Baseline) ->
     for key, reached in inference.candidates.items():
         group = reached.member(key)
         assert group is not None
-        points = group.effect.refined(session, group.joint, group.variant)
+        points = optional.refined(group.effect, session, group.joint, group.variant)
         grids.append((group.effect, group.joint, tuple(points)))
     rank = baseline.base.rank
     layout = layout_of(session, rank, grids, beside=(HeldFriction(),), flexible=KINDS)

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from ident.arrays import Array, Float, Int
+from ident.effects import optional
 from ident.inference.evidence import factorise
 from ident.inference.names import Names
 from ident.regression.design import Group, Key
@@ -244,7 +245,7 @@ class SetSearch:
                 continue
             checked += 1
             estimate = self.coefficients([*chosen, group])[group]
-            if group.effect.stands_for(group.variant, estimate):
+            if optional.stands_for(group.effect, group.variant, estimate):
                 return self.nats([*chosen, group]) - self.nats(chosen), group
         return None
 

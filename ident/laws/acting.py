@@ -1,7 +1,9 @@
-"""Laws of the log (gain, offset, lateness, flat tops), and of bodies, gravity and angles that are not as modelled.
+"""Laws of the log (gain, offset, lateness, flat tops), and of bodies, gravity and angles that are
+not as modelled.
 
-A payload hangs under the gravity and at the angles that are there, so that these effects are one change of the arm.
-Beside them all laws by the ids of their effects, and the torque of some of them together.
+A payload hangs under the gravity and at the angles that are there, so that these effects are one
+change of the arm. Beside them all laws by the ids of their effects, and the torque of some of them
+together.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from ident.laws.motion import Array, MovingArm, rigid_torque, rotation_about
 Effect = tuple[str, int, dict[str, float]]
 # What the log reports of a torque, against what turns the joint, in the order in which it does.
 SENSING = ("torque_gain_error", "torque_offset", "torque_delay", "torque_saturation")
+BODIES = ("payload", "link_inertial_error", "gravity_misalignment", "encoder_offset")
 
 
 def read_log(effects: Sequence[Effect], torque: Array, interval: float) -> Array:
@@ -55,11 +58,13 @@ def undo_log(effects: Sequence[Effect], log: Array, interval: float) -> Array:
 
 def _sensing(effects: Sequence[Effect]) -> list[Effect]:
     """What the log reports of a torque, in the order in which it does."""
-    return [one for name in SENSING for one in effects if one[0] == name]
+    return [effect for name in SENSING for effect in effects if effect[0] == name]
 
 
 def shifted(values: Array, delay: float, interval: float) -> Array:
-    """Signals late by a time, by the cubic through the four samples around each instant; ends are held."""
+    """Signals late by a time, by the cubic through the four samples around each instant; ends are
+    held.
+    """
     if delay == 0.0:
         return values
     if interval <= 0.0:
@@ -72,19 +77,18 @@ def shifted(values: Array, delay: float, interval: float) -> Array:
         (1 + u) * u * (2 - u) / 2,
         -(1 + u) * u * (1 - u) / 6,
     )
-    at = np.arange(len(values)) - whole
+    instants = np.arange(len(values)) - whole
     total = np.zeros_like(values)
     for offset, weight in zip((1, 0, -1, -2), weights, strict=True):
-        total += weight * values[np.clip(at + offset, 0, len(values) - 1)]
+        total += weight * values[np.clip(instants + offset, 0, len(values) - 1)]
     return total
-
-
-BODIES = ("payload", "link_inertial_error", "gravity_misalignment", "encoder_offset")
 
 
 def changed_arm(effects: Sequence[Effect], m: MovingArm) -> Array:
     """Rigid torque of the arm as it is, less that of the model [N m]."""
-    q, links, gravity = m.q.copy(), m.arm.links.copy(), m.arm.gravity
+    q = m.q.copy()
+    links = m.arm.links.copy()
+    gravity = m.arm.gravity
     for name, joint, p in effects:
         if name == "payload":
             links[-1] += payload_parameters(p)
@@ -99,14 +103,24 @@ def changed_arm(effects: Sequence[Effect], m: MovingArm) -> Array:
 
 def point_mass(centre: Array) -> Array:
     """Ten inertial numbers of a unit point mass."""
-    return np.concatenate([[1.0], centre, _six(centre @ centre * np.eye(3) - np.outer(centre, centre))])
+    return np.concatenate(
+        [[1.0], centre, _six(centre @ centre * np.eye(3) - np.outer(centre, centre))]
+    )
 
 
 def moment_change(centre: Array) -> Array:
-    """Change of the ten numbers per change of the first moment, for a body that is shifted, shape (10, 3)."""
+    """Change of the ten numbers per change of the first moment, for a body that is shifted, shape
+    (10, 3).
+    """
     axes = np.eye(3)
     inertias = [2.0 * (centre @ a) * axes - np.outer(centre, a) - np.outer(a, centre) for a in axes]
-    return np.stack([np.concatenate([[0.0], a, _six(one)]) for a, one in zip(axes, inertias, strict=True)], axis=1)
+    return np.stack(
+        [
+            np.concatenate([[0.0], a, _six(inertia)])
+            for a, inertia in zip(axes, inertias, strict=True)
+        ],
+        axis=1,
+    )
 
 
 def _six(inertia: Array) -> Array:
@@ -120,17 +134,23 @@ def payload_parameters(p: dict[str, float]) -> Array:
 
 
 def link_change(link: Array, p: dict[str, float]) -> Array:
-    """Change of a link's ten numbers: more of its own density, or a body at a place, then a shift of its first moment.
+    """Change of a link's ten numbers: more of its own density, or a body at a place, then a shift
+    of its first moment.
 
-    What the parameters leave open, the second moments, follows as in the diagnosis: they grow with the mass, and with
-    the shift of the first moment as those of a body near the link's centre or that place.
+    What the parameters leave open, the second moments, follows as in the diagnosis: they grow with
+    the mass, and with the shift of the first moment as those of a body near the link's centre or
+    that place.
     """
     mass = link[0]
-    centre, density = (link[1:4] / mass, link / mass) if mass > 0.0 else (np.zeros(3), np.eye(10)[0])
+    centre, density = (
+        (link[1:4] / mass, link / mass) if mass > 0.0 else (np.zeros(3), np.eye(10)[0])
+    )
     if "x_m" in p:
         centre = np.array([p[f"{axis}_m"] for axis in "xyz"])
         density = point_mass(centre)
-    shift = np.array([p[f"moment_change_{axis}_kgm"] for axis in "xyz"]) - p["mass_change_kg"] * centre
+    shift = (
+        np.array([p[f"moment_change_{axis}_kgm"] for axis in "xyz"]) - p["mass_change_kg"] * centre
+    )
     return p["mass_change_kg"] * density + moment_change(centre) @ shift
 
 
@@ -138,18 +158,22 @@ def turned_gravity(gravity: Array, p: dict[str, float]) -> Array:
     """Gravity seen from a base that is turned by small angles about its own x and y axes [m/s²]."""
     tilt = np.array([p["tilt_x_rad"], p["tilt_y_rad"], 0.0])
     angle = float(np.linalg.norm(tilt))
-    return gravity if angle == 0.0 else rotation_about(tilt / angle, np.array([-angle]))[0] @ gravity
+    return (
+        gravity if angle == 0.0 else rotation_about(tilt / angle, np.array([-angle]))[0] @ gravity
+    )
 
 
 Law = Callable[[MovingArm, int, dict[str, float]], Array]
 
 
 def of_columns(columns: Columns) -> Law:
-    """A law that is linear in its coefficients, from its columns: their sum, weighted by `coefficient_0` and so on."""
+    """A law that is linear in its coefficients, from its columns: their sum, weighted by
+    `coefficient_0` and so on.
+    """
 
     def law(m: MovingArm, j: int, p: dict[str, float]) -> Array:
-        found = columns(JointStates(m.q[:, j], m.dq[:, j], m.rigid[:, j], m.direction[:, j]), p)
-        return m.at(j, sum(p[f"coefficient_{k}"] * column for k, column in enumerate(found)))
+        torques = columns(JointStates(m.q[:, j], m.dq[:, j], m.rigid[:, j], m.direction[:, j]), p)
+        return m.at(j, sum(p[f"coefficient_{k}"] * column for k, column in enumerate(torques)))
 
     return law
 
@@ -169,7 +193,7 @@ KNOWN = frozenset({*LAWS, *BODIES, *SENSING})
 
 def acting_torque(effects: Sequence[Effect], motion: MovingArm) -> Array:
     """Torque of the effects that act on the joints; those of the log alone add nothing [N m]."""
-    own = (LAWS[name](motion, joint, p) for name, joint, p in effects if name in LAWS)
-    total = sum(own, np.zeros_like(motion.q))
+    torques = (LAWS[name](motion, joint, p) for name, joint, p in effects if name in LAWS)
+    total = sum(torques, np.zeros_like(motion.q))
     bodies = [effect for effect in effects if effect[0] in BODIES]
     return total + changed_arm(bodies, motion) if bodies else total

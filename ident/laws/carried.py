@@ -1,8 +1,10 @@
-"""The table of what is known of each effect beside its law, and the laws of one joint's states that it tells of.
+"""The table of what is known of each effect beside its law, and the laws of one joint's states that
+it tells of.
 
 Laws of one joint's states that a diagnosis can name and a model can carry, fitted and kept.
 
-The effects of the same names are made of the same columns, so that what was named and what is fitted is one law.
+The effects of the same names are made of the same columns, so that what was named and what is
+fitted is one law.
 """
 
 from __future__ import annotations
@@ -46,11 +48,14 @@ class LawKind(NamedTuple):
     bears_load: bool = False
 
 
-# Rows that have `states` name the file of this package in which the function of the effect's name is its law.
+# Rows that have `states` name the file of this package in which the function of the effect's name
+# is its law.
 KINDS: dict[str, LawKind] = {}
 for _effect, _row in TABLE["effects"].items():
     if "states" in _row:
-        _own: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in _row["states"].items()}
+        _own: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in _row["states"].items()
+        }
         _columns = getattr(import_module(f"ident.laws.{_own.pop('file')}"), _effect)
         KINDS[_effect] = LawKind(_columns, nonnegative=tuple(_row.get("nonnegative", ())), **_own)
 COLUMNS: Mapping[str, Columns] = {effect: kind.columns for effect, kind in KINDS.items()}
@@ -71,13 +76,13 @@ class NamedLaw:
         if kind is None:
             raise ValueError(f"{self.effect!r} is no law of a joint that a model carries")
         names = (*kind.shape, *(name for name in kind.optional if self.shape.get(name)))
-        kept = {name: float(self.shape[name]) for name in names}
-        for name, value in kept.items():
+        values = {name: float(self.shape[name]) for name in names}
+        for name, value in values.items():
             if not 0.0 < value < np.inf or (name == "exponent" and value > LARGEST_EXPONENT):
                 raise ValueError(f"{name} of {self.effect} is {value:g}")
-        if kept.get("terms", 2.0) not in (2.0, 4.0):
-            raise ValueError(f"{self.effect} has {kept['terms']:g} terms")
-        object.__setattr__(self, "shape", kept)
+        if values.get("terms", 2.0) not in (2.0, 4.0):
+            raise ValueError(f"{self.effect} has {values['terms']:g} terms")
+        object.__setattr__(self, "shape", values)
         if self.figures and (len(self.figures) != self.size or not np.isfinite(self.figures).all()):
             raise ValueError(f"{self.effect} has figures {self.figures}")
 
@@ -101,13 +106,13 @@ class NamedLaw:
         """Whether all of it came out as zero, which is the bound of what can't be negative."""
         return all(abs(value) <= ZERO_SHARE * (high - low) for value, low, high in self.figures)
 
-    def columns(self, at: JointStates) -> Float[Array, "T k"]:
+    def columns(self, states: JointStates) -> Float[Array, "T k"]:
         """Its torque for coefficients of one [N m]."""
-        return evaluate(self.kind.columns, at, self.shape)
+        return evaluate(self.kind.columns, states, self.shape)
 
-    def torque(self, at: JointStates) -> Float[Array, " T"]:
+    def torque(self, states: JointStates) -> Float[Array, " T"]:
         """Its torque [N m]."""
-        return np.asarray(self.columns(at) @ np.array([value for value, _, _ in self.figures]))
+        return np.asarray(self.columns(states) @ np.array([value for value, _, _ in self.figures]))
 
     def to_dict(self) -> dict[str, Any]:
         """For model.toml."""
@@ -115,7 +120,7 @@ class NamedLaw:
             "effect": self.effect,
             "joint": self.joint,
             "shape": dict(self.shape),
-            "coefficients": [list(one) for one in self.figures],
+            "coefficients": [list(figure) for figure in self.figures],
         }
 
     @classmethod
@@ -128,7 +133,9 @@ class NamedLaw:
         joint = record["joint"]
         if not isinstance(joint, int) or not 0 <= joint < joints:
             raise ValueError(f"{record['effect']} is of joint {joint!r}, which the arm has not")
-        triples = tuple((float(value), float(low), float(high)) for value, low, high in record["coefficients"])
+        triples = tuple(
+            (float(value), float(low), float(high)) for value, low, high in record["coefficients"]
+        )
         if not triples:
             raise ValueError(f"{record['effect']} has no coefficients")
         return cls(str(record["effect"]), joint, dict(record["shape"]), triples)
@@ -141,19 +148,26 @@ class NamedLaw:
             for k, (value, low, high) in enumerate(self.figures)
         )
         shape = ", ".join(f"{name} {value:.3g}" for name, value in self.shape.items())
-        return f"{joints[self.joint]}: {self.kind.words} ({self.effect}{', ' if shape else ''}{shape}): {reported}"
+        return (
+            f"{joints[self.joint]}: {self.kind.words} "
+            f"({self.effect}{', ' if shape else ''}{shape}): {reported}"
+        )
 
 
 def states_of(
-    joint: int, q: Float[Array, "T n"], dq: Float[Array, "T n"], load: Float[Array, "T n"], slip: Float[Array, "T n"]
+    joint: int,
+    q: Float[Array, "T n"],
+    dq: Float[Array, "T n"],
+    load: Float[Array, "T n"],
+    slip: Float[Array, "T n"],
 ) -> JointStates:
     """One joint's states."""
     return JointStates(q[:, joint], dq[:, joint], load[:, joint], slip[:, joint])
 
 
-def evaluate(columns: Columns, at: JointStates, shape: Shape) -> Float[Array, "T k"]:
+def evaluate(columns: Columns, states: JointStates, shape: Shape) -> Float[Array, "T k"]:
     """A law's columns side by side [N m]."""
-    return np.stack(columns(at, shape), axis=1)
+    return np.stack(columns(states, shape), axis=1)
 
 
 def named_torque(
@@ -172,12 +186,20 @@ def named_torque(
 
 
 def named_columns(
-    laws: Sequence[NamedLaw], q: Float[Array, "T n"], dq: Float[Array, "T n"], load: Float[Array, "T n"]
+    laws: Sequence[NamedLaw],
+    q: Float[Array, "T n"],
+    dq: Float[Array, "T n"],
+    load: Float[Array, "T n"],
 ) -> Float[Array, "T n s"]:
-    """Columns of all laws side by side, each at its own joint; the direction is a plain sign, as in the losses' own."""
+    """Columns of all laws side by side, each at its own joint; the direction is a plain sign, as in
+    the losses' own.
+    """
     out = np.zeros((*dq.shape, sum(law.size for law in laws)))
-    first, slip = 0, np.sign(dq)
+    first = 0
+    slip = np.sign(dq)
     for law in laws:
-        out[:, law.joint, first : first + law.size] = law.columns(states_of(law.joint, q, dq, load, slip))
+        out[:, law.joint, first : first + law.size] = law.columns(
+            states_of(law.joint, q, dq, load, slip)
+        )
         first += law.size
     return out

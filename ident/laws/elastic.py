@@ -1,12 +1,13 @@
 """Laws of gears that give way: an elastic joint, and one with play.
 
-The position is the motor's; the link lags by a deflection δ that follows from the arm's own inverse dynamics,
+The position is the motor's; the link lags by a deflection δ that follows from the arm's own inverse
+dynamics,
 
     M δ'' + V δ' + P δ + τ_gear(δ, δ') = τ_rigid,
 
-M, V, P the derivatives of the rigid torque by acceleration, velocity and position of the joint. That is linear in small
-deflections; of a soft spring the equation is made linear anew about the deflection found before, until it is that of
-the link itself, `τ_rigid(q − δ) = τ_gear`.
+M, V, P the derivatives of the rigid torque by acceleration, velocity and position of the joint.
+That is linear in small deflections; of a soft spring the equation is made linear anew about the
+deflection found before, until it is that of the link itself, `τ_rigid(q − δ) = τ_gear`.
 """
 
 from __future__ import annotations
@@ -17,23 +18,38 @@ import numpy as np
 
 from ident.laws.motion import Array, MovingArm, rigid_torque
 
-# An elastic joint is integrated with steps no longer than this [s], and than so much of its own swing [rad]; its
-# equation is made linear anew so often at most, until its deflection changes by less [rad].
-LONGEST_STEP, LONGEST_TURN, LINEAR_ROUNDS, LINEAR_ENOUGH = 0.001, 0.1, 20, 1e-5
+# An elastic joint is integrated with steps no longer than this [s], and than so much of its own
+# swing [rad]; its equation is made linear anew so often at most, until its deflection changes by
+# less [rad].
+LONGEST_STEP = 0.001
+LONGEST_TURN = 0.1
+LINEAR_ROUNDS = 20
+LINEAR_ENOUGH = 1e-5
 # Gear in contact behind its play: stiffness in rated torques a radian, and damping ratio.
-CONTACT_STIFFNESS, CONTACT_DAMPING_RATIO = 150.0, 0.3
+CONTACT_STIFFNESS = 150.0
+CONTACT_DAMPING_RATIO = 0.3
 
 
 def elasticity(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """A spring and a damper between motor and link."""
-    gear, unit = (p["stiffness_Nm_rad"], p["damping_Nms_rad"], 0.0), np.eye(m.q.shape[1])[j]
-    twist, link = np.zeros((3, len(m.q))), m
+    gear = (p["stiffness_Nm_rad"], p["damping_Nms_rad"], 0.0)
+    unit = np.eye(m.q.shape[1])[j]
+    twist = np.zeros((3, len(m.q)))
+    link = m
     for _ in range(LINEAR_ROUNDS):
-        slopes = [part[:, j] for part in _slopes(link, j)]
-        load = link.rigid[:, j] + sum(slope * one for slope, one in zip(slopes, twist, strict=True))
-        before, twist = twist, _deflect(m, j, load, slopes, gear)
-        twist[2] = (load - (slopes[0] + gear[0]) * twist[0] - (slopes[1] + gear[1]) * twist[1]) / slopes[2]
-        q, dq, ddq = (one - by[:, None] * unit for one, by in zip((m.q, m.dq, m.ddq), twist, strict=True))
+        slopes = [slope[:, j] for slope in _slopes(link, j)]
+        load = link.rigid[:, j] + sum(
+            slope * deflection for slope, deflection in zip(slopes, twist, strict=True)
+        )
+        before = twist
+        twist = _deflect(m, j, load, slopes, gear)
+        twist[2] = (
+            load - (slopes[0] + gear[0]) * twist[0] - (slopes[1] + gear[1]) * twist[1]
+        ) / slopes[2]
+        q, dq, ddq = (
+            signal - by[:, None] * unit
+            for signal, by in zip((m.q, m.dq, m.ddq), twist, strict=True)
+        )
         link = MovingArm(m.arm, m.losses, q, dq, ddq, m.interval)
         if np.abs(twist[0] - before[0]).max() < LINEAR_ENOUGH:
             break
@@ -41,46 +57,76 @@ def elasticity(m: MovingArm, j: int, p: dict[str, float]) -> Array:
 
 
 def backlash(m: MovingArm, j: int, p: dict[str, float]) -> Array:
-    """With and without the play, behind it the gear in contact: its stiffness and damping, where they are known."""
-    slopes, stiffness = _slopes(m, j), p.get("stiffness_Nm_rad", CONTACT_STIFFNESS * float(m.arm.rated[j]))
-    own = [part[:, j] for part in slopes]
-    damping = p.get("damping_Nms_rad") or 2.0 * CONTACT_DAMPING_RATIO * float(np.sqrt(stiffness * np.mean(own[2])))
-    loose, tight = (_deflect(m, j, m.rigid[:, j], own, (stiffness, damping, gap)) for gap in (0.5 * p["gap_rad"], 0.0))
-    return -sum(part * one[:, None] for part, one in zip(slopes, loose - tight, strict=True))
+    """With and without the play, behind it the gear in contact: its stiffness and damping, where
+    they are known.
+    """
+    slopes = _slopes(m, j)
+    stiffness = p.get("stiffness_Nm_rad", CONTACT_STIFFNESS * float(m.arm.rated[j]))
+    of_joint = [slope[:, j] for slope in slopes]
+    damping = p.get("damping_Nms_rad") or 2.0 * CONTACT_DAMPING_RATIO * float(
+        np.sqrt(stiffness * np.mean(of_joint[2]))
+    )
+    loose, tight = (
+        _deflect(m, j, m.rigid[:, j], of_joint, (stiffness, damping, gap))
+        for gap in (0.5 * p["gap_rad"], 0.0)
+    )
+    return -sum(
+        slope * deflection[:, None] for slope, deflection in zip(slopes, loose - tight, strict=True)
+    )
 
 
 def _slopes(m: MovingArm, j: int, step: float = 1e-5) -> tuple[Array, Array, Array]:
     """Derivatives of all joints' rigid torque by q, dq and ddq of one joint, each (T, n)."""
     unit = np.eye(m.q.shape[1])[j]
     up, down = (rigid_torque(m.arm, m.q + sign * step * unit, m.dq, m.ddq) for sign in (1.0, -1.0))
-    fast, slow = (rigid_torque(m.arm, m.q, m.dq + sign * step * unit, m.ddq) for sign in (1.0, -1.0))
+    fast, slow = (
+        rigid_torque(m.arm, m.q, m.dq + sign * step * unit, m.ddq) for sign in (1.0, -1.0)
+    )
     inertia = rigid_torque(m.arm, m.q, m.dq, m.ddq + unit) - m.rigid
     return (up - down) / (2.0 * step), (fast - slow) / (2.0 * step), inertia
 
 
-def _deflect(m: MovingArm, j: int, load: Array, slopes: list[Array], gear: tuple[float, float, float]) -> Array:
-    """Deflection of an elastic joint with play under a load, its rate, at first the load's, and its acceleration."""
-    interval, stiffness = m.sampled("an elastic joint"), gear[0]
-    step = min(LONGEST_STEP, LONGEST_TURN / float(np.sqrt(stiffness / np.mean(slopes[2]))))
-    found = [[0.0] * len(load), [float(m.rigid[1, j] - m.rigid[0, j]) / (interval * stiffness)] * len(load)]
-    signals = [one.tolist() for one in (load, *reversed(slopes))]
-    integrate_twist(signals, gear, interval, max(1, ceil(interval / step)), found)
-    return np.array([*found, np.gradient(found[1], interval)])
-
-
-def integrate_twist(signals, gear, interval, steps, found):  # type: ignore[no-untyped-def]
-    """Newmark's method, in balance at first; the gear pushes only beyond ±half, and damps only there.
-
-    Signals are the load, then M, V and P; the gear is its stiffness, its damping and half its play; `found` takes the
-    deflection and its rate, which holds the first. All are sequences of numbers; the diagnosis compiles this.
+def _deflect(
+    m: MovingArm, j: int, load: Array, slopes: list[Array], gear: tuple[float, float, float]
+) -> Array:
+    """Deflection of an elastic joint with play under a load, its rate, at first the load's, and its
+    acceleration.
     """
-    load, inertia, velocity, position = signals[0], signals[1], signals[2], signals[3]
-    stiffness, damping, half = gear[0], gear[1], gear[2]
-    twist, rate = found[0], found[1]
-    gamma, beta = 0.5, 0.25
+    interval = m.sampled("an elastic joint")
+    stiffness = gear[0]
+    step = min(LONGEST_STEP, LONGEST_TURN / float(np.sqrt(stiffness / np.mean(slopes[2]))))
+    deflection = [
+        [0.0] * len(load),
+        [float(m.rigid[1, j] - m.rigid[0, j]) / (interval * stiffness)] * len(load),
+    ]
+    signals = [signal.tolist() for signal in (load, *reversed(slopes))]
+    integrate_twist(signals, gear, interval, max(1, ceil(interval / step)), deflection)
+    return np.array([*deflection, np.gradient(deflection[1], interval)])
+
+
+def integrate_twist(signals, gear, interval, steps, deflection):  # type: ignore[no-untyped-def]
+    """Newmark's method, in balance at first; the gear pushes only beyond ±half, and damps only
+    there.
+
+    Signals are the load, then M, V and P; the gear is its stiffness, its damping and half its play;
+    `found` takes the deflection and its rate, which holds the first. All are sequences of numbers;
+    the diagnosis compiles this.
+    """
+    load = signals[0]
+    inertia = signals[1]
+    velocity = signals[2]
+    position = signals[3]
+    stiffness = gear[0]
+    damping = gear[1]
+    half = gear[2]
+    twist = deflection[0]
+    rate = deflection[1]
+    gamma = 0.5
+    beta = 0.25
     h = interval / steps
     x = load[0] / (stiffness + position[0]) + half * ((load[0] > 0.0) - (load[0] < 0.0))
-    v, twist[0] = rate[0], x
+    v = rate[0]
+    twist[0] = x
     a = -(damping + velocity[0]) * v / inertia[0]
     for k in range(1, len(load)):
         for step in range(1, steps + 1):
@@ -94,14 +140,16 @@ def integrate_twist(signals, gear, interval, steps, found):  # type: ignore[no-u
             side = 0.0 if abs(x_ahead) < half else (1.0 if x_ahead > 0.0 else -1.0)
             for _ in range(4):
                 touch = 1.0 if (side != 0.0 or half == 0.0) else 0.0
-                k_all, d_all = touch * stiffness + pull, touch * damping + drag
-                a = (force + touch * stiffness * side * half - k_all * x_ahead - d_all * v_ahead) / (
-                    mass + gamma * h * d_all + beta * h * h * k_all
-                )
+                k_all = touch * stiffness + pull
+                d_all = touch * damping + drag
+                a = (
+                    force + touch * stiffness * side * half - k_all * x_ahead - d_all * v_ahead
+                ) / (mass + gamma * h * d_all + beta * h * h * k_all)
                 x = x_ahead + beta * h * h * a
-                found = 0.0 if abs(x) < half else (1.0 if x > 0.0 else -1.0)
-                if found == side or half == 0.0:
+                flank = 0.0 if abs(x) < half else (1.0 if x > 0.0 else -1.0)
+                if flank == side or half == 0.0:
                     break
-                side = found
+                side = flank
             v = v_ahead + gamma * h * a
-        twist[k], rate[k] = x, v
+        twist[k] = x
+        rate[k] = v

@@ -1,11 +1,12 @@
 """Laws of friction, springs and teeth.
 
-Those of one joint's speed, load and angle are columns that are linear in their coefficients; what bends them (a speed,
-an exponent, an order) is their shape. They are named as their effects and written with +, *, ** and what `at.xp` has,
-so that NumPy's arrays and other arrays go through the same lines. The others take motion, joint and parameters.
+Those of one joint's speed, load and angle are columns that are linear in their coefficients; what
+bends them (a speed, an exponent, an order) is their shape. They are named as their effects and
+written with +, *, ** and what `at.xp` has, so that NumPy's arrays and other arrays go through the
+same lines. The others take motion, joint and parameters.
 
-Source: Bittencourt and Gunnarsson 2010 (Stribeck); Carreau 1972 (a lubricant whose viscosity falls with its shear
-beyond a knee); Hamon, Gautier and Garrec 2010 (load).
+Source: Bittencourt and Gunnarsson 2010 (Stribeck); Carreau 1972 (a lubricant whose viscosity falls
+with its shear beyond a knee); Hamon, Gautier and Garrec 2010 (load).
 """
 
 from __future__ import annotations
@@ -40,43 +41,58 @@ class JointStates:
         return abs(self.load)
 
 
-def stribeck_friction(at: JointStates, shape: Mapping[str, float]) -> list[Any]:
+def stribeck_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
     """s exp(−(|v| / v_s)^δ)."""
-    return [at.slip * at.xp.exp(-((at.speed / shape["stribeck_velocity_rad_s"]) ** shape["exponent"]))]
+    return [
+        states.slip
+        * states.xp.exp(-((states.speed / shape["stribeck_velocity_rad_s"]) ** shape["exponent"]))
+    ]
 
 
-def nonlinear_viscous_friction(at: JointStates, shape: Mapping[str, float]) -> list[Any]:
+def nonlinear_viscous_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
     """s |v|^α; with a knee v_k straight below it, s |v| (v² + v_k²)^((α − 1) / 2)."""
-    return [at.slip * bent(at.speed, shape["exponent"], shape.get("knee_rad_s", 0.0))]
+    return [states.slip * bent(states.speed, shape["exponent"], shape.get("knee_rad_s", 0.0))]
 
 
 def bent(speed: Any, exponent: float, knee: float = 0.0) -> Any:
     """A power of speeds, none of them negative; straight below a knee, where there is one."""
-    return speed * (speed * speed + knee * knee) ** (0.5 * exponent - 0.5) if knee else speed**exponent
+    return (
+        speed * (speed * speed + knee * knee) ** (0.5 * exponent - 0.5) if knee else speed**exponent
+    )
 
 
-def load_dependent_friction(at: JointStates, shape: Mapping[str, float]) -> list[Any]:
-    """Driving and half of backdriving, the reverse; with four terms s τ_l² over a typical load and v |τ_l| too."""
-    both, gain = at.slip * at.burden, at.slip**2 * at.load
+def load_dependent_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
+    """Driving and half of backdriving, the reverse; with four terms s τ_l² over a typical load and
+    v |τ_l| too.
+    """
+    both = states.slip * states.burden
+    gain = states.slip**2 * states.load
     columns = [0.75 * both + 0.25 * gain, 0.75 * both - 0.25 * gain]
-    return columns + ([at.slip * at.load**2 / shape["load_Nm"], at.dq * at.burden] if shape["terms"] == 4 else [])
+    return columns + (
+        [states.slip * states.load**2 / shape["load_Nm"], states.dq * states.burden]
+        if shape["terms"] == 4
+        else []
+    )
 
 
-def position_dependent_friction(at: JointStates, shape: Mapping[str, float]) -> list[Any]:
+def position_dependent_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
     """s cos kq, s sin kq."""
-    angle = shape["order"] * at.q
-    return [at.slip * at.xp.cos(angle), at.slip * at.xp.sin(angle)]
+    angle = shape["order"] * states.q
+    return [states.slip * states.xp.cos(angle), states.slip * states.xp.sin(angle)]
 
 
-def asymmetric_friction(at: JointStates, shape: Mapping[str, float]) -> list[Any]:
+def asymmetric_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
     """s² / 2, |v| / 2."""
-    return [0.5 * at.slip**2, 0.5 * at.speed]
+    return [0.5 * states.slip**2, 0.5 * states.speed]
 
 
 def thermal(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """The losses are those of the cold joint; both changes are shares of them."""
     viscous = p["viscous_change"] * m.losses.viscous[j] * m.dq[:, j]
-    return m.at(j, m.warmth_of(j) * (viscous + p["coulomb_change"] * m.losses.coulomb[j] * m.direction[:, j]))
+    return m.at(
+        j,
+        m.warmth_of(j) * (viscous + p["coulomb_change"] * m.losses.coulomb[j] * m.direction[:, j]),
+    )
 
 
 def hysteresis(m: MovingArm, j: int, p: dict[str, float]) -> Array:
@@ -88,9 +104,16 @@ def hysteresis(m: MovingArm, j: int, p: dict[str, float]) -> Array:
 
 
 def coupling(m: MovingArm, j: int, p: dict[str, float]) -> Array:
-    """Friction and inertia of another joint's motion, or friction of the sum or difference (`mix`) of both."""
-    other, mix = int(p["other_joint"]) - 1, p["mix"]
-    slip = np.tanh((m.dq[:, j] + mix * m.dq[:, other]) / p["width_rad_s"]) if mix else m.direction[:, other]
+    """Friction and inertia of another joint's motion, or friction of the sum or difference (`mix`)
+    of both.
+    """
+    other = int(p["other_joint"]) - 1
+    mix = p["mix"]
+    slip = (
+        np.tanh((m.dq[:, j] + mix * m.dq[:, other]) / p["width_rad_s"])
+        if mix
+        else m.direction[:, other]
+    )
     steady = p["coulomb_Nm"] * slip + p["viscous_Nms_rad"] * (m.dq[:, other] + mix * m.dq[:, j])
     return m.at(j, steady + p["inertia_kgm2"] * m.ddq[:, other])
 
@@ -110,5 +133,7 @@ def spring(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """A cubic about an angle, or a wave with two rests a turn."""
     q = m.q[:, j]
     x = q - p["centre_rad"]
-    cubic = p["constant_Nm"] + x * (p["linear_Nm_rad"] + x * (p["square_Nm_rad2"] + x * p["cube_Nm_rad3"]))
+    cubic = p["constant_Nm"] + x * (
+        p["linear_Nm_rad"] + x * (p["square_Nm_rad2"] + x * p["cube_Nm_rad3"])
+    )
     return m.at(j, cubic + p["cosine_Nm"] * np.cos(2.0 * q) + p["sine_Nm"] * np.sin(2.0 * q))

@@ -19,7 +19,8 @@ class Arm:
     offsets: Array
     axes: Array  # axis of each joint in its own frame, shape (n, 3)
     sliding: Array  # which joints are prismatic, shape (n,)
-    # Ten numbers a link: m, m c, and inertia about the joint frame as xx, xy, yy, xz, yz, zz, shape (n, 10).
+    # Ten numbers a link: m, m c, and inertia about the joint frame as xx, xy, yy, xz, yz, zz, shape
+    # (n, 10).
     links: Array
     gravity: Array  # in the base frame [m/s²], shape (3,)
     gears: Array | None  # gear ratios, or None
@@ -31,7 +32,12 @@ class Arm:
 
 
 def rigid_torque(
-    arm: Arm, q: Array, dq: Array, ddq: Array, gravity: Array | None = None, links: Array | None = None
+    arm: Arm,
+    q: Array,
+    dq: Array,
+    ddq: Array,
+    gravity: Array | None = None,
+    links: Array | None = None,
 ) -> Array:
     """Inverse dynamics by the recursive Newton-Euler algorithm, all samples at once [N m].
 
@@ -39,15 +45,21 @@ def rigid_torque(
     """
     samples, n = q.shape
     links = arm.links if links is None else links
-    omega, alpha = np.zeros((samples, 3)), np.zeros((samples, 3))
+    omega = np.zeros((samples, 3))
+    alpha = np.zeros((samples, 3))
     acc = np.tile(-(arm.gravity if gravity is None else gravity), (samples, 1))
-    turns, levers, wrenches = [], [], []
+    turns = []
+    levers = []
+    wrenches = []
     for i in range(n):
-        axis, slides = arm.axes[i], bool(arm.sliding[i])
+        axis = arm.axes[i]
+        slides = bool(arm.sliding[i])
         turn = arm.rotations[i] @ rotation_about(axis, np.zeros(samples) if slides else q[:, i])
         lever = arm.offsets[i] + (turn @ axis * q[:, i, None] if slides else 0.0)
         acc = acc + np.cross(alpha, lever) + np.cross(omega, np.cross(omega, lever))
-        omega, alpha, acc = (np.einsum("tji,tj->ti", turn, vector) for vector in (omega, alpha, acc))
+        omega, alpha, acc = (
+            np.einsum("tji,tj->ti", turn, vector) for vector in (omega, alpha, acc)
+        )
         speed = axis * dq[:, i, None]
         if slides:
             acc = acc + 2.0 * np.cross(omega, speed) + axis * ddq[:, i, None]
@@ -58,9 +70,11 @@ def rigid_torque(
         levers.append(lever)
         wrenches.append(_wrench(links[i], omega, alpha, acc))
     torque = np.empty((samples, n))
-    force, moment = np.zeros((samples, 3)), np.zeros((samples, 3))
+    force = np.zeros((samples, 3))
+    moment = np.zeros((samples, 3))
     for i in reversed(range(n)):
-        force, moment = force + wrenches[i][0], moment + wrenches[i][1]
+        force = force + wrenches[i][0]
+        moment = moment + wrenches[i][1]
         torque[:, i] = (force if arm.sliding[i] else moment) @ arm.axes[i]
         force, moment = (np.einsum("tij,tj->ti", turns[i], vector) for vector in (force, moment))
         moment = moment + np.cross(levers[i], force)
@@ -71,13 +85,15 @@ def rotation_about(axis: Array, angle: Array) -> Array:
     """Rotations about one axis by many angles, shape (T, 3, 3)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    s = np.sin(angle)[:, None, None]
+    c = np.cos(angle)[:, None, None]
     return np.eye(3) + s * cross + (1.0 - c) * (cross @ cross)
 
 
 def _wrench(link: Array, omega: Array, alpha: Array, acc: Array) -> tuple[Array, Array]:
     """Force and moment about the joint frame's origin that a link's motion takes [N, N m]."""
-    mass, first = link[0], link[1:4]
+    mass = link[0]
+    first = link[1:4]
     xx, xy, yy, xz, yz, zz = link[4:]
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     force = mass * acc + np.cross(alpha, first) + np.cross(omega, np.cross(omega, first))
@@ -97,9 +113,12 @@ class Losses:
     motor_inertia: Array  # rotor inertia [kg m²]
     viscous: Array  # friction [N m s/rad], [N m]
     coulomb: Array
-    transition: Array  # v₀, over which the sign of Coulomb friction turns round, tanh(dq / v₀) [rad/s]
-    range: Array  # r, displacement over which it turns round instead, as a stop operator does; 0 for none [rad]
-    # Of |v| v and v³, where friction that a file can't state is stood in for by a polynomial, shape (n, 2).
+    # v₀, over which the sign of Coulomb friction turns round, tanh(dq / v₀) [rad/s]
+    transition: Array
+    # r, displacement over which it turns round instead, as a stop operator does; 0 for none [rad]
+    range: Array
+    # Of |v| v and v³, where friction that a file can't state is stood in for by a polynomial, shape
+    # (n, 2).
     bend: Any = None
 
     def __post_init__(self) -> None:
@@ -129,7 +148,9 @@ def stop(q: Array, size: float) -> Array:
 
 
 def follow(q: Array, size: float, out: Array) -> None:
-    """States of a stop operator, sample by sample, into an array; plain loops, which can be compiled."""
+    """States of a stop operator, sample by sample, into an array; plain loops, which can be
+    compiled.
+    """
     state = 0.0
     out[0] = 0.0
     for k in range(1, len(q)):
@@ -146,11 +167,13 @@ class MovingArm:
     q: Array  # states [rad, rad/s, rad/s²]
     dq: Array
     ddq: Array
-    interval: float = 0.0  # sampling interval [s]; 0 for single states, of which laws with a memory know nothing
-    slip: Array | None = None  # direction of sliding in [-1, 1]; if None, as the losses have it along the run
-    # From 0 (coldest moment of the diagnosed session) to 1 (warmest); a number, shape (T,), or (T, n) where joints
-    # differ.
-    warmth: Any = 0.5
+    # sampling interval [s]; 0 for single states, of which laws with a memory know nothing
+    interval: float = 0.0
+    # direction of sliding in [-1, 1]; if None, as the losses have it along the run
+    slip: Array | None = None
+    # From 0 (coldest moment of the diagnosed session) to 1 (warmest); a number, shape (T,), or (T,
+    # n) where joints differ.
+    warmth: float | Array = 0.5
 
     @cached_property
     def direction(self) -> Array:

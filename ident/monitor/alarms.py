@@ -1,28 +1,31 @@
 """Alarms of an arm: which parameter changed, since when, by how much.
 
-Null hypothesis: the values x₁, x₂, … of a parameter are independent draws of one normal distribution, whose mean and
-spread (that of one day from the next, errors of measurement included) nobody knows. Alternative: from session k + 1
-on the mean is shifted by δ times the spread, δ ~ N(0, c²). With the right Haar prior on mean and spread, under both,
-the Bayes factor of the first m values depends on their maximal invariant alone, whose law is the same for every mean
-and spread:
+Null hypothesis: the values x₁, x₂, … of a parameter are independent draws of one normal
+distribution, whose mean and spread (that of one day from the next, errors of measurement included)
+nobody knows. Alternative: from session k + 1 on the mean is shifted by δ times the spread, δ ~ N(0,
+c²). With the right Haar prior on mean and spread, under both, the Bayes factor of the first m
+values depends on their maximal invariant alone, whose law is the same for every mean and spread:
 
     B_k(m) = (1 + c² d'd)^(-1/2) · [ S / (S - c² (d'x)² / (1 + c² d'd)) ]^((m - 1)/2),
 
-d the step at k less its mean, S the sum of squares about the mean. So under the null hypothesis B_k is a martingale
-that starts at 1, whatever the spread. Its growth from one session to the next is cut at `most_growth`, which makes it
-a supermartingale: one odd session, in days that are not normally distributed, can't raise an alarm alone. Over all k
-the evidence is a sum with weights w_k that add up to one, the weight of changes that are still to come counting as it
-is. Then by Ville's inequality
+d the step at k less its mean, S the sum of squares about the mean. So under the null hypothesis B_k
+is a martingale that starts at 1, whatever the spread. Its growth from one session to the next is
+cut at `most_growth`, which makes it a supermartingale: one odd session, in days that are not
+normally distributed, can't raise an alarm alone. Over all k the evidence is a sum with weights w_k
+that add up to one, the weight of changes that are still to come counting as it is. Then by Ville's
+inequality
 
     P( the evidence ever reaches 1/α ) ≤ α,
 
-however often one looks and whenever one stops. Values that drift slowly are caught too, as a change that goes on.
+however often one looks and whenever one stops. Values that drift slowly are caught too, as a change
+that goes on.
 
-Not covered: days that depend on each other (a season, one week of heat). Those look like a change, and are one.
+Not covered: days that depend on each other (a season, one week of heat). Those look like a change,
+and are one.
 
-Source: Ville 1939; Robbins 1970 (mixtures); Lai 1976 and Wang and Ramdas 2024 (unknown variance, anytime-valid
-t-test); Pérez-Ortiz et al. 2024 (e-statistics by group invariance); Shin, Ramdas and Rinaldo 2023 (sums over change
-points).
+Source: Ville 1939; Robbins 1970 (mixtures); Lai 1976 and Wang and Ramdas 2024 (unknown variance,
+anytime-valid t-test); Pérez-Ortiz et al. 2024 (e-statistics by group invariance); Shin, Ramdas and
+Rinaldo 2023 (sums over change points).
 """
 
 from __future__ import annotations
@@ -36,13 +39,14 @@ from scipy.special import chdtrc, ndtri, stdtr, stdtrit
 
 from ident.arrays import Array, Float, Int
 from ident.monitor.estimates import SCALED, UNITS, ParameterEstimate
-from ident.records import Record, read_group
-
-LIMIT = read_group(__file__, "alarms")
+from ident.monitor.settings import ALARMS as LIMIT
+from ident.records import Record
 
 
 def prior_weight(before: Float[Array, " k"] | Array) -> Float[Array, " k"]:
-    """Weight of a change after so many values: 1 over the square for late ones, adds up to one over all."""
+    """Weight of a change after so many values: 1 over the square for late ones, adds up to one over
+    all.
+    """
     place = before - LIMIT.least_before
     return LIMIT.half_weight / ((place + LIMIT.half_weight) * (place + LIMIT.half_weight + 1.0))
 
@@ -52,7 +56,8 @@ class EProcess:
 
     def __init__(self) -> None:
         self._values: list[float] = []
-        # Logarithms of the bets on each change, as cut and as they are, by the number of values before the change.
+        # Logarithms of the bets on each change, as cut and as they are, by the number of values
+        # before the change.
         self._grown: Float[Array, " k"] = np.zeros(0)
         self._last: Float[Array, " k"] = np.zeros(0)
         self.evidence = 1.0
@@ -70,8 +75,10 @@ class EProcess:
             return self.evidence
         before = np.arange(LIMIT.least_before, m)
         now = self._log_bayes_factors(before)
-        last, grown = np.append(self._last, 0.0), np.append(self._grown, 0.0)
-        self._grown, self._last = grown + np.minimum(now - last, np.log(LIMIT.most_growth)), now
+        last = np.append(self._last, 0.0)
+        grown = np.append(self._grown, 0.0)
+        self._grown = grown + np.minimum(now - last, np.log(LIMIT.most_growth))
+        self._last = now
         weight = prior_weight(before)
         share = weight * np.exp(np.minimum(self._grown, 700.0))
         self.evidence = float(share.sum() + 1.0 - weight.sum())
@@ -81,7 +88,9 @@ class EProcess:
     def _log_bayes_factors(self, before: Int[Array, " k"]) -> Float[Array, " k"]:
         """log B_k of the values so far, for changes after `before` of them."""
         x = np.array(self._values) - self._values[0]
-        m, sums, squares = len(x), np.cumsum(x), float(x @ x)
+        m = len(x)
+        sums = np.cumsum(x)
+        squares = float(x @ x)
         spread = max(squares - sums[-1] ** 2 / m, LIMIT.rounding * squares, 1e-300)
         after = m - before
         length = before * after / m
@@ -91,11 +100,11 @@ class EProcess:
         return 0.5 * (m - 1) * np.log(spread / left) - 0.5 * np.log1p(LIMIT.change_size**2 * length)
 
 
-# Outliers: sessions in which one parameter is far from all its other days, as when a tool was left on.
-# No alarm, a hint. Each estimate is held against the mean and spread of the parameter's other sessions since its last
-# change (deleted residual, Student's t); the level is shared between all estimates of the arm (Bonferroni). So a look
-# at normal days has a false hint with that chance; unlike an alarm's, it is one look's, not that of all looks
-# together.
+# Outliers: sessions in which one parameter is far from all its other days, as when a tool was left
+# on. No alarm, a hint. Each estimate is held against the mean and spread of the parameter's other
+# sessions since its last change (deleted residual, Student's t); the level is shared between all
+# estimates of the arm (Bonferroni). So a look at normal days has a false hint with that chance;
+# unlike an alarm's, it is one look's, not that of all looks together.
 
 
 @dataclass(frozen=True)
@@ -120,34 +129,45 @@ def find_outliers(
     Days before and after a change, which the alarms tell, are not compared.
     """
     tests = sum(len(points) for points in history.values())
-    found: dict[str, Outlier] = {}
+    outliers: dict[str, Outlier] = {}
     for (joint, figure), points in history.items():
         starts = {alarm.since for alarm in alarms if (alarm.joint, alarm.figure) == (joint, figure)}
         stretch = list(accumulate(point.session in starts for point in points))
         for i, point in enumerate(points):
-            others = np.array([one.value for k, one in enumerate(points) if stretch[k] == stretch[i] and k != i])
+            others = np.array(
+                [
+                    other.value
+                    for k, other in enumerate(points)
+                    if stretch[k] == stretch[i] and k != i
+                ]
+            )
             if len(others) < LIMIT.least_others:
                 continue
-            usual, spread = float(others.mean()), float(others.std(ddof=1))
+            usual = float(others.mean())
+            spread = float(others.std(ddof=1))
             # An estimate that is itself uncertain may lie as far off as its own error allows.
-            scale = float(np.hypot(max(spread, 1e-300) * np.sqrt(1.0 + 1.0 / len(others)), point.std))
+            scale = float(
+                np.hypot(max(spread, 1e-300) * np.sqrt(1.0 + 1.0 / len(others)), point.std)
+            )
             p = 2.0 * float(stdtr(len(others) - 1, -abs(point.value - usual) / scale))
-            known = found.get(point.session)
+            known = outliers.get(point.session)
             if p * tests < LIMIT.outlier_level and (known is None or p < known.p_value):
-                found[point.session] = Outlier(arm, joint, figure, point.session, point.value, usual, spread, p)
-    return tuple(found.values())
+                outliers[point.session] = Outlier(
+                    arm, joint, figure, point.session, point.value, usual, spread, p
+                )
+    return tuple(outliers.values())
 
 
-# Alarms of an arm: which parameter changed, since when, by how much.
-# The evidence of all parameters of an arm is averaged: an average of such evidence is evidence again, whatever the
-# parameters have to do with each other. An alarm is raised when it reaches 1 over the level. So over an arm's whole
-# life the chance of any alarm without a change is at most the level, however many parameters there are. After an
-# alarm the parameters that it names start anew, the others go on with what evidence they had taken away, and the same
-# holds for the next alarm.
-# Where all parameters of a joint that are in units of torque changed by one factor, it is the torque's scale that has
-# changed: another current gain, another firmware, another drive. For each, r = log(mean after / mean before); these
-# must agree (their spread about the weighted mean by χ²), several must have changed, and the common change must be
-# sure.
+# Alarms of an arm: which parameter changed, since when, by how much. The evidence of all parameters
+# of an arm is averaged: an average of such evidence is evidence again, whatever the parameters have
+# to do with each other. An alarm is raised when it reaches 1 over the level. So over an arm's whole
+# life the chance of any alarm without a change is at most the level, however many parameters there
+# are. After an alarm the parameters that it names start anew, the others go on with what evidence
+# they had taken away, and the same holds for the next alarm. Where all parameters of a joint that
+# are in units of torque changed by one factor, it is the torque's scale that has changed: another
+# current gain, another firmware, another drive. For each, r = log(mean after / mean before); these
+# must agree (their spread about the weighted mean by χ²), several must have changed, and the common
+# change must be sure.
 
 
 @dataclass(frozen=True)
@@ -167,14 +187,17 @@ class Alarm(Record):
     figure: str
     session: str  # after which session that was found
     since: str  # the first session after the change, as far as that can be known
-    evidence: float  # of this parameter: how many times better a change explains its values than none
-    probability: float  # that something of the arm changed, where a change was as likely as none before
+    # of this parameter: how many times better a change explains its values than none
+    evidence: float
+    # that something of the arm changed, where a change was as likely as none before
+    probability: float
     before: float  # mean of its estimates
     after: float
     low: float  # 95 % interval of the change
     high: float
     spread: float  # day-to-day standard deviation before the change
-    scale: float | None = None  # factor by which all parameters of the joint changed alike, if they did
+    # factor by which all parameters of the joint changed alike, if they did
+    scale: float | None = None
     scale_low: float | None = None
     scale_high: float | None = None
 
@@ -194,16 +217,20 @@ class _Stream:
 
     def take(self, point: Point) -> None:
         """One more session."""
-        usual = np.median([one.std for one in self.points]) if self.points else np.inf
+        usual = np.median([point.std for point in self.points]) if self.points else np.inf
         if point.std <= LIMIT.worst_error * usual:
             self.points.append(point)
             self.bets.add(point.value)
 
 
 def find_changes(
-    arm: str, history: Mapping[tuple[str, str], Sequence[Point]], order: Sequence[str], level: float = LIMIT.level
+    arm: str,
+    history: Mapping[tuple[str, str], Sequence[Point]],
+    order: Sequence[str],
+    level: float = LIMIT.level,
 ) -> tuple[tuple[Alarm, ...], Alarm | None]:
-    """All alarms in an arm's history, as they would have been raised session by session, and what may be the next.
+    """All alarms in an arm's history, as they would have been raised session by session, and what
+    may be the next.
 
     Args:
         arm: Its name.
@@ -215,7 +242,8 @@ def find_changes(
         The alarms; the parameter that speaks most for a change that is none yet, if one does.
     """
     streams = {key: _Stream() for key in history}
-    # All that the joints could have: one that first appears later must not change what was reported before.
+    # All that the joints could have: one that first appears later must not change what was reported
+    # before.
     count = max(len(streams), len({joint for joint, _ in history}) * len(UNITS))
     by_session: dict[str, list[tuple[tuple[str, str], Point]]] = {name: [] for name in order}
     for key, points in history.items():
@@ -226,7 +254,9 @@ def find_changes(
     for session in order:
         for key, point in by_session[session]:
             streams[key].take(point)
-        evidence = (sum(stream.evidence for stream in streams.values()) + count - len(streams)) / max(count, 1)
+        evidence = (
+            sum(stream.evidence for stream in streams.values()) + count - len(streams)
+        ) / max(count, 1)
         if evidence < 1.0 / level:
             continue
         # The parameter with most evidence, and every other that would have been enough alone.
@@ -236,7 +266,9 @@ def find_changes(
         raised = [_describe(arm, key, streams, session, evidence) for key in named]
         alarms += raised
         # Where the torque's scale has changed, all parameters that follow it have.
-        named += [(one.joint, name) for one in raised if one.scale is not None for name in SCALED]
+        named += [
+            (change.joint, name) for change in raised if change.scale is not None for name in SCALED
+        ]
         for key, stream in streams.items():
             stream.taken *= max(1.0, stream.evidence)
             if key in named:
@@ -248,16 +280,24 @@ def find_changes(
 
 
 def _describe(
-    arm: str, key: tuple[str, str], streams: Mapping[tuple[str, str], _Stream], session: str, evidence: float
+    arm: str,
+    key: tuple[str, str],
+    streams: Mapping[tuple[str, str], _Stream],
+    session: str,
+    evidence: float,
 ) -> Alarm:
     """The alarm of a parameter, by the evidence of all."""
     stream = streams[key]
     values = np.array([point.value for point in stream.points])
-    early, late = values[: stream.bets.before], values[stream.bets.before :]
+    early = values[: stream.bets.before]
+    late = values[stream.bets.before :]
     # 95 % interval of the difference of means, both with the same spread.
-    free, change = len(values) - 2, float(late.mean() - early.mean())
+    free = len(values) - 2
+    change = float(late.mean() - early.mean())
     square = ((early - early.mean()) ** 2).sum() + ((late - late.mean()) ** 2).sum()
-    half = float(stdtrit(free, 0.975)) * float(np.sqrt(square / free * (1 / len(early) + 1 / len(late))))
+    half = float(stdtrit(free, 0.975)) * float(
+        np.sqrt(square / free * (1 / len(early) + 1 / len(late)))
+    )
     past = {point.session for point in stream.points[: stream.bets.before]}
     before: dict[str, list[float]] = {}
     after: dict[str, list[float]] = {}
@@ -278,15 +318,22 @@ def _describe(
         low=change - half,
         high=change + half,
         spread=float(early.std(ddof=1)),
-        **({} if scale is None else dict(zip(("scale", "scale_low", "scale_high"), scale, strict=True))),
+        **(
+            {}
+            if scale is None
+            else dict(zip(("scale", "scale_low", "scale_high"), scale, strict=True))
+        ),
     )
 
 
 def gain_change(
     before: Mapping[str, Sequence[float]], after: Mapping[str, Sequence[float]]
 ) -> tuple[float, float, float] | None:
-    """The factor on a joint's torque with its 95 % interval; None where its parameters did not change alike."""
-    ratios, variances = [], []
+    """The factor on a joint's torque with its 95 % interval; None where its parameters did not
+    change alike.
+    """
+    ratios = []
+    variances = []
     for name in SCALED:
         early, late = (np.array(values.get(name, ())) for values in (before, after))
         if len(early) < 2 or len(late) < 2 or early.mean() <= 0.0 or late.mean() <= 0.0:
@@ -298,8 +345,10 @@ def gain_change(
         variances.append(max(variance / (len(early) + len(late) - 2), 1e-12))
     if len(ratios) < LIMIT.least_changed:
         return None
-    r, v = np.array(ratios), np.array(variances)
-    mean, error = float((r / v).sum() / (1 / v).sum()), float((1 / v).sum() ** -0.5)
+    r = np.array(ratios)
+    v = np.array(variances)
+    mean = float((r / v).sum() / (1 / v).sum())
+    error = float((1 / v).sum() ** -0.5)
     alike = chdtrc(len(r) - 1, float(((r - mean) ** 2 / v).sum())) > LIMIT.agree
     several = int((np.sign(mean) * r / np.sqrt(v) > LIMIT.changed).sum()) >= LIMIT.least_changed
     if not (alike and several):

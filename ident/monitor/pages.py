@@ -1,7 +1,7 @@
 """The pages of a watch: `index.html` for all arms, one page for each arm.
 
-Estimates over the sessions are small SVGs drawn by hand: a page holds dozens, for which a plotting library takes
-minutes.
+Estimates over the sessions are small SVGs drawn by hand: a page holds dozens, for which a plotting
+library takes minutes.
 """
 
 from __future__ import annotations
@@ -40,34 +40,46 @@ NAMES = {
 
 
 # Size of a strip, and its margins [px].
-WIDTH, HEIGHT = 240, 84
-LEFT, RIGHT, TOP, BOTTOM = 44, 6, 6, 16
+WIDTH = 240
+HEIGHT = 84
+LEFT = 44
+RIGHT = 6
+TOP = 6
+BOTTOM = 16
 # An interval that is this many times the range of the values is cut: it would hide them.
 WIDEST = 1.0
 
 
-def write_pages(store: Path, found: Watch) -> None:
+def write_pages(store: Path, watch: Watch) -> None:
     """Writes all pages into the store."""
-    kept = Store(store)
-    facts = facts_section(found.provenance.to_dict())
-    for arm in found.arms:
+    files = Store(store)
+    facts = facts_section(watch.provenance.to_dict())
+    for arm in watch.arms:
         last = arm.sessions[-1]
-        subtitle = f"{plural(len(arm.sessions), 'session')}, {arm.sessions[0]['date'][:10]} to {last['date'][:10]}"
-        sections = [arm_verdict(arm, found.level), arm_estimates(arm), arm_sessions(arm), facts]
-        write_report(kept.page(arm.arm), f"Arm {arm.arm}", sections, subtitle)
-    count = sum(len(arm.sessions) for arm in found.arms)
-    sections = [fleet_verdict(found), fleet_table(found, kept), fleet_effects(found, kept), facts]
-    subtitle = f"{plural(len(found.arms), 'arm')}, {plural(count, 'session')}"
+        subtitle = (
+            f"{plural(len(arm.sessions), 'session')}, {arm.sessions[0]['date'][:10]} to "
+            f"{last['date'][:10]}"
+        )
+        sections = [arm_verdict(arm, watch.level), arm_estimates(arm), arm_sessions(arm), facts]
+        write_report(files.page(arm.arm), f"Arm {arm.arm}", sections, subtitle)
+    count = sum(len(arm.sessions) for arm in watch.arms)
+    sections = [fleet_verdict(watch), fleet_table(watch, files), fleet_effects(watch, files), facts]
+    subtitle = f"{plural(len(watch.arms), 'arm')}, {plural(count, 'session')}"
     write_report(store / "index.html", "Arms through time", sections, subtitle)
 
 
 def alarm_card(alarm: Alarm) -> dict[str, str]:
     """An alarm as text for a page, and what to do about it."""
     unit = unit_of(alarm.figure)
-    what, action = f"{NAMES[alarm.figure]} of {alarm.joint}", ACTIONS[alarm.figure]
+    what = f"{NAMES[alarm.figure]} of {alarm.joint}"
+    action = ACTIONS[alarm.figure]
     if alarm.scale is not None:
-        size, low, high = (100.0 * ((one or 1.0) - 1.0) for one in (alarm.scale, alarm.scale_low, alarm.scale_high))
-        what, action = f"torque scale of {alarm.joint}", f"recalibrate the torque or current of {alarm.joint}"
+        size, low, high = (
+            100.0 * ((factor or 1.0) - 1.0)
+            for factor in (alarm.scale, alarm.scale_low, alarm.scale_high)
+        )
+        what = f"torque scale of {alarm.joint}"
+        action = f"recalibrate the torque or current of {alarm.joint}"
         action += f": all of its figures changed alike, by {size:+.1f} % [{low:.1f}, {high:.1f}]"
     share = f" ({(alarm.after - alarm.before) / alarm.before:+.0%})" if alarm.before else ""
     return {
@@ -83,7 +95,9 @@ def alarm_card(alarm: Alarm) -> dict[str, str]:
     }
 
 
-def verdict_section(headline: str, alarms: Iterable[Alarm], odd: list[str], **values: Any) -> Section:
+def verdict_section(
+    headline: str, alarms: Iterable[Alarm], odd: list[str], **values: Any
+) -> Section:
     """One sentence, and every change with what to do."""
     cards = [alarm_card(alarm) for alarm in alarms]
     values |= {"headline": headline, "cards": cards, "odd": odd}
@@ -92,7 +106,10 @@ def verdict_section(headline: str, alarms: Iterable[Alarm], odd: list[str], **va
 
 def arm_verdict(arm: ArmHistory, level: float) -> Section:
     """What has changed in an arm, the last first."""
-    headline = f"Nothing has changed beyond what days differ by, in {plural(len(arm.sessions), 'session')}."
+    headline = (
+        "Nothing has changed beyond what days differ by, in "
+        f"{plural(len(arm.sessions), 'session')}."
+    )
     if arm.alarms:
         last = alarm_card(arm.alarms[-1])
         headline = f"The {last['what']} has changed since {last['since']}: {last['change']}."
@@ -100,40 +117,59 @@ def arm_verdict(arm: ArmHistory, level: float) -> Section:
     if arm.hint is not None:
         card = alarm_card(arm.hint)
         hint = (
-            f"{card['what']} may have changed since {card['since']}: {card['change']}. That is {arm.hint.evidence:.0f} "
-            f"to 1 for one of {plural(len(arm.figures), 'figure')} that are watched, too little for an alarm: record "
-            "another session or two."
+            f"{card['what']} may have changed since {card['since']}: {card['change']}. "
+            f"That is {arm.hint.evidence:.0f} to 1 for one of {plural(len(arm.figures), 'figure')} "
+            "that are watched, too little for an alarm: record another session or two."
         )
-    odd = [outlier_line(one).removeprefix(f"{arm.arm}: ") for one in arm.odd]
+    odd = [outlier_line(outlier).removeprefix(f"{arm.arm}: ") for outlier in arm.odd]
     return verdict_section(headline, reversed(arm.alarms), odd, hint=hint, level=level, fleet=False)
 
 
-def fleet_verdict(found: Watch) -> Section:
+def fleet_verdict(watch: Watch) -> Section:
     """What has changed in all arms, the last first."""
-    dates = {(arm.arm, row["session"]): row["date"] for arm in found.arms for row in arm.sessions}
-    alarms = sorted(found.alarms, key=lambda one: dates[one.arm, one.session], reverse=True)
+    dates = {(arm.arm, row["session"]): row["date"] for arm in watch.arms for row in arm.sessions}
+    alarms = sorted(watch.alarms, key=lambda alarm: dates[alarm.arm, alarm.session], reverse=True)
     if alarms:
         changed = {alarm.arm for alarm in alarms}
-        headline = f"{len(changed)} of {len(found.arms)} arms have changed; the last: arm {alarms[0].arm}."
+        headline = (
+            f"{len(changed)} of {len(watch.arms)} arms have changed; the last: arm {alarms[0].arm}."
+        )
     else:
-        who = "The arm has not" if len(found.arms) == 1 else f"None of {len(found.arms)} arms has"
+        who = "The arm has not" if len(watch.arms) == 1 else f"None of {len(watch.arms)} arms has"
         headline = f"{who} changed beyond what days differ by."
-    odd = [outlier_line(one) for arm in found.arms for one in arm.odd]
-    return verdict_section(headline, alarms, odd, level=found.level, fleet=True)
+    odd = [outlier_line(outlier) for arm in watch.arms for outlier in arm.odd]
+    return verdict_section(headline, alarms, odd, level=watch.level, fleet=True)
 
 
 def arm_estimates(arm: ArmHistory) -> Section | None:
     """Every estimate over the dates, with intervals and the changes marked."""
     rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for (joint, name), points in arm.figures.items():
-        since = {alarm.since for alarm in arm.alarms if (alarm.joint, alarm.figure) == (joint, name)}
-        rows[joint].append({"name": NAMES[name], "unit": unit_of(name), "strip": lay_out(points), "since": since})
-    size = {"WIDTH": WIDTH, "HEIGHT": HEIGHT, "LEFT": LEFT, "RIGHT": RIGHT, "TOP": TOP, "BOTTOM": BOTTOM}
-    return Section("figures", "Estimates over time", "watch_figures.html", {"rows": rows, **size}) if rows else None
+        since = {
+            alarm.since for alarm in arm.alarms if (alarm.joint, alarm.figure) == (joint, name)
+        }
+        rows[joint].append(
+            {"name": NAMES[name], "unit": unit_of(name), "strip": lay_out(points), "since": since}
+        )
+    size = {
+        "WIDTH": WIDTH,
+        "HEIGHT": HEIGHT,
+        "LEFT": LEFT,
+        "RIGHT": RIGHT,
+        "TOP": TOP,
+        "BOTTOM": BOTTOM,
+    }
+    return (
+        Section("figures", "Estimates over time", "watch_figures.html", {"rows": rows, **size})
+        if rows
+        else None
+    )
 
 
 def lay_out(points: Sequence[Point]) -> dict[str, Any]:
-    """Where one parameter's estimates lie in their strip, in order of time, and the ends of its scale."""
+    """Where one parameter's estimates lie in their strip, in order of time, and the ends of its
+    scale.
+    """
     try:  # dates as days, or places in the row where one is no date
         times = [datetime.fromisoformat(point.date).timestamp() / 86400.0 for point in points]
     except ValueError:
@@ -151,7 +187,13 @@ def lay_out(points: Sequence[Point]) -> dict[str, Any]:
     marks = []
     for time, point in zip(times, points, strict=True):
         x = LEFT + (WIDTH - LEFT - RIGHT) * ((time - times[0]) / span if len(times) > 1 else 0.5)
-        marks.append((point, f"{x:.1f}", *(f"{y(one):.1f}" for one in (point.value, point.low, point.high))))
+        marks.append(
+            (
+                point,
+                f"{x:.1f}",
+                *(f"{y(value):.1f}" for value in (point.value, point.low, point.high)),
+            )
+        )
     return {"marks": marks, "low": low, "high": high}
 
 
@@ -161,28 +203,46 @@ def arm_sessions(arm: ArmHistory) -> Section:
     for row in arm.effects:
         effects[row["session"]].append(f"{effect_name(row['effect'])} ({row['joints']})")
     said = {
-        row["session"]: (row["reason"] if row["status"] != "done" else (row["verdict"] or "").replace("_", " ")) or ""
+        row["session"]: (
+            row["reason"] if row["status"] != "done" else (row["verdict"] or "").replace("_", " ")
+        )
+        or ""
         for row in arm.sessions
     }
-    return Section("sessions", "Sessions", "watch_sessions.html", {"arm": arm, "said": said, "effects": effects})
+    return Section(
+        "sessions",
+        "Sessions",
+        "watch_sessions.html",
+        {"arm": arm, "said": said, "effects": effects},
+    )
 
 
-def fleet_table(found: Watch, store: Store) -> Section:
+def fleet_table(watch: Watch, store: Store) -> Section:
     """A line an arm; sorted by a click on a heading, filtered by a word."""
     heads = ["arm", "sessions", "unfit", "last", "changes", "last change"]
-    diagnosed = any(row["verdict"] for arm in found.arms for row in arm.done)
+    diagnosed = any(row["verdict"] for arm in watch.arms for row in arm.done)
     heads += ["effects in the last session"] * diagnosed
-    values = {"arms": found.arms, "store": store, "heads": heads, "diagnosed": diagnosed, "NAMES": NAMES}
+    values = {
+        "arms": watch.arms,
+        "store": store,
+        "heads": heads,
+        "diagnosed": diagnosed,
+        "NAMES": NAMES,
+    }
     return Section("arms", "Arms", "watch_arms.html", values)
 
 
-def fleet_effects(found: Watch, store: Store) -> Section | None:
+def fleet_effects(watch: Watch, store: Store) -> Section | None:
     """Which arms share which effect, by the last session of each."""
     shared: dict[str, dict[str, str]] = defaultdict(dict)
-    for arm in sorted(found.arms, key=lambda one: one.arm):
+    for arm in sorted(watch.arms, key=lambda history: history.arm):
         for row in arm.last_effects:
             shared[effect_name(row["effect"])][arm.arm] = row["joints"]
-    rows = sorted(shared.items(), key=lambda one: -len(one[1]))
-    values = {"rows": rows, "count": len(found.arms), "store": store}
-    present = any(arm.effects for arm in found.arms)
-    return Section("effects", "Which arms share which effect", "watch_effects.html", values) if present else None
+    rows = sorted(shared.items(), key=lambda entry: -len(entry[1]))
+    values = {"rows": rows, "count": len(watch.arms), "store": store}
+    present = any(arm.effects for arm in watch.arms)
+    return (
+        Section("effects", "Which arms share which effect", "watch_effects.html", values)
+        if present
+        else None
+    )

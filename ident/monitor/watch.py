@@ -1,4 +1,6 @@
-"""One look at a watched folder: new sessions are examined once, then alarms and pages follow from the whole store."""
+"""One look at a watched folder: new sessions are examined once, then alarms and pages follow from
+the whole store.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,16 @@ from ident.files import write_record
 from ident.model.hybrid import HybridModel
 from ident.monitor.alarms import LIMIT, Alarm, Outlier, Point, find_changes, find_outliers
 from ident.monitor.estimates import UNITS, estimate_session, unit_of
-from ident.monitor.store import DONE, STORE_KIND, FoundSession, Store, as_text, date_of, find_sessions, write_rows
+from ident.monitor.store import (
+    DONE,
+    STORE_KIND,
+    FoundSession,
+    Store,
+    as_text,
+    date_of,
+    find_sessions,
+    write_rows,
+)
 from ident.motion.motion import prepare
 from ident.outputs import begin_folder
 from ident.recordings.recording import Session
@@ -36,43 +47,57 @@ def examine_session(task: tuple[FoundSession, Path, WatchOptions, Session | None
     """Looks at one session and writes what is found; a session that is unfit is noted as such.
 
     Args:
-        task: The session, the store's folder, the options, and the session whose guesses of gains it is read with.
+        task: The session, the store's folder, the options, and the session whose guesses of gains
+            it is read with.
 
     Returns:
         Its name, `arm/session`.
     """
-    found, folder, options, first = task
+    session, folder, options, first = task
     store = Store(folder)
-    row: dict[str, Any] = {"arm": found.arm, "session": found.name, "stamp": found.stamp, "path": as_text(found.path)}
+    row: dict[str, Any] = {
+        "arm": session.arm,
+        "session": session.name,
+        "stamp": session.stamp,
+        "path": as_text(session.path),
+    }
     tables: dict[str, list[dict[str, Any]]] = {}
     end: dict[str, Any] = {"status": "done"}
     try:
-        tables = _examine(found, options, row, store, Gains(first))
+        tables = _examine(session, options, row, store, Gains(first))
     except InputError as error:
         end = {"status": "refused", "reason": as_text(str(error))}
     except Exception as error:  # one session that we fail at must not end the watch over all others
         end = {"status": "failed", "reason": as_text(f"{type(error).__name__}: {error}")}
     if "date" not in row:
         try:
-            row["date"] = date_of(found, None)
+            row["date"] = date_of(session, None)
         except InputError:
             row["date"] = ""
-    tables = {kind: [{**row, **one} for one in tables.get(kind, ())] for kind in ("figures", "effects")}
-    for kind, rows in {**tables, DONE: [{**row, **end}]}.items():
-        write_rows(store.place(kind, found.arm, found.name), kind, rows)
-    return found.key
+    whole = {}
+    for kind in ("figures", "effects"):
+        whole[kind] = [{**row, **entry} for entry in tables.get(kind, ())]
+    for kind, rows in {**whole, DONE: [{**row, **end}]}.items():
+        write_rows(store.place(kind, session.arm, session.name), kind, rows)
+    return session.key
 
 
 def _examine(
-    found: FoundSession, options: WatchOptions, row: dict[str, Any], store: Store, gains: Gains
+    folder: FoundSession, options: WatchOptions, row: dict[str, Any], store: Store, gains: Gains
 ) -> dict[str, list[dict[str, Any]]]:
-    """The rows of a session's estimates and effects; fills in its own row, and writes its diagnosis beside them."""
-    read = [gains.in_first_unit(one) for one in Given([found.path], session_file=found.settings).parts()]
+    """The rows of a session's estimates and effects; fills in its own row, and writes its diagnosis
+    beside them.
+    """
+    read = [
+        gains.in_first_unit(recording)
+        for recording in Given([folder.path], session_file=folder.settings).parts()
+    ]
     arm, (report,) = inspect_sources(Given(read, options.robot), options.accept).whole
     report = replace(report, issues=(*report.issues, *gains.issues()))
-    session, row["robot"] = report.session, arm.name
+    session = report.session
+    row["robot"] = arm.name
     first = session.runs[0].time[:1].tolist() if session.runs else []
-    row["date"] = date_of(found, first[0] if first else None)
+    row["date"] = date_of(folder, first[0] if first else None)
     report.require_fit()
     model = None if options.model is None else HybridModel.load(Path(options.model))
     if model is not None:
@@ -80,27 +105,37 @@ def _examine(
     reference = (arm if model is None else model.arm).keeping(session.joints)
     estimates = estimate_session(prepare(session), reference)
     rows = [
-        {"joint": joint, "figure": name, **vars(one), "unit": UNITS[name]} for (joint, name), one in estimates.items()
+        {"joint": joint, "figure": name, **vars(estimate), "unit": UNITS[name]}
+        for (joint, name), estimate in estimates.items()
     ]
     effects: list[dict[str, Any]] = []
     if options.diagnosed:
         diagnosis, _, _ = diagnose_reports([report], arm, CATALOGUE, model=model)
-        record, row["verdict"] = diagnosis.to_dict(), diagnosis.verdict
-        write_record(store.place("diagnoses", found.arm, found.name, ".json"), record)
-        for one in record["findings"]:
-            own = {"joints": ", ".join(one["joints"]), "shrink": one["heldout"]["shrink"], "action": one.get("action")}
-            effects.append({"effect": one["effect"], "probability": one["probability"], **own})
+        record = diagnosis.to_dict()
+        row["verdict"] = diagnosis.verdict
+        write_record(store.place("diagnoses", folder.arm, folder.name, ".json"), record)
+        for finding in record["findings"]:
+            summary_row = {
+                "joints": ", ".join(finding["joints"]),
+                "shrink": finding["heldout"]["shrink"],
+                "action": finding.get("action"),
+            }
+            effects.append(
+                {"effect": finding["effect"], "probability": finding["probability"], **summary_row}
+            )
     row |= {"samples": session.samples, "duration_s": session.duration}
     return {"figures": rows, "effects": effects}
 
 
 def first_of_guesses(sessions: Iterable[FoundSession]) -> Session | None:
-    """The first session whose drive gains nobody measured, without its runs: the others are read with its guesses."""
-    for one in sessions:
+    """The first session whose drive gains nobody measured, without its runs: the others are read
+    with its guesses.
+    """
+    for session in sessions:
         with suppress(InputError):  # which its own turn reports
-            settings = None if one.settings is None else load_session_file(one.settings)
+            settings = None if session.settings is None else load_session_file(session.settings)
             if settings is not None and settings.guessed:
-                return Session(one.name, (), guessed_gains=dict(settings.drive_gain))
+                return Session(session.name, (), guessed_gains=dict(settings.drive_gain))
     return None
 
 
@@ -110,7 +145,8 @@ class ArmHistory:
 
     arm: str  # its name
     sessions: tuple[dict[str, Any], ...]  # rows of its sessions, in order of time
-    figures: dict[tuple[str, str], list[Point]]  # (joint, parameter) -> its points, in order of time
+    # (joint, parameter) -> its points, in order of time
+    figures: dict[tuple[str, str], list[Point]]
     effects: tuple[dict[str, Any], ...] = ()  # rows of the effects that diagnoses named
     alarms: tuple[Alarm, ...] = ()  # what has changed
     odd: tuple[Outlier, ...] = ()  # sessions that stand out
@@ -118,12 +154,17 @@ class ArmHistory:
 
     def record(self) -> dict[str, Any]:
         """For JSON; alarms and outliers stand beside the arms."""
+        figures = {}
+        for (joint, name), points in self.figures.items():
+            figures[f"{joint}/{name}"] = [vars(point) for point in points]
         return {
             "arm": self.arm,
-            "robot": next((row["robot"] for row in reversed(self.sessions) if row.get("robot")), None),
+            "robot": next(
+                (row["robot"] for row in reversed(self.sessions) if row.get("robot")), None
+            ),
             "joints": list(dict.fromkeys(joint for joint, _ in self.figures)),
             "sessions": [dict(row) for row in self.sessions],
-            "figures": {f"{joint}/{name}": [vars(one) for one in own] for (joint, name), own in self.figures.items()},
+            "figures": figures,
             "effects": [dict(row) for row in self.effects],
             "hint": None if self.hint is None else self.hint.to_dict(),
         }
@@ -163,21 +204,32 @@ class Watch(Result):
             "waiting": list(self.waiting),
             "arms": [arm.record() for arm in self.arms],
             "alarms": [alarm.to_dict() for alarm in self.alarms],
-            "odd": [one.to_dict() for arm in self.arms for one in arm.odd],
+            "odd": [outlier.to_dict() for arm in self.arms for outlier in arm.odd],
             "provenance": self.provenance.to_dict(),
         }
 
     def summary(self) -> str:
         """What is new, and what has changed."""
         count = sum(len(arm.sessions) for arm in self.arms)
-        lines = [f"{plural(len(self.arms), 'arm')}, {plural(count, 'session')}, {len(self.fresh)} of them new"]
+        arms = plural(len(self.arms), "arm")
+        sessions = plural(count, "session")
+        lines = [f"{arms}, {sessions}, {len(self.fresh)} of them new"]
         unfit = [row for arm in self.arms for row in arm.sessions if row["status"] != "done"]
-        lines += [f"{row['arm']}/{row['session']}: {row['status']}: {row['reason']}" for row in unfit]
-        lines += [f"{name}: waits: it was written to a moment ago (--settle says how long)" for name in self.waiting]
-        lines += [outlier_line(one) for arm in self.arms for one in arm.odd]
+        lines += [
+            f"{row['arm']}/{row['session']}: {row['status']}: {row['reason']}" for row in unfit
+        ]
+        lines += [
+            f"{name}: waits: it was written to a moment ago (--settle says how long)"
+            for name in self.waiting
+        ]
+        lines += [outlier_line(outlier) for arm in self.arms for outlier in arm.odd]
         lines += [alarm_line(alarm) for alarm in self.alarms]
         lines += [] if self.alarms else ["no alarm"]
-        lines += [f"no alarm yet, but perhaps: {alarm_line(arm.hint)}" for arm in self.arms if arm.hint is not None]
+        lines += [
+            f"no alarm yet, but perhaps: {alarm_line(arm.hint)}"
+            for arm in self.arms
+            if arm.hint is not None
+        ]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -187,40 +239,58 @@ class Watch(Result):
 def alarm_line(alarm: Alarm) -> str:
     """An alarm in one line."""
     if alarm.scale is not None and alarm.scale_low is not None and alarm.scale_high is not None:
-        low, high = 100.0 * (alarm.scale_low - 1.0), 100.0 * (alarm.scale_high - 1.0)
+        low = 100.0 * (alarm.scale_low - 1.0)
+        high = 100.0 * (alarm.scale_high - 1.0)
         size = f"{100.0 * (alarm.scale - 1.0):+.3g} % [{low:.3g}, {high:.3g}]"
-        return f"{alarm.arm}: the torque of {alarm.joint} changed its scale by {size} since {alarm.since}"
-    change = f"{alarm.after - alarm.before:+.3g}{unit_of(alarm.figure)} [{alarm.low:.3g}, {alarm.high:.3g}]"
-    past = f"from {alarm.before:.3g} since {alarm.since}; day to day it varies by {alarm.spread:.2g}"
+        return (
+            f"{alarm.arm}: the torque of {alarm.joint} changed its scale by {size} since "
+            f"{alarm.since}"
+        )
+    change = (
+        f"{alarm.after - alarm.before:+.3g}{unit_of(alarm.figure)} [{alarm.low:.3g}, "
+        f"{alarm.high:.3g}]"
+    )
+    past = (
+        f"from {alarm.before:.3g} since {alarm.since}; day to day it varies by {alarm.spread:.2g}"
+    )
     return f"{alarm.arm}: {alarm.joint} {alarm.figure} changed by {change} {past}"
 
 
-def outlier_line(one: Outlier) -> str:
+def outlier_line(outlier: Outlier) -> str:
     """A session that stands out, in one line."""
+    value = f"{outlier.value:.3g}{unit_of(outlier.figure)}"
     return (
-        f"{one.arm}: {one.session} stands out: {one.joint} {one.figure} is {one.value:.3g}{unit_of(one.figure)}, "
-        f"otherwise {one.usual:.3g} ± {one.spread:.2g}"
+        f"{outlier.arm}: {outlier.session} stands out: {outlier.joint} {outlier.figure} is "
+        f"{value}, otherwise {outlier.usual:.3g} ± {outlier.spread:.2g}"
     )
 
 
 def look(
-    folder: Path, store: Path, options: WatchOptions, progress: Callable[[int, int], None] = lambda done, total: None
+    folder: Path,
+    store: Path,
+    options: WatchOptions,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Watch:
     """Examines what is new in a folder and reads the whole store.
 
     Raises:
-        InputError: The folder holds no session, the store's folder is not ours, the scheduler can't be reached.
+        InputError: The folder holds no session, the store's folder is not ours, the scheduler can't
+            be reached.
     """
-    found = find_sessions(folder.resolve())
+    sessions = find_sessions(folder.resolve())
     store = store.resolve()
     begin_folder(store, STORE_KIND)
-    kept = Store(store)
-    done = {f"{row['arm']}/{row['session']}": row["stamp"] for row in kept.read(DONE)}
-    new = [one for one in found if done.get(one.key) != one.stamp]
-    # To a session that has settled nothing was written for some time: nobody is recording there any more.
-    ready = [one for one in new if time.time() - one.newest >= options.settle]
-    firsts = {arm: first_of_guesses(one for one in found if one.arm == arm) for arm in {one.arm for one in ready}}
-    tasks = [(one, store, options, firsts[one.arm]) for one in ready]
+    files = Store(store)
+    done = {f"{row['arm']}/{row['session']}": row["stamp"] for row in files.read(DONE)}
+    new = [session for session in sessions if done.get(session.key) != session.stamp]
+    # To a session that has settled nothing was written for some time: nobody is recording there any
+    # more.
+    ready = [session for session in new if time.time() - session.newest >= options.settle]
+    firsts = {}
+    for arm in {session.arm for session in ready}:
+        of_arm = [session for session in sessions if session.arm == arm]
+        firsts[arm] = first_of_guesses(of_arm)
+    tasks = [(session, store, options, firsts[session.arm]) for session in ready]
     finished: list[str] = []
 
     def count(name: str) -> None:
@@ -232,9 +302,13 @@ def look(
             count(examine_session(task))
     else:
         run_tasks(examine_session, tasks, options.workers, options.scheduler, count)
-    arms = read_histories(kept, options.level)
-    write_rows(store / "alarms.parquet", "alarms", [one.to_dict() for arm in arms for one in arm.alarms])
-    waiting = tuple(one.key for one in new if one not in ready)
+    arms = read_histories(files, options.level)
+    write_rows(
+        store / "alarms.parquet",
+        "alarms",
+        [alarm.to_dict() for arm in arms for alarm in arm.alarms],
+    )
+    waiting = tuple(session.key for session in new if session not in ready)
     return Watch(arms, tuple(sorted(finished)), waiting, options.level)
 
 
@@ -246,10 +320,15 @@ def read_histories(store: Store, level: float = LIMIT.level) -> tuple[ArmHistory
         for row in store.read(kind):
             tables[-1][row["arm"]].append(row)
     sessions, figures, effects = tables
-    return tuple(make_history(arm, sessions[arm], figures[arm], effects[arm], level) for arm in sorted(sessions))
+    return tuple(
+        make_history(arm, sessions[arm], figures[arm], effects[arm], level)
+        for arm in sorted(sessions)
+    )
 
 
-def make_history(arm: str, sessions: Rows, figures: Rows, effects: Rows = (), level: float = LIMIT.level) -> ArmHistory:
+def make_history(
+    arm: str, sessions: Rows, figures: Rows, effects: Rows = (), level: float = LIMIT.level
+) -> ArmHistory:
     """An arm's history from the rows of the store."""
     ordered = tuple(sorted(sessions, key=lambda row: (row["date"], row["session"])))
     order = [row["session"] for row in ordered if row["status"] == "done"]
@@ -259,8 +338,8 @@ def make_history(arm: str, sessions: Rows, figures: Rows, effects: Rows = (), le
         if row["session"] in place and row["figure"] in UNITS:
             values = (row[name] for name in ("value", "low", "high", "std", "session", "date"))
             points[row["joint"], row["figure"]].append(Point(*values))
-    for own in points.values():
-        own.sort(key=lambda point: place[point.session])
+    for of_figure in points.values():
+        of_figure.sort(key=lambda point: place[point.session])
     alarms, hint = find_changes(arm, points, order, level)
     odd = find_outliers(arm, points, alarms)
     named = tuple(row for row in effects if row["session"] in place)

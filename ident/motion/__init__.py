@@ -1,1 +1,3 @@
-"""From samples to motions: smoothing, one common filter, and memory that does not grow with a session."""
+"""From samples to motions: smoothing, one common filter, and memory that does not grow with a
+session.
+"""

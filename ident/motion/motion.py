@@ -1,7 +1,9 @@
-"""From recordings to motions: smoothed states on an even grid, and one zero-phase filter for every signal.
+"""From recordings to motions: smoothed states on an even grid, and one zero-phase filter for every
+signal.
 
-Measured torque and every modelled torque or regressor column must pass through the same filter and decimation;
-otherwise the difference of two filters looks like delay or elasticity. `Motion.filtered` is that one filter.
+Measured torque and every modelled torque or regressor column must pass through the same filter and
+decimation; otherwise the difference of two filters looks like delay or elasticity.
+`Motion.filtered` is that one filter.
 """
 
 from __future__ import annotations
@@ -16,17 +18,15 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze, in_a_line
 from ident.errors import RecordingError
-from ident.motion.filter import (
-    LEAST_CUTOFF_HZ,
-    USUAL_MOTION,
-    Lowpass,
-    MotionSettings,
+from ident.motion.encoder_noise import (
     draw_errors,
     find_resolution,
     find_signal_band,
     keep_band,
     mean_spectrum,
 )
+from ident.motion.filter import LEAST_CUTOFF_HZ, Lowpass
+from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.recordings.recording import Payload, Recording, Session
 
@@ -49,11 +49,13 @@ class Motion:
     payload: Payload | None = None  # known body at the flange
     temperature: Float[Array, "T n"] | None = None  # measured joint temperature [degC], or None
     position_command: Float[Array, "T n"] | None = None  # commanded position [rad], or None
-    continues: bool = False  # whether it is the next piece of the recorded run that the motion before it is a piece of
-    # One more draw of the encoder noise that is left in q, dq and ddq, or None: what it does to columns made of the
-    # states is what the noise that is in them does.
+    # whether it is the next piece of the recorded run that the motion before it is a piece of
+    continues: bool = False
+    # One more draw of the encoder noise that is left in q, dq and ddq, or None: what it does to
+    # columns made of the states is what the noise that is in them does.
     state_noise: Float[Array, "T n 3"] | None = None
-    # Frequency up to which each joint's states follow its motion [Hz], or None where they follow all of it.
+    # Frequency up to which each joint's states follow its motion [Hz], or None where they follow
+    # all of it.
     band: Float[Array, " n"] | None = None
     # Power density of each joint's encoder noise [rad²/Hz], or None where nobody knows.
     density: Float[Array, " n"] | None = None
@@ -92,24 +94,31 @@ class Motion:
     def moving(self) -> Bool[Array, "t n"]:
         """Where each joint surely moves, on the filtered grid.
 
-        At rest dry friction holds any torque up to its Coulomb level: no function of the state tells it.
+        At rest dry friction holds any torque up to its Coulomb level: no function of the state
+        tells it.
         """
-        return np.abs(self.dq[self.coarse]) > self.rest_speed
+        return np.asarray(np.abs(self.dq[self.coarse]) > self.rest_speed)
 
     @property
     def blurred(self) -> Int[Array, " n"]:
-        """Filtered samples over which a stop or a turn of each joint is smeared; one that never moves has no band."""
-        band = np.full(self.n, np.inf) if self.band is None else np.maximum(self.band, LEAST_CUTOFF_HZ)
+        """Filtered samples over which a stop or a turn of each joint is smeared; one that never
+        moves has no band.
+        """
+        band = (
+            np.full(self.n, np.inf) if self.band is None else np.maximum(self.band, LEAST_CUTOFF_HZ)
+        )
         periods = self.settings.reversal_periods / np.minimum(self.lowpass.cutoff, band)
-        return np.maximum(1, np.round(periods / (self.interval * self.lowpass.factor))).astype(int)
+        samples = np.round(periods / (self.interval * self.lowpass.factor))
+        return np.asarray(np.maximum(1, samples), dtype=int)
 
     @cached_property
     def settled(self) -> Bool[Array, "t n"]:
         """Where each joint moves and neither reverses, stops nor starts within the filter's reach.
 
-        At rest dry friction holds any torque up to its level, and the filter smears that over its neighbourhood, as the
-        smoother smears where it begins and ends. Until a joint has travelled some way its friction depends on what was
-        before the run, and behind a turn or stop, until its gears' contacts slide, on where it stood.
+        At rest dry friction holds any torque up to its level, and the filter smears that over its
+        neighbourhood, as the smoother smears where it begins and ends. Until a joint has travelled
+        some way its friction depends on what was before the run, and behind a turn or stop, until
+        its gears' contacts slide, on where it stood.
         """
         reach = self.blurred
         heading = np.where(self.moving, np.sign(self.dq[self.coarse]), 0.0)
@@ -124,17 +133,22 @@ class Motion:
         q = self.q[self.coarse]
         travelled = np.maximum.accumulate(q) - np.minimum.accumulate(q)
         slid = np.abs(q - np.take_along_axis(q, last_turns(heading), axis=0))
-        known = (travelled > self.settings.forgetting_travel) & (slid > self.settings.presliding_travel)
+        known = (travelled > self.settings.forgetting_travel) & (
+            slid > self.settings.presliding_travel
+        )
         return np.asarray(settled & known)
 
     @property
     def rest_speed(self) -> Float[Array, " n"]:
         """Speed below which a joint can't be distinguished from one at rest [rad/s]."""
-        return np.maximum(self.settings.rest_deviations * self.std[1], self.settings.rest_speed)
+        noise = self.settings.rest_deviations * self.std[1]
+        return np.asarray(np.maximum(noise, self.settings.rest_speed))
 
     @property
     def noisier(self) -> Motion:
-        """The same run with one more draw of the encoder noise in its states; the same, where no noise was drawn."""
+        """The same run with one more draw of the encoder noise in its states; the same, where no
+        noise was drawn.
+        """
         if self.state_noise is None:
             return self
         q, dq, ddq = np.moveaxis(self.state_noise, -1, 0)
@@ -150,10 +164,14 @@ class Motion:
         """The same run of some joints only."""
         columns = [self.joints.index(name) for name in joints]
         names = ("q", "dq", "ddq", "tau", "std", "temperature", "position_command", "state_noise")
-        kept = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        cut: dict[str, Any] = {name: freeze(values[:, columns]) for name, values in kept.items()}
-        own = {name: getattr(self, name) for name in ("band", "density")}
-        cut |= {name: freeze(values[columns]) for name, values in own.items() if values is not None}
+        channels = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        cut: dict[str, Any] = {
+            name: freeze(values[:, columns]) for name, values in channels.items()
+        }
+        by_joint = {name: getattr(self, name) for name in ("band", "density")}
+        cut |= {
+            name: freeze(values[columns]) for name, values in by_joint.items() if values is not None
+        }
         return replace(self, joints=tuple(joints), **cut)
 
 
@@ -166,9 +184,9 @@ def last_turns(heading: Float[Array, "t n"]) -> Int[Array, "t n"]:
 def torque_band(motion: Motion, inertia: Float[Array, " n"], corner: float) -> float:
     """Frequency up to which what a run's states lack of its motion is little in any torque [Hz].
 
-    Beyond a corner the states lack motion that is less than `caution` times the encoder's noise: in the torque at most
-    caution · M² (2π f)⁴ · density. Up to some frequency that is a small share (`lost_share`) of what the torque has
-    there, at each joint.
+    Beyond a corner the states lack motion that is less than `caution` times the encoder's noise: in
+    the torque at most caution · M² (2π f)⁴ · density. Up to some frequency that is a small share
+    (`lost_share`) of what the torque has there, at each joint.
 
     Args:
         motion: The run.
@@ -177,7 +195,8 @@ def torque_band(motion: Motion, inertia: Float[Array, " n"], corner: float) -> f
     """
     if motion.density is None or len(motion.time) < 2:
         return corner
-    rate, settings = motion.lowpass.rate, motion.settings
+    rate = motion.lowpass.rate
+    settings = motion.settings
     length = min(len(motion.time), max(16, round(settings.band_stretch_s * rate)))
     f, torque = mean_spectrum(np.asarray(motion.tau), rate, length)
     beyond = f > corner
@@ -188,7 +207,9 @@ def torque_band(motion: Motion, inertia: Float[Array, " n"], corner: float) -> f
 
 def session_noise(session: Session, settings: MotionSettings = USUAL_MOTION) -> NoiseLevels:
     """Noise levels of a session's joints, by maximum likelihood over all its runs."""
-    return fit_noise_levels([run.time for run in session.runs], [run.position for run in session.runs], settings)
+    return fit_noise_levels(
+        [run.time for run in session.runs], [run.position for run in session.runs], settings
+    )
 
 
 def prepare_run(
@@ -199,7 +220,9 @@ def prepare_run(
     settings: MotionSettings = USUAL_MOTION,
     rng: np.random.Generator | None = None,
 ) -> Motion:
-    """Smooths one run and lays it on an even grid; with `rng`, a draw of encoder noise is taken along."""
+    """Smooths one run and lays it on an even grid; with `rng`, a draw of encoder noise is taken
+    along.
+    """
     states = smooth(run.time, run.position, levels, settings.smoother)
     rate = 1.0 / run.sample_interval
     grid = run.time[0] + np.arange(int(np.floor(run.duration * rate + 1e-6)) + 1) / rate
@@ -210,8 +233,12 @@ def prepare_run(
     q, dq, ddq = np.moveaxis(keep_band(even_states, rate, band, 2 * lowpass.cutoff), -1, 0)
     noise = None
     if rng is not None:
-        drawn = smooth(run.time, draw_errors(states.q, levels, find_resolution(run.position), rng), levels)
-        noise = keep_band(_on_grid(run.time, drawn, None if even else grid), rate, band, 2 * lowpass.cutoff)
+        drawn = smooth(
+            run.time, draw_errors(states.q, levels, find_resolution(run.position), rng), levels
+        )
+        noise = keep_band(
+            _on_grid(run.time, drawn, None if even else grid), rate, band, 2 * lowpass.cutoff
+        )
 
     def on_grid(values: Float[Array, "T n"] | None) -> Float[Array, "T n"] | None:
         if values is None or even:
@@ -248,7 +275,8 @@ def prepare(
 
     Args:
         session: The recordings.
-        cutoff: Corner of the common filter [Hz]; that of the settings, as far as the sampling rate allows it, if None.
+        cutoff: Corner of the common filter [Hz]; that of the settings, as far as the sampling rate
+            allows it, if None.
         settings: How a recording becomes a motion.
 
     Raises:
@@ -266,8 +294,11 @@ def prepare_each(
     settings: MotionSettings = USUAL_MOTION,
     rng: np.random.Generator | None = None,
 ) -> Iterator[Motion]:
-    """The same one after the other, for whoever needn't have them all at once; none where no run is long enough."""
-    least, samples = settings.least_duration_s, settings.least_samples
+    """The same one after the other, for whoever needn't have them all at once; none where no run is
+    long enough.
+    """
+    least = settings.least_duration_s
+    samples = settings.least_samples
     long = [run for run in session.runs if run.duration >= least and len(run) >= samples]
     if not long:
         return
@@ -278,20 +309,29 @@ def prepare_each(
 
 def no_motion(where: str | Path, settings: MotionSettings = USUAL_MOTION) -> RecordingError:
     """The error of recordings whose runs are all too short."""
-    return RecordingError(str(where), f"no run lasts {settings.least_duration_s:g} s", "record longer motions")
+    return RecordingError(
+        str(where), f"no run lasts {settings.least_duration_s:g} s", "record longer motions"
+    )
 
 
 def _on_grid(time: Array, states: Smoothed, grid: Array | None) -> Float[Array, "T n 3"]:
-    """Smoothed states side by side: at their own times, or at others by the quintic through both neighbours' states."""
+    """Smoothed states side by side: at their own times, or at others by the quintic through both
+    neighbours' states.
+    """
     if grid is None:
         return np.stack([states.q, states.dq, states.ddq], axis=-1)
     left = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 2)
     h = (time[left + 1] - time[left])[:, None]
     u = ((grid - time[left])[:, None]) / h
-    q0, q1 = states.q[left], states.q[left + 1]
-    v0, v1 = states.dq[left] * h, states.dq[left + 1] * h
-    a0, a1 = states.ddq[left] * h**2, states.ddq[left + 1] * h**2
-    rise, start, end = q1 - q0 - v0 - a0 / 2, v1 - v0 - a0, a1 - a0
+    q0 = states.q[left]
+    q1 = states.q[left + 1]
+    v0 = states.dq[left] * h
+    v1 = states.dq[left + 1] * h
+    a0 = states.ddq[left] * h**2
+    a1 = states.ddq[left + 1] * h**2
+    rise = q1 - q0 - v0 - a0 / 2
+    start = v1 - v0 - a0
+    end = a1 - a0
     c3 = 10 * rise - 4 * start + end / 2
     c4 = -15 * rise + 7 * start - end
     c5 = 6 * rise - 3 * start + end / 2

@@ -1,9 +1,11 @@
-"""Sessions of hours by stretches: as many samples as memory should hold, drawn from all over the session.
+"""Sessions of hours by stretches: as many samples as memory should hold, drawn from all over the
+session.
 
-A standard error falls with the root of the number of samples; work and memory grow with the number itself. So a session
-of more samples than `HELD_SAMPLES` is cut into stretches, each of which draws a number, and those with the smallest
-numbers are kept: a simple random sample, whatever the order in which runs come, of which never more than twice as much
-is in memory. A shorter session is handed back as it is.
+A standard error falls with the root of the number of samples; work and memory grow with the number
+itself. So a session of more samples than `HELD_SAMPLES` is cut into stretches, each of which draws
+a number, and those with the smallest numbers are kept: a simple random sample, whatever the order
+in which runs come, of which never more than twice as much is in memory. A shorter session is handed
+back as it is.
 
 Source: Efraimidis and Spirakis 2006 (reservoir sampling by random keys).
 """
@@ -20,9 +22,10 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.motion.motion import Motion, torque_band
 
-# Samples of a session that are held for a diagnosis (13 minutes at 125 Hz, to which faster logs are decimated), and for
-# a fit, whose motions keep the log's own rate.
-HELD_SAMPLES, FITTED_SAMPLES = 100_000, 1_000_000
+# Samples of a session that are held for a diagnosis (13 minutes at 125 Hz, to which faster logs are
+# decimated), and for a fit, whose motions keep the log's own rate.
+HELD_SAMPLES = 100_000
+FITTED_SAMPLES = 1_000_000
 # Length of the stretches into which a longer session is cut.
 STRETCH_SAMPLES = 4_000
 # Of the choice of stretches, or of runs where a few are enough.
@@ -60,58 +63,76 @@ def hold(motions: Iterable[Motion], most: int | None = None) -> Held:
         most: Samples that are held; `HELD_SAMPLES` if None.
     """
     most = HELD_SAMPLES if most is None else most
-    rng, kept, samples = np.random.default_rng(CHOICE_SEED), list[_Stretch](), 0
+    rng = np.random.default_rng(CHOICE_SEED)
+    stretches = list[_Stretch]()
+    samples = 0
     whole: list[Motion] = []
     for number, motion in enumerate(motions):
         samples += len(motion.time)
-        kept += [_Stretch(rng.random(), number, part) for part in cut(motion, STRETCH_SAMPLES)]
+        stretches += [
+            _Stretch(rng.random(), number, piece) for piece in cut(motion, STRETCH_SAMPLES)
+        ]
         if samples <= most:
             whole.append(motion)
             continue
         whole.clear()
-        if sum(len(one.motion.time) for one in kept) > 2 * most:
-            kept = _sample(kept, most)
+        if sum(len(stretch.motion.time) for stretch in stretches) > 2 * most:
+            stretches = _sample(stretches, most)
     if samples <= most:
         return Held(tuple(whole), tuple(range(len(whole))), samples)
-    kept = _sample(kept, most)
-    sources = [one.source for one in kept]
+    stretches = _sample(stretches, most)
+    sources = [stretch.source for stretch in stretches]
     goes_on = [source == last for source, last in zip(sources, [-1, *sources], strict=False)]
-    found = (replace(one.motion, continues=again) for one, again in zip(kept, goes_on, strict=True))
-    return Held(tuple(found), tuple(sources), samples)
+    chosen = (
+        replace(stretch.motion, continues=again)
+        for stretch, again in zip(stretches, goes_on, strict=True)
+    )
+    return Held(tuple(chosen), tuple(sources), samples)
 
 
 def _sample(stretches: list[_Stretch], most: int) -> list[_Stretch]:
-    """Those with the smallest numbers, of so many samples, in their order; they hold on to no longer motion."""
-    order = np.argsort([one.key for one in stretches])
+    """Those with the smallest numbers, of so many samples, in their order; they hold on to no
+    longer motion.
+    """
+    order = np.argsort([stretch.key for stretch in stretches])
     held = list(accumulate(len(stretches[k].motion.time) for k in order))
     chosen = sorted(order[: max(1, int(np.searchsorted(held, most, side="right")))])
-    found = []
-    for one in (stretches[k] for k in chosen):
-        own = {name: values.copy() for name, values in _channels(one.motion).items()}
-        found.append(one._replace(motion=_with_channels(one.motion, own)))
-    return found
+    chosen_stretches = []
+    for stretch in (stretches[k] for k in chosen):
+        channels = {name: values.copy() for name, values in _channels(stretch.motion).items()}
+        chosen_stretches.append(stretch._replace(motion=_with_channels(stretch.motion, channels)))
+    return chosen_stretches
 
 
 def within_band(motions: Sequence[Motion], inertia: Float[Array, " n"]) -> tuple[Motion, ...]:
-    """The same motions, their common filter's corner no higher than what is known of the motion bears on torques.
+    """The same motions, their common filter's corner no higher than what is known of the motion
+    bears on torques.
 
-    Where torque is looked at beyond the band that states follow, speeds and accelerations that are half kept stand
-    against torques that are whole: where that is more than a little (`torque_band`) it looks like elasticity, whose
-    torque grows towards its resonance.
+    Where torque is looked at beyond the band that states follow, speeds and accelerations that are
+    half kept stand against torques that are whole: where that is more than a little (`torque_band`)
+    it looks like elasticity, whose torque grows towards its resonance.
     """
-    known = [(motion.band, motion.settings.whole_share) for motion in motions if motion.band is not None]
+    known = [
+        (motion.band, motion.settings.whole_share) for motion in motions if motion.band is not None
+    ]
     # Of most joints in most runs; infinite where nobody knows.
-    corner = known[0][1] * float(np.median(np.median([band for band, _ in known], axis=0))) if known else np.inf
+    corner = (
+        known[0][1] * float(np.median(np.median([band for band, _ in known], axis=0)))
+        if known
+        else np.inf
+    )
     if np.isfinite(corner):
         corner = float(np.median([torque_band(motion, inertia, corner) for motion in motions]))
     return tuple(motion.below(corner) for motion in motions)
 
 
 def choose_runs(count: int, every: int) -> list[int]:
-    """Indices of one run out of each stretch of `every`, at a random but always the same place of it.
+    """Indices of one run out of each stretch of `every`, at a random but always the same place of
+    it.
 
-    Recordings often go through a few kinds of motion in turn. Runs at even distances, or at places that shift by an
-    even step, may all be of the same few kinds; runs at random places are of all kinds in proportion.
+    Recordings often go through a few kinds of motion in turn. Runs at even distances, or at places
+    that shift by an even step, may all be of the same few kinds; runs at random places are of all
+    kinds in proportion.
     """
     starts = np.arange(0, count, every)
     places = np.random.default_rng(CHOICE_SEED).integers(np.minimum(every, count - starts))
@@ -124,7 +145,9 @@ def runs_recorded(motions: Sequence[Motion]) -> int:
 
 
 def cut(motion: Motion, most: int) -> Iterator[Motion]:
-    """A run in pieces of about equal length, each of at most so many samples; a short one as it is."""
+    """A run in pieces of about equal length, each of at most so many samples; a short one
+    as it is.
+    """
     count = -(-len(motion.time) // most)
     if count <= 1:
         yield motion
@@ -133,7 +156,9 @@ def cut(motion: Motion, most: int) -> Iterator[Motion]:
     for k, (start, end) in enumerate(pairwise(edges), start=1):
         pieces = {name: values[start:end] for name, values in _channels(motion).items()}
         name = f"{motion.name} ({k} of {count})"
-        yield replace(_with_channels(motion, pieces), name=name, continues=motion.continues or k > 1)
+        yield replace(
+            _with_channels(motion, pieces), name=name, continues=motion.continues or k > 1
+        )
 
 
 def _channels(motion: Motion) -> dict[str, Array]:

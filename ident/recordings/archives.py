@@ -18,13 +18,15 @@ from ident.safe_read import read_arrays
 
 
 def open_arrays(path: Path, always: bool = False) -> NamedColumns:
-    """Native columns, or arrays `position`, `velocity`, `effort`, … of all joints with `joints`; or any names.
+    """Native columns, or arrays `position`, `velocity`, `effort`, … of all joints with `joints`; or
+    any names.
 
     Args:
         always: Whether an array `position` without `joints` is as good as one under any other name.
 
     Raises:
-        RecordingError: Not an archive, or no names of the joints; when columns are read: different lengths.
+        RecordingError: Not an archive, or no names of the joints; when columns are read: different
+            lengths.
     """
     named = read_arrays(path, "write it with numpy.savez", RecordingError)
     stacked = "position" in named and ("joints" in named or not always)
@@ -55,27 +57,34 @@ def _unstack(arrays: Mapping[str, np.ndarray], path: Path) -> dict[str, np.ndarr
     joints = [str(name) for name in np.atleast_1d(arrays["joints"])]
     twice = next((name for name in joints if joints.count(name) > 1), None)
     if twice is not None:
-        raise RecordingError(f"{path}, array joints", f"names {twice!r} twice", "give each joint one column")
+        raise RecordingError(
+            f"{path}, array joints", f"names {twice!r} twice", "give each joint one column"
+        )
     columns = {TIME: np.atleast_1d(arrays[TIME])} if TIME in arrays else {}
-    for channel in (one for one in CHANNELS if one in arrays):
+    for channel in (channel for channel in CHANNELS if channel in arrays):
         values = arrays[channel]
         if values.ndim != 2 or values.shape[1] != len(joints):
             remedy = f"make it (samples, {len(joints)} joints)"
             raise RecordingError(f"{path}, array {channel}", f"has shape {values.shape}", remedy)
-        columns.update({f"{joint}/{channel}": values[:, index] for index, joint in enumerate(joints)})
+        columns.update(
+            {f"{joint}/{channel}": values[:, index] for index, joint in enumerate(joints)}
+        )
     return columns
 
 
 def spread_arrays(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Arrays of one and two dimensions as columns of equal length; what holds no samples is left out.
+    """Arrays of one and two dimensions as columns of equal length; what holds no samples is left
+    out.
 
-    The samples' number is the length that most arrays have along some axis, the longer one counting. Arrays of native
-    names stay as they are.
+    The samples' number is the length that most arrays have along some axis, the longer one
+    counting. Arrays of native names stay as they are.
     """
     if not any(values.ndim == 2 for values in arrays.values()):
         return dict(arrays)
     numeric = {name: values for name, values in arrays.items() if values.dtype.kind in "fiu"}
-    lengths = Counter(max(values.shape) for values in numeric.values() if values.ndim in (1, 2) and values.size)
+    lengths = Counter(
+        max(values.shape) for values in numeric.values() if values.ndim in (1, 2) and values.size
+    )
     samples = max(lengths, key=lambda length: (lengths[length], length), default=0)
     columns: dict[str, np.ndarray] = {}
     for name, values in arrays.items():

@@ -1,4 +1,6 @@
-"""What damaged cells mean: which rows are dropped, which cells forbid a fit, and how that is reported."""
+"""What damaged cells mean: which rows are dropped, which cells forbid a fit, and how that is
+reported.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,10 @@ OPTIONAL = ("velocity", "acceleration", "position_command", "velocity_command", 
 NUMBER = r"^[\s\"]*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?[\s\"]*$"
 MISSING = r"(?i)^[\s\"]*[-+]?(|nan|n/a|na|null|none|inf|infinity|1\.#\w+)[\s\"]*$"
 MOST_CELLS = 0.5  # a row with half of its cells unreadable is no sample
-# Dropped rows leave gaps. One in a thousand is a logger's hiccup; one in ten leaves no continuous motion.
-FEW_ROWS, MANY_ROWS = 1e-3, 0.1
+# Dropped rows leave gaps. One in a thousand is a logger's hiccup; one in ten leaves no continuous
+# motion.
+FEW_ROWS = 1e-3
+MANY_ROWS = 0.1
 MEND = "`ident inspect SESSION --mend DIR` writes a copy without the damaged rows"
 
 
@@ -31,20 +35,26 @@ class Cells:
     """The cells of one table, some of which may be damaged."""
 
     source: Path  # the file
-    columns: Mapping[str, Float[Array, " R"]]  # native name -> numbers, NaN or infinite where there is none
+    # native name -> numbers, NaN or infinite where there is none
+    columns: Mapping[str, Float[Array, " R"]]
     place: str = "row"  # what its rows are counted in: "line" of a text, "row" of a binary table
     names: Sequence[str] = ()  # names of the columns, for messages
     numbers: Int[Array, " R"] | None = None  # number of each row in the file; 1, 2, … if None
-    text: Bool[Array, "R k"] | None = None  # mask of cells that hold text; None where there are none
+    # mask of cells that hold text; None where there are none
+    text: Bool[Array, "R k"] | None = None
     misshapen: Sequence[int] = ()  # numbers of further rows, which have a wrong number of cells
-    truncated: int | None = None  # number of the file's last row if it is cut short: it is dropped whatever it holds
-    raw: Callable[[int, int], str] = lambda row, column: ""  # A cell as it stands in the file, by its row and column
+    # number of the file's last row if it is cut short: it is dropped whatever it holds
+    truncated: int | None = None
+    # A cell as it stands in the file, by its row and column
+    raw: Callable[[int, int], str] = lambda row, column: ""
 
     def screen(self) -> Table:
-        """Drops rows that are surely no samples; single bad cells of other rows become NaN, with a fatal issue.
+        """Drops rows that are surely no samples; single bad cells of other rows become NaN, with a
+        fatal issue.
 
-        A row is no sample if it has a wrong number of cells, is the last and cut short, or if most of its cells are
-        text or empty. Temperature is often logged more slowly than the rest: its empty cells count for nothing.
+        A row is no sample if it has a wrong number of cells, is the last and cut short, or if most
+        of its cells are text or empty. Temperature is often logged more slowly than the rest: its
+        empty cells count for nothing.
 
         Raises:
             RecordingError: No row is left.
@@ -62,7 +72,9 @@ class Cells:
         lost = cut | (bad[:, watched].mean(axis=1) >= MOST_CELLS if watched.any() else False)
         if lost.all():
             raise RecordingError(self.source, "no row can be read", "give a table with numbers")
-        unreadable = np.sort([*self.misshapen, *numbers[lost & ~cut & text.any(axis=1)]]).astype(int)
+        unreadable = np.sort([*self.misshapen, *numbers[lost & ~cut & text.any(axis=1)]]).astype(
+            int
+        )
         empty = numbers[lost & ~cut & ~text.any(axis=1)]
         issues = [
             self._dropped("garbage_cells", unreadable, "unreadable", len(finite)),
@@ -72,19 +84,21 @@ class Cells:
             self._bad("nan_cells", np.argwhere(missing & ~lost[:, None]), numbers),
         ]
         # Infinite cells become NaN: one mark for "no number here".
-        kept = {
+        sound = {
             name: np.where(good, values, np.nan)[~lost]
             for (name, values), good in zip(self.columns.items(), finite.T, strict=True)
         }
-        return kept, tuple(issue for issue in issues if issue is not None)
+        return sound, tuple(issue for issue in issues if issue is not None)
 
     def _without_other_topics(self) -> tuple[Cells, TelemetryIssue] | None:
         """The rows that hold some joint's state, and a note; None where hardly a row holds none.
 
-        Exports of several topics side by side have a row for each message of any. What comes in other rows than the
-        states, such as commands, is interpolated to theirs.
+        Exports of several topics side by side have a row for each message of any. What comes in
+        other rows than the states, such as commands, is interpolated to theirs.
         """
-        needed = [values for name, values in self.columns.items() if name.rpartition("/")[2] in NEEDED]
+        needed = [
+            values for name, values in self.columns.items() if name.rpartition("/")[2] in NEEDED
+        ]
         if not needed:
             return None
         has_text = False if self.text is None else self.text.any(axis=1)
@@ -95,23 +109,32 @@ class Cells:
         columns = {}
         for name, values in self.columns.items():
             known = np.isfinite(values)
-            is_apart = name.rpartition("/")[2] in OPTIONAL and known.any() and not (known & states).any()
-            columns[name] = np.interp(rows, rows[known], values[known])[states] if is_apart else values[states]
+            is_apart = (
+                name.rpartition("/")[2] in OPTIONAL and known.any() and not (known & states).any()
+            )
+            columns[name] = (
+                np.interp(rows, rows[known], values[known])[states] if is_apart else values[states]
+            )
         numbers = rows + 1 if self.numbers is None else np.asarray(self.numbers)
-        at = np.flatnonzero(states)
+        with_states = np.flatnonzero(states)
         text = None if self.text is None else self.text[states]
         alone = replace(
             self,
             columns=columns,
             numbers=numbers[states],
             text=text,
-            raw=lambda row, column: self.raw(int(at[row]), column),
+            raw=lambda row, column: self.raw(int(with_states[row]), column),
         )
         count = int((~states).sum())
-        evidence = f"{self.source.name}: {count} of {len(states)} rows hold no joint's state: another topic's, skipped"
+        evidence = (
+            f"{self.source.name}: {count} of {len(states)} rows hold no joint's state: another "
+            "topic's, skipped"
+        )
         return alone, TelemetryIssue("other_topics", (), "note", evidence, "none needed")
 
-    def _dropped(self, issue: str, rows: Int[Array, " g"], kind: str, read: int) -> TelemetryIssue | None:
+    def _dropped(
+        self, issue: str, rows: Int[Array, " g"], kind: str, read: int
+    ) -> TelemetryIssue | None:
         if len(rows) == 0:
             return None
         share = len(rows) / (read + len(self.misshapen))
@@ -119,28 +142,37 @@ class Cells:
         severity: Severity = "fatal" if share > MANY_ROWS else "note" if few else "warning"
         count = f"{len(rows)} rows" if len(rows) > 1 else "1 row"
         shown = ", ".join(map(str, rows[:5])) + (", …" if len(rows) > 5 else "")
-        evidence = f"{self.source.name}, {self.place} {shown}: {count} {kind} ({share:.2%}), dropped"
+        evidence = (
+            f"{self.source.name}, {self.place} {shown}: {count} {kind} ({share:.2%}), dropped"
+        )
         remedy = "none needed; look at what writes into the log"
         if severity == "fatal":
             remedy = "record again, or take these rows out: too many for one continuous motion"
         return TelemetryIssue(issue, (), severity, evidence, remedy)
 
-    def _bad(self, issue: str, cells: Int[Array, "c 2"], numbers: Int[Array, " R"]) -> TelemetryIssue | None:
+    def _bad(
+        self, issue: str, cells: Int[Array, "c 2"], numbers: Int[Array, " R"]
+    ) -> TelemetryIssue | None:
         if len(cells) == 0:
             return None
-        (row, column), natives = cells[0], list(self.columns)
+        (row, column) = cells[0]
+        natives = list(self.columns)
         joints = dict.fromkeys(joint_of(natives[index]) for index in sorted(set(cells[:, 1])))
         seen = "NaN or no number" if issue == "nan_cells" else repr(self.raw(row, column))
         count = "" if len(cells) == 1 else f", and {len(cells) - 1} more such cells"
         name = (self.names or natives)[column]
         evidence = f"{self.source.name}, {self.place} {numbers[row]}, column {name}: {seen}{count}"
-        return TelemetryIssue(issue, tuple(joint for joint in joints if joint), "fatal", evidence, MEND)
+        return TelemetryIssue(
+            issue, tuple(joint for joint in joints if joint), "fatal", evidence, MEND
+        )
 
 
 def cut_short(source: Path, place: str, row: int) -> TelemetryIssue:
     """That the last row of a table was dropped, for it is no whole one."""
     evidence = f"{source.name}, {place} {row}: the last row is cut short, dropped"
-    return TelemetryIssue("truncated_row", (), "note", evidence, "none needed; let the logger end cleanly")
+    return TelemetryIssue(
+        "truncated_row", (), "note", evidence, "none needed; let the logger end cleanly"
+    )
 
 
 def named_columns(
@@ -150,7 +182,9 @@ def named_columns(
     numbers: Callable[[], Mapping[str, Float[Array, " T"]]] = dict,
     issues: tuple[TelemetryIssue, ...] = (),
 ) -> NamedColumns:
-    """The columns of a table that holds numbers only; rows that are mostly NaN or infinite are dropped."""
+    """The columns of a table that holds numbers only; rows that are mostly NaN or infinite are
+    dropped.
+    """
 
     def read(chosen: Mapping[int, str]) -> Table:
         columns = dict(zip(chosen.values(), load(list(chosen)), strict=True))
@@ -160,10 +194,14 @@ def named_columns(
         if columns and not any(lengths.values()):
             raise RecordingError(source, "has no samples", "give a table with samples")
         columns, unused = drop_empty(columns, source)
-        if all(np.isfinite(values).all() for name, values in columns.items() if not name.endswith("/temperature")):
+        if all(
+            np.isfinite(values).all()
+            for name, values in columns.items()
+            if not name.endswith("/temperature")
+        ):
             return columns, (*issues, *unused)
-        screened, found = Cells(source, columns).screen()
-        return screened, (*issues, *unused, *found)
+        screened, issues_of_cells = Cells(source, columns).screen()
+        return screened, (*issues, *unused, *issues_of_cells)
 
     return NamedColumns(tuple(names), read, numbers)
 
@@ -173,17 +211,28 @@ def held_columns(
 ) -> NamedColumns:
     """Columns of numbers that are in memory already, by the file's own names."""
     names = list(columns)
-    return named_columns(names, lambda chosen: [columns[names[i]] for i in chosen], source, lambda: columns, issues)
+    return named_columns(
+        names, lambda chosen: [columns[names[i]] for i in chosen], source, lambda: columns, issues
+    )
 
 
 def drop_empty(
     columns: Mapping[str, Float[Array, " T"]], source: Path
 ) -> tuple[dict[str, Float[Array, " T"]], tuple[TelemetryIssue, ...]]:
-    """Leaves out columns that nobody needs and that hold no number: drivers log interfaces that the arm lacks."""
-    empty = [name for name in columns if name.rpartition("/")[2] in OPTIONAL and np.isnan(columns[name]).all()]
+    """Leaves out columns that nobody needs and that hold no number: drivers log interfaces that the
+    arm lacks.
+    """
+    empty = [
+        name
+        for name in columns
+        if name.rpartition("/")[2] in OPTIONAL and np.isnan(columns[name]).all()
+    ]
     if not empty:
         return dict(columns), ()
     joints = tuple(dict.fromkeys(joint_of(name) for name in empty))
-    evidence = f"{source.name}: no number in {', '.join(empty[:3])}{', …' if len(empty) > 3 else ''}; not used"
+    evidence = (
+        f"{source.name}: no number in {', '.join(empty[:3])}{', …' if len(empty) > 3 else ''}; "
+        "not used"
+    )
     note = TelemetryIssue("missing_channel", joints, "note", evidence, "none needed")
     return {name: values for name, values in columns.items() if name not in empty}, (note,)

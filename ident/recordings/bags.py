@@ -1,14 +1,16 @@
-"""Bags of ROS 2 and ROS 1 as columns: sensor_msgs/JointState of one topic, or every number of any topics.
+"""Bags of ROS 2 and ROS 1 as columns: sensor_msgs/JointState of one topic, or every number of any
+topics.
 
-Fields of any message are columns `/topic:field.place`; places of an array that belongs to names in the same message
-(`name`, `joint_names`, …) are called by these names. ROS 2 bags that bring the definitions of their messages are read
-whatever these are; others if ROS itself knows the type. ROS 1 bags (`.bag`) always bring them.
+Fields of any message are columns `/topic:field.place`; places of an array that belongs to names in
+the same message (`name`, `joint_names`, …) are called by these names. ROS 2 bags that bring the
+definitions of their messages are read whatever these are; others if ROS itself knows the type. ROS
+1 bags (`.bag`) always bring them.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -45,20 +47,32 @@ def open_bag(path: Path, settings: SessionFile | None, topic: str) -> NamedColum
         if not topics:
             remedy = "record it with a ROS that writes definitions"
             raise RecordingError(path, "no message in it can be read", remedy)
-        least = max(1, LEAST_TALK * max(len(one[TIME]) for one in topics.values()))
-        kept = [one for one in topics.values() if len(one[TIME]) > least]
-        return held_columns(merge(kept, [True] * len(kept), path)[0], path)
-    fields = {name: native for name, native in settings.columns.items() if name.startswith("/") and SEPARATOR in name}
+        least = max(1, LEAST_TALK * max(len(stream[TIME]) for stream in topics.values()))
+        talking = [stream for stream in topics.values() if len(stream[TIME]) > least]
+        return held_columns(merge(talking, [True] * len(talking), path)[0], path)
+    fields = {
+        name: native
+        for name, native in settings.columns.items()
+        if name.startswith("/") and SEPARATOR in name
+    }
     if not fields:
         return _open_joint_states(path, topic)
     topics = load_topics(path, {name.partition(SEPARATOR)[0] for name in settings.columns})
-    torque = {name.partition(SEPARATOR)[0] for name, own in fields.items() if own.endswith(("/effort", "/current"))}
-    held = held_columns(merge([*topics.values()], [not torque or name in torque for name in topics], path)[0], path)
+    torque = {
+        name.partition(SEPARATOR)[0]
+        for name, field in fields.items()
+        if field.endswith(("/effort", "/current"))
+    }
+    held = held_columns(
+        merge([*topics.values()], [not torque or name in torque for name in topics], path)[0], path
+    )
     clock = held.names.index(TIME) if TIME in held.names else -1
 
     def read(chosen: Mapping[int, str]) -> Table:
         """The time of the torque's topic is the run's where no other is named."""
-        return held.read(chosen if TIME in chosen.values() or clock < 0 else {**chosen, clock: TIME})
+        return held.read(
+            chosen if TIME in chosen.values() or clock < 0 else {**chosen, clock: TIME}
+        )
 
     return NamedColumns(held.names, read, held.numbers)
 
@@ -66,7 +80,9 @@ def open_bag(path: Path, settings: SessionFile | None, topic: str) -> NamedColum
 def _read_messages(
     path: Path, choose: Callable[[Bag], Sequence[Any]], take: Callable[[Any, int, Record], None]
 ) -> None:
-    """Hands out connection, time of receipt [ns] and content of the messages of some connections."""
+    """Hands out connection, time of receipt [ns] and content of the messages of some
+    connections.
+    """
     if path.is_file() and path.stat().st_size == 0:
         raise RecordingError(path, "is empty (0 bytes)", "record the bag again")
     try:
@@ -77,11 +93,16 @@ def _read_messages(
     except RecordingError:
         raise
     except MemoryError:
-        raise RecordingError(path, "a message in it claims to be larger than the memory", "record again") from None
-    except Exception as error:  # sqlite, struct, zstandard, lz4, YAML and the reader each raise their own
+        raise RecordingError(
+            path, "a message in it claims to be larger than the memory", "record again"
+        ) from None
+    # sqlite, struct, zstandard, lz4, YAML and the reader each raise their own
+    except Exception as error:
         remedy = "repair it (`ros2 bag reindex`, `mcap recover`) or record again"
         kind = "ROS 1" if path.suffix.lower() == ".bag" else "ROS 2"
-        raise RecordingError(path, f"not a whole {kind} bag ({first_line(error)})", remedy) from None
+        raise RecordingError(
+            path, f"not a whole {kind} bag ({first_line(error)})", remedy
+        ) from None
 
 
 @dataclass
@@ -103,35 +124,45 @@ class Stream:
 
     @property
     def time(self) -> Float[Array, " T"]:
-        """Time of the headers [s], or of receipt where no message has one: a single zero may be a clock's start."""
+        """Time of the headers [s], or of receipt where no message has one: a single zero may be a
+        clock's start.
+        """
         return np.array(self.stamps if any(self.stamps) else self.receipts, dtype=np.int64) * 1e-9
 
     def of_joints(self, joints: Sequence[str], path: Path) -> Columns:
-        """The messages as columns of joints, their time among them [s]; fields that they leave empty are left out."""
+        """The messages as columns of joints, their time among them [s]; fields that they leave
+        empty are left out.
+        """
         if len(set(joints)) < len(joints):
             twice = next(joint for joint in joints if list(joints).count(joint) > 1)
-            raise RecordingError(path, f"messages name the joint {twice!r} twice", "correct the publisher")
-        columns, nothing = {TIME: self.time}, np.full(len(joints), np.nan)
+            raise RecordingError(
+                path, f"messages name the joint {twice!r} twice", "correct the publisher"
+            )
+        columns = {TIME: self.time}
+        nothing = np.full(len(joints), np.nan)
         for name, values in zip(FIELDS, zip(*self.rows, strict=True), strict=True):
             if any(len(row) for row in values):
                 table = np.array([row if len(row) == len(joints) else nothing for row in values])
-                columns.update({f"{joint}/{name}": table[:, index] for index, joint in enumerate(joints)})
+                columns.update(
+                    {f"{joint}/{name}": table[:, index] for index, joint in enumerate(joints)}
+                )
         return columns
 
     def without_empty(self) -> tuple[Stream, int]:
         """The messages that fill every field that most of them fill, and the number of the others.
 
-        Nodes that know a part of the state speak on the same topic: what they leave empty is no fault of those that
-        know it.
+        Nodes that know a part of the state speak on the same topic: what they leave empty is no
+        fault of those that know it.
         """
-        filled = np.array([[len(values) > 0 for values in row] for row in self.rows])
+        lengths = [list(map(len, row)) for row in self.rows]
+        filled = np.array(lengths) > 0
         usual = filled.mean(axis=0) > 0.5
         whole = np.asarray(filled[:, usual].all(axis=1))
         if whole.all() or not whole.any():
             return self, 0
-        kept = [np.array(values)[whole].tolist() for values in (self.stamps, self.receipts)]
+        stamps_kept = [np.array(values)[whole].tolist() for values in (self.stamps, self.receipts)]
         rows = [row for row, is_whole in zip(self.rows, whole, strict=True) if is_whole]
-        return Stream(kept[0], kept[1], rows, self.names), int((~whole).sum())
+        return Stream(stamps_kept[0], stamps_kept[1], rows, self.names), int((~whole).sum())
 
 
 def _open_joint_states(path: Path, topic: str) -> NamedColumns:
@@ -141,34 +172,48 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
     """
 
     def choose(bag: Bag) -> list[Any]:
-        found = [connection for connection in bag.connections if connection.topic == topic]
-        usable = [connection for connection in found if connection.msgtype == JOINT_STATE]
+        connections = [connection for connection in bag.connections if connection.topic == topic]
+        usable = [connection for connection in connections if connection.msgtype == JOINT_STATE]
         if usable:
             return usable
-        what = f"topic {topic} holds {found[0].msgtype}, not {JOINT_STATE}" if found else f"no topic {topic}"
+        what = (
+            f"topic {topic} holds {connections[0].msgtype}, not {JOINT_STATE}"
+            if connections
+            else f"no topic {topic}"
+        )
         states = sorted({c.topic for c in bag.connections if c.msgtype == JOINT_STATE})
         if states:
-            raise RecordingError(path, what, f"choose the topic of the joint states: {', '.join(states)}")
+            raise RecordingError(
+                path, what, f"choose the topic of the joint states: {', '.join(states)}"
+            )
         topics = ", ".join(sorted({c.topic for c in bag.connections})) or "none"
-        raise RecordingError(path, what, f"record {JOINT_STATE}; the topics that are there: {topics}")
+        raise RecordingError(
+            path, what, f"record {JOINT_STATE}; the topics that are there: {topics}"
+        )
 
     streams: dict[tuple[str, ...], Stream] = defaultdict(Stream)
 
-    def take(_: Any, receipt: int, message: Record) -> None:
+    def take(_: object, receipt: int, message: Record) -> None:
         streams[tuple(message["name"])].take(message, receipt, [message[name] for name in FIELDS])
 
     _read_messages(path, choose, take)
     streams.pop((), None)
     if not streams:
-        raise RecordingError(path, f"no message on {topic}", "give a bag in which the joint states were recorded")
+        raise RecordingError(
+            path, f"no message on {topic}", "give a bag in which the joint states were recorded"
+        )
     screened = {key: stream.without_empty() for key, stream in streams.items()}
     tables = {key: stream.of_joints(key, path) for key, (stream, _) in screened.items()}
     publishers, silent_rows = _publishers(tables)
     empty = silent_rows + sum(count for _, count in screened.values())
-    columns, others = merge(publishers, [any(name.endswith("/effort") for name in one) for one in publishers], path)
+    with_effort = [_has_effort(labels) for labels in publishers]
+    columns, others = merge(publishers, with_effort, path)
     issues = []
     if empty:
-        evidence = f"{path.name}: {empty} messages on {topic} leave fields empty that the others fill; left out"
+        evidence = (
+            f"{path.name}: {empty} messages on {topic} leave fields empty that the others fill; "
+            "left out"
+        )
         issues.append(TelemetryIssue("missing_channel", (), "note", evidence, "none needed"))
     for apart in (tuple(dict.fromkeys(map(joint_of, names))) for names in others):
         evidence = f"{path.name}: {', '.join(apart)} come in messages of their own, interpolated"
@@ -180,7 +225,8 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
         raise RecordingError(path, what, "let the driver publish position and effort")
     if silent:  # fingers, say
         columns = {name: values for name, values in columns.items() if joint_of(name) not in silent}
-        evidence, remedy = f"{path.name}: no effort of {', '.join(silent)}; left out", "record effort of every joint"
+        evidence = f"{path.name}: no effort of {', '.join(silent)}; left out"
+        remedy = "record effort of every joint"
         issues.append(TelemetryIssue("missing_channel", tuple(silent), "note", evidence, remedy))
     return held_columns(columns, path, tuple(issues))
 
@@ -188,7 +234,8 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
 def _publishers(tables: Mapping[tuple[str, ...], Columns]) -> tuple[list[Columns], int]:
     """Messages that name the same joints in another order are one publisher's.
 
-    Of those the ones count that hold as many channels as any: another node's that hold fewer tell nothing more.
+    Of those the ones count that hold as many channels as any: another node's that hold fewer tell
+    nothing more.
 
     Returns:
         The publishers, and the number of messages that are left out.
@@ -196,14 +243,19 @@ def _publishers(tables: Mapping[tuple[str, ...], Columns]) -> tuple[list[Columns
     groups: dict[frozenset[str], list[Columns]] = defaultdict(list)
     for joints, columns in tables.items():
         groups[frozenset(joints)].append(columns)
-    joined, left_out = [], 0
+    joined = []
+    left_out = 0
     for every in groups.values():
         most = max(map(len, every))
         group = [columns for columns in every if len(columns) == most]
         left_out += sum(len(columns[TIME]) for columns in every if len(columns) < most)
-        common = [name for name in group[0] if all(name in columns for columns in group)]
-        whole = {name: np.concatenate([columns[name] for columns in group]) for name in common}
-        # One publisher's order is kept as it is: time that runs backwards is for the telemetry check to find.
+        of_all = set(group[0]).intersection(*group[1:])
+        whole = {}
+        for name in group[0]:
+            if name in of_all:
+                whole[name] = np.concatenate([columns[name] for columns in group])
+        # One publisher's order is kept as it is: time that runs backwards is for the telemetry
+        # check to find.
         order = np.argsort(whole[TIME], kind="stable") if len(group) > 1 else slice(None)
         joined.append({name: values[order] for name, values in whole.items()})
     return joined, left_out
@@ -217,30 +269,46 @@ def load_topics(path: Path, wanted: set[str] | None = None) -> dict[str, Columns
     Raises:
         RecordingError: Not a bag, or a damaged one.
     """
-    found: dict[str, Stream] = defaultdict(Stream)
+    streams: dict[str, Stream] = defaultdict(Stream)
 
     def choose(bag: Bag) -> list[Any]:
-        return [one for one in bag.connections if wanted is None or one.topic in wanted]
+        return [
+            connection
+            for connection in bag.connections
+            if wanted is None or connection.topic in wanted
+        ]
 
     def take(connection: Any, receipt: int, message: Record) -> None:
-        fields, topic = list(_numbers(message, "", ())), found[connection.topic]
+        fields = list(_numbers(message, "", ()))
+        topic = streams[connection.topic]
         names = tuple(name for name, _ in fields)
         topic.names = topic.names or names
         if names and names == topic.names:
             topic.take(message, receipt, [value for _, value in fields])
 
     _read_messages(path, choose, take)
-    return {
-        name: {TIME: one.time, **dict(zip((f"{name}{SEPARATOR}{own}" for own in one.names), table, strict=True))}
-        for name, one in found.items()
-        if one.names and len(table := np.array(one.rows).T)
-    }
+    topics = {}
+    for name, stream in streams.items():
+        table = np.array(stream.rows).T
+        if stream.names and len(table):
+            columns = [f"{name}{SEPARATOR}{field}" for field in stream.names]
+            topics[name] = {TIME: stream.time, **dict(zip(columns, table, strict=True))}
+    return topics
 
 
 def _numbers(message: Record, prefix: str, labels: Sequence[str]) -> Iterator[tuple[str, float]]:
-    """Every number of a message with its dotted name; headers, texts and large arrays are passed over."""
-    naming = (value for name, value in message.items() if name in NAMING and isinstance(value, list) and value)
-    labels = next((tuple(one) for one in naming if all(isinstance(value, str) for value in one)), labels)
+    """Every number of a message with its dotted name; headers, texts and large arrays are passed
+    over.
+    """
+    naming = (
+        value
+        for name, value in message.items()
+        if name in NAMING and isinstance(value, list) and value
+    )
+    for labels_of_message in naming:
+        if all(isinstance(value, str) for value in labels_of_message):
+            labels = tuple(labels_of_message)
+            break
     for name, value in message.items():
         if name != "header" and name not in NAMING:
             yield from _flat(value, f"{prefix}{name}", labels)
@@ -252,35 +320,50 @@ def _flat(value: Any, name: str, labels: Sequence[str]) -> Iterator[tuple[str, f
     elif isinstance(value, dict):
         yield from _numbers(value, f"{name}.", labels)
     elif isinstance(value, np.ndarray | list) and len(value) <= MOST_PLACES:
-        own = labels if len(set(labels)) == len(value) else [str(i) for i in range(len(value))]
-        for label, one in zip(own, value, strict=True):
-            yield from _flat(one, f"{name}.{label}", ())
+        names = labels if len(set(labels)) == len(value) else [str(i) for i in range(len(value))]
+        for label, entry in zip(names, value, strict=True):
+            yield from _flat(entry, f"{name}.{label}", ())
 
 
-def merge(streams: Sequence[Columns], leading: Sequence[bool], path: Path) -> tuple[Columns, list[list[str]]]:
-    """All streams on one clock, that of the most talkative leading one (of the torque); the others are interpolated.
+def _has_effort(labels: Iterable[str]) -> bool:
+    """Whether one of a publisher's columns is an effort."""
+    return any(name.endswith("/effort") for name in labels)
+
+
+def merge(
+    streams: Sequence[Columns], leading: Sequence[bool], path: Path
+) -> tuple[Columns, list[list[str]]]:
+    """All streams on one clock, that of the most talkative leading one (of the torque); the others
+    are interpolated.
 
     Returns:
-        The columns while all of them speak, and the names of those that each other stream gave by interpolation.
+        The columns while all of them speak, and the names of those that each other stream gave by
+        interpolation.
 
     Raises:
         RecordingError: There is no such time.
     """
-    ranked = sorted(range(len(streams)), key=lambda k: (leading[k], len(streams[k][TIME])), reverse=True)
+    ranked = sorted(
+        range(len(streams)), key=lambda k: (leading[k], len(streams[k][TIME])), reverse=True
+    )
     if not ranked:
         return {}, []
-    found, others = dict(streams[ranked[0]]), []
-    clock = found[TIME]
+    merged = dict(streams[ranked[0]])
+    others = []
+    clock = merged[TIME]
     inside = np.ones(len(clock), dtype=bool)
     for stream in (streams[k] for k in ranked[1:]):
-        names, time = [name for name in stream if name not in found], stream[TIME]
+        names = [name for name in stream if name not in merged]
+        time = stream[TIME]
         if np.array_equal(clock, time):
-            found.update({name: stream[name] for name in names})
+            merged.update({name: stream[name] for name in names})
             continue
         order = np.argsort(time, kind="stable")
-        found.update({name: np.interp(clock, time[order], stream[name][order]) for name in names})
+        merged.update({name: np.interp(clock, time[order], stream[name][order]) for name in names})
         inside &= (clock >= time.min()) & (clock <= time.max())
         others.append(names)
     if not inside.any():
-        raise RecordingError(path, "its publishers never speak at the same time", "record all joints together")
-    return {name: values[inside] for name, values in found.items()}, others
+        raise RecordingError(
+            path, "its publishers never speak at the same time", "record all joints together"
+        )
+    return {name: values[inside] for name, values in merged.items()}, others

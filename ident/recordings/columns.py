@@ -1,4 +1,6 @@
-"""Named columns -> a recording: which columns are used, what they are called, and what torque they hold."""
+"""Named columns -> a recording: which columns are used, what they are called, and what torque they
+hold.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +18,24 @@ from ident.recordings.recording import CHANNELS, Recording, Session, TelemetryIs
 from ident.recordings.session_toml import SessionFile
 from ident.safe_read import toml_key
 
+TIME = "time"
+# What plotting tools call the time of a row.
+TIME_ALIASES = ("__time",)
+ANGLES = ("position", "velocity", "acceleration", "position_command", "velocity_command")
 
-def match_joints(session: Session, joint_names: Sequence[str]) -> tuple[Session, tuple[TelemetryIssue, ...]]:
+
+def match_joints(
+    session: Session, joint_names: Sequence[str]
+) -> tuple[Session, tuple[TelemetryIssue, ...]]:
     """Brings a session to the robot's joints, in the robot's order.
 
-    Names that are equal match. If none is, names that differ only in what stands before a common ending match
-    (`fer_joint1` is `panda_joint1`), provided that every joint of the robot finds its own.
+    Names that are equal match. If none is, names that differ only in what stands before a common
+    ending match (`fer_joint1` is `panda_joint1`), provided that every joint of the robot finds its
+    own.
 
     Returns:
-        The session with the robot's joints that it has, and what was renamed, left out, or is missing. The caller
-        locks the missing ones at their neutral positions.
+        The session with the robot's joints that it has, and what was renamed, left out, or is
+        missing. The caller locks the missing ones at their neutral positions.
 
     Raises:
         RecordingError: No joint of the robot is recorded.
@@ -34,16 +44,31 @@ def match_joints(session: Session, joint_names: Sequence[str]) -> tuple[Session,
     if not set(session.joints) & set(joint_names):
         renamed = map_by_ending(session.joints, joint_names)
         if not renamed:
-            old, new = session.joints[0], joint_names[0]
-            example = f"{toml_key(f'{old}/position')} = {json.dumps(f'{new}/position', ensure_ascii=False)}"
-            what = f"its joints ({', '.join(session.joints)}) are none of the robot's ({', '.join(joint_names)})"
-            remedy = f"give another --robot, or name each joint in [columns] of session.toml: {example}"
+            old = session.joints[0]
+            new = joint_names[0]
+            example = (
+                f"{toml_key(f'{old}/position')} = "
+                f"{json.dumps(f'{new}/position', ensure_ascii=False)}"
+            )
+            what = (
+                f"its joints ({', '.join(session.joints)}) are none of the robot's "
+                f"({', '.join(joint_names)})"
+            )
+            remedy = (
+                f"give another --robot, or name each joint in [columns] of session.toml: {example}"
+            )
             raise RecordingError(session.path or session.name, what, remedy)
         joints = tuple(renamed.get(joint, joint) for joint in session.joints)
         session = session.replace(runs=[run.replace(joints=joints) for run in session.runs])
         pairs = ", ".join(f"{old} is {new}" for old, new in renamed.items())
-        evidence = f"{session.name}: recorded names differ from the robot's in their beginning: {pairs}"
-        issues.append(TelemetryIssue("joints_renamed", tuple(renamed.values()), "note", evidence, "none needed"))
+        evidence = (
+            f"{session.name}: recorded names differ from the robot's in their beginning: {pairs}"
+        )
+        issues.append(
+            TelemetryIssue(
+                "joints_renamed", tuple(renamed.values()), "note", evidence, "none needed"
+            )
+        )
     present = [name for name in joint_names if name in session.joints]
     missing = tuple(name for name in joint_names if name not in session.joints)
     extra = tuple(name for name in session.joints if name not in joint_names)
@@ -51,36 +76,38 @@ def match_joints(session: Session, joint_names: Sequence[str]) -> tuple[Session,
         evidence = f"{session.name}: the robot has no joint {', '.join(extra)}; left out"
         issues.append(TelemetryIssue("joints_left_out", extra, "note", evidence, "none needed"))
     if missing:
-        evidence = f"{session.name}: {', '.join(missing)} not recorded; locked at the neutral position"
+        evidence = (
+            f"{session.name}: {', '.join(missing)} not recorded; locked at the neutral position"
+        )
         remedy = "record every joint, or give a URDF in which they are fixed where they were"
         issues.append(TelemetryIssue("joints_locked", missing, "note", evidence, remedy))
     return session.replace(runs=[run.select(present) for run in session.runs]), tuple(issues)
 
 
 def map_by_ending(recorded: Sequence[str], wanted: Sequence[str]) -> dict[str, str]:
-    """Recorded -> wanted names, where one change of beginning turns recorded names into all wanted ones.
+    """Recorded -> wanted names, where one change of beginning turns recorded names into all wanted
+    ones.
 
     Empty if there is none, or if several fit equally.
     """
     beginnings: dict[tuple[str, str], None] = {}
     for old, new in product(recorded, wanted):
         pairs = zip(reversed(old), reversed(new), strict=False)
-        common = len([*takewhile(lambda pair: pair[0] == pair[1], pairs)])  # letters of their endings
+        # letters of their endings
+        common = len([*takewhile(lambda pair: pair[0] == pair[1], pairs)])
         if common:
             beginnings[old[: len(old) - common], new[: len(new) - common]] = None
     mappings: list[dict[str, str]] = []
     for before, after in beginnings:
-        mapping = {old: after + old.removeprefix(before) for old in recorded if old.startswith(before)}
+        mapping = {
+            old: after + old.removeprefix(before) for old in recorded if old.startswith(before)
+        }
         mapping = {old: new for old, new in mapping.items() if new in wanted}
         if len(set(mapping.values())) == len(mapping) == len(wanted) and mapping not in mappings:
             mappings.append(mapping)
     return mappings[0] if len(mappings) == 1 else {}
 
 
-TIME = "time"
-# What plotting tools call the time of a row.
-TIME_ALIASES = ("__time",)
-ANGLES = ("position", "velocity", "acceleration", "position_command", "velocity_command")
 # Columns under their native names, all of the same length, and what was found when reading them.
 Table = tuple[Mapping[str, Float[Array, " T"]], tuple[TelemetryIssue, ...]]
 
@@ -112,11 +139,14 @@ def joint_of(column: str) -> str:
     return column.rpartition("/")[0]
 
 
-def native_names(names: Sequence[str], session_file: SessionFile, where: str | Path) -> dict[int, str]:
+def native_names(
+    names: Sequence[str], session_file: SessionFile, where: str | Path
+) -> dict[int, str]:
     """Which columns of a table are used: index -> native name.
 
-    `[columns]` comes first, by name or 1-based number. A joint whose position column is renamed keeps its other
-    native columns: `"fer_joint1/position" = "panda_joint1/position"` renames the joint.
+    `[columns]` comes first, by name or 1-based number. A joint whose position column is renamed
+    keeps its other native columns: `"fer_joint1/position" = "panda_joint1/position"` renames the
+    joint.
 
     Raises:
         RecordingError: A column is there twice, or a column that `[columns]` names is missing.
@@ -136,7 +166,8 @@ def native_names(names: Sequence[str], session_file: SessionFile, where: str | P
             continue
         joint, _, channel = name.rpartition("/")
         native = f"{renamed[joint]}/{channel}" if joint in renamed else name
-        # A mapping that takes the native name for itself overrides the table's own column of that name.
+        # A mapping that takes the native name for itself overrides the table's own column of that
+        # name.
         if native not in session_file.columns.values():
             chosen[index] = native
     if TIME not in chosen.values() and session_file.sample_rate_hz is None:
@@ -144,7 +175,10 @@ def native_names(names: Sequence[str], session_file: SessionFile, where: str | P
     seen: dict[str, int] = {}
     for index, native in chosen.items():
         if (first := seen.setdefault(native, index)) != index:
-            what = f"columns {first + 1} ({names[first]}) and {index + 1} ({names[index]}) are both {native!r}"
+            what = (
+                f"columns {first + 1} ({names[first]}) and {index + 1} ({names[index]}) are both "
+                f"{native!r}"
+            )
             raise RecordingError(where, what, "keep one of them")
     return dict(sorted(chosen.items()))
 
@@ -153,7 +187,9 @@ def _find(foreign: str, names: Sequence[str], session_file: SessionFile, where: 
     """Index of a foreign column by its name, else by its number."""
     matches = [index for index, name in enumerate(names) if name == foreign]
     if len(matches) > 1:
-        raise RecordingError(where, f"column {foreign!r} is there {len(matches)} times", "keep one of them")
+        raise RecordingError(
+            where, f"column {foreign!r} is there {len(matches)} times", "keep one of them"
+        )
     if matches:
         return matches[0]
     if foreign.isdecimal() and 1 <= int(foreign) <= len(names):
@@ -172,11 +208,17 @@ def unequal(lengths: Mapping[str, int]) -> tuple[str, str]:
     """What is wrong with columns of different lengths, and the remedy."""
     first, *rest = lengths
     other = next(name for name in rest if lengths[name] != lengths[first])
-    return f"{first} has {lengths[first]} samples and {other} {lengths[other]}", "make them equally long"
+    return (
+        f"{first} has {lengths[first]} samples and {other} {lengths[other]}",
+        "make them equally long",
+    )
 
 
-def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source: Path) -> Recording:
-    """Makes a recording of a file's columns: time, joints in the order of their position columns, torque.
+def take_run(
+    name: str, columns: NamedColumns, session_file: SessionFile, source: Path
+) -> Recording:
+    """Makes a recording of a file's columns: time, joints in the order of their position columns,
+    torque.
 
     The torque is `sign * effort`, or `sign * gain * current` where a joint has no effort column.
 
@@ -184,15 +226,23 @@ def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source
         RecordingError: No joint at all, a missing column, or settings of a joint that is not there.
     """
     cells, seen = columns.read(native_names(columns.names, session_file, source))
-    found = _without_gaps_in_temperature(cells)
-    joints = tuple(joint_of(column) for column in found if column.endswith("/position"))
+    sound = _without_gaps_in_temperature(cells)
+    joints = tuple(joint_of(column) for column in sound if column.endswith("/position"))
     if not joints:
-        remedy = f"use `ident new`, or [columns] of session.toml; it has: {listed(columns.names or [*found]) or 'none'}"
+        remedy = (
+            "use `ident new`, or [columns] of session.toml; it has: "
+            f"{listed(columns.names or [*sound]) or 'none'}"
+        )
         raise RecordingError(source, "no column <joint>/position", remedy)
-    for column in found:
+    for column in sound:
         if column != TIME and (joint := joint_of(column)) not in joints:
-            raise RecordingError(source, f"missing column {joint}/position", f"add it, or drop the column {column}")
-    named = {"drive_gain_Nm_per_A": session_file.drive_gain, "effort_sign": session_file.effort_sign}
+            raise RecordingError(
+                source, f"missing column {joint}/position", f"add it, or drop the column {column}"
+            )
+    named = {
+        "drive_gain_Nm_per_A": session_file.drive_gain,
+        "effort_sign": session_file.effort_sign,
+    }
     named |= {"slide_scale": session_file.slides, "direction": session_file.direction}
     named |= {"zero_rad": session_file.zeros, "unit": session_file.units}
     for key, given in named.items():
@@ -200,38 +250,52 @@ def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source
         if unknown is not None:
             what = f"[{key}] names the joint {unknown!r}, which the recording lacks"
             raise RecordingError(session_file.where, what, f"its joints are: {', '.join(joints)}")
-    channels, issues = _channels(found, joints, source)
+    channels, issues = _channels(sound, joints, source)
     turns = np.array([joint not in session_file.slides for joint in joints])
     direction = np.array([session_file.direction.get(joint, 1.0) for joint in joints])
     zeros = np.array([session_file.zeros.get(joint, 0.0) for joint in joints])
     usual = session_file.angle_factor or 1.0
-    factors = np.array([session_file.slides.get(joint, session_file.units.get(joint, usual)) for joint in joints])
+    factors = np.array(
+        [session_file.slides.get(joint, session_file.units.get(joint, usual)) for joint in joints]
+    )
     for channel in ANGLES:
         is_place = channel in ("position", "position_command")
         if channel in channels and np.any((direction * factors != 1.0) | (zeros != 0.0)):
             middle = session_file.angle_zero * turns if is_place else 0.0
-            channels[channel] = direction * factors * (channels[channel] - middle) + (zeros if is_place else 0.0)
+            channels[channel] = direction * factors * (channels[channel] - middle) + (
+                zeros if is_place else 0.0
+            )
     if session_file.with_effort:
-        channels["effort"] = stack([_effort(found, joint, session_file, source) for joint in joints])
+        channels["effort"] = stack(
+            [_effort(sound, joint, session_file, source) for joint in joints]
+        )
     else:
         channels["effort"] = np.zeros_like(channels["position"])
     for channel in ("effort", "effort_command", "current"):
         if channel in channels and np.any(direction != 1.0):
             channels[channel] = direction * channels[channel]
-    if TIME in found:
-        time = found[TIME] if session_file.time_factor == 1.0 else session_file.time_factor * found[TIME]
+    if TIME in sound:
+        time = (
+            sound[TIME]
+            if session_file.time_factor == 1.0
+            else session_file.time_factor * sound[TIME]
+        )
     elif session_file.sample_rate_hz is not None:
         time = np.arange(len(channels["effort"])) / session_file.sample_rate_hz
     else:
         remedy = "add it, or sample_rate_hz = … (a constant rate) to session.toml"
         raise RecordingError(source, "missing column time", remedy)
-    return Recording(name=name, joints=joints, time=time, source=source, issues=(*seen, *issues), **channels)
+    return Recording(
+        name=name, joints=joints, time=time, source=source, issues=(*seen, *issues), **channels
+    )
 
 
 def _channels(
     columns: Mapping[str, Float[Array, " T"]], joints: Sequence[str], source: Path
 ) -> tuple[dict[str, Float[Array, "T n"]], list[TelemetryIssue]]:
-    """All channels but the torque; an optional one that some joints lack is left out, and that is reported."""
+    """All channels but the torque; an optional one that some joints lack is left out, and that is
+    reported.
+    """
     channels: dict[str, Float[Array, "T n"]] = {}
     issues: list[TelemetryIssue] = []
     for channel in CHANNELS:
@@ -241,14 +305,20 @@ def _channels(
         if not lacking:
             channels[channel] = stack([columns[f"{joint}/{channel}"] for joint in joints])
             continue
-        evidence = f"{source.name}: no {channel} of {', '.join(lacking)}; the {channel} of the others is not used"
+        evidence = (
+            f"{source.name}: no {channel} of {', '.join(lacking)}; the {channel} of the others is "
+            "not used"
+        )
         remedy = f"record {channel} of every joint, or of none"
         issues.append(TelemetryIssue("missing_channel", lacking, "note", evidence, remedy))
     return channels, issues
 
 
 def stack(columns: Sequence[Float[Array, " T"]], rows: int = 4096) -> Float[Array, "T n"]:
-    """Columns side by side, read-only. Block by block, so that each line of the cache is written once."""
+    """Columns side by side, read-only.
+
+    Block by block, so that each line of the cache is written once.
+    """
     table = np.empty((len(columns[0]), len(columns)))
     for start in range(0, len(table), rows):
         for index, column in enumerate(columns):
@@ -257,12 +327,20 @@ def stack(columns: Sequence[Float[Array, " T"]], rows: int = 4096) -> Float[Arra
     return table
 
 
-def _without_gaps_in_temperature(columns: Mapping[str, Float[Array, " T"]]) -> dict[str, Float[Array, " T"]]:
-    """Interpolates the empty cells of temperatures, which are often logged more slowly; drops empty columns."""
+def _without_gaps_in_temperature(
+    columns: Mapping[str, Float[Array, " T"]],
+) -> dict[str, Float[Array, " T"]]:
+    """Interpolates the empty cells of temperatures, which are often logged more slowly; drops empty
+    columns.
+    """
     filled = {}
     for name, values in columns.items():
         rows = np.arange(len(values))
-        known = np.isfinite(values) if name.endswith("/temperature") else np.ones(len(values), dtype=bool)
+        known = (
+            np.isfinite(values)
+            if name.endswith("/temperature")
+            else np.ones(len(values), dtype=bool)
+        )
         if known.any() or not len(values):
             filled[name] = values if known.all() else np.interp(rows, rows[known], values[known])
     return filled
@@ -271,11 +349,16 @@ def _without_gaps_in_temperature(columns: Mapping[str, Float[Array, " T"]]) -> d
 def _effort(
     columns: Mapping[str, Float[Array, " T"]], joint: str, session_file: SessionFile, source: Path
 ) -> Float[Array, " T"]:
-    sign, effort, current = session_file.effort_sign.get(joint, 1.0), f"{joint}/effort", f"{joint}/current"
+    sign = session_file.effort_sign.get(joint, 1.0)
+    effort = f"{joint}/effort"
+    current = f"{joint}/current"
     if effort in columns:
         return columns[effort] if sign == 1.0 else -columns[effort]
     if current not in columns:
-        remedy = f"add it, or drop the joint {joint}; an arm that logs goal and position only is for `ident servo`"
+        remedy = (
+            f"add it, or drop the joint {joint}; an arm that logs goal and position only is for "
+            "`ident servo`"
+        )
         raise RecordingError(source, f"missing column {effort}", remedy)
     if joint not in session_file.drive_gain:
         what = f"missing column {effort}, and {current} has no drive gain"

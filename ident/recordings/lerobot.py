@@ -1,11 +1,13 @@
-"""LeRobot data sets: folders whose meta/info.json names the columns, and whose Parquet files hold lists.
+"""LeRobot data sets: folders whose meta/info.json names the columns, and whose Parquet files hold
+lists.
 
-Each episode is a run. Without `[columns]` a list of joints becomes the channel that its feature stands for:
-`observation.state` is the position, `observation.velocity`, `observation.effort`, and `action` the commanded position
-where its names are those of the state. Names of joints lose what stands for the channel (`shoulder_pan.pos`).
+Each episode is a run. Without `[columns]` a list of joints becomes the channel that its feature
+stands for: `observation.state` is the position, `observation.velocity`, `observation.effort`, and
+`action` the commanded position where its names are those of the state. Names of joints lose what
+stands for the channel (`shoulder_pan.pos`).
 
-Source: LeRobotDataset v2.1 and v3.0 (folders `meta/`, `data/chunk-000/`, keys `codebase_version`, `fps`, `features`
-with `dtype`, `shape` and `names`; columns `timestamp`, `episode_index`).
+Source: LeRobotDataset v2.1 and v3.0 (folders `meta/`, `data/chunk-000/`, keys `codebase_version`,
+`fps`, `features` with `dtype`, `shape` and `names`; columns `timestamp`, `episode_index`).
 """
 
 from __future__ import annotations
@@ -43,10 +45,12 @@ MOST_RADIANS = 12.6
 NORMALISED = 100.0
 SHARE_LOGGERS = ("so100", "so101", "so_100", "so_101", "koch", "omx", "lekiwi")
 SHARES = (
-    "record with use_degrees, or convert by the calibration file (100 is half of range_max − range_min, 4096 a turn); "
+    "record with use_degrees, or convert by the calibration file "
+    "(100 is half of range_max − range_min, 4096 a turn); "
     'where they are degrees all the same, write angle_unit = "deg" in session.toml'
 )
-EPISODE, CLOCK = "episode_index", "timestamp"
+EPISODE = "episode_index"
+CLOCK = "timestamp"
 REMEDY = "give the folder of a LeRobot data set, with meta/ and data/ in it"
 
 
@@ -68,20 +72,38 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
     Raises:
         RecordingError: No data files, columns that can't be read or mapped, no features.
     """
-    labels = {name: _labels(one) for name, one in load_info(path)["features"].items()}
+    labels = {name: _labels(feature) for name, feature in load_info(path)["features"].items()}
     notes: tuple[TelemetryIssue, ...] = ()
     for number, file in enumerate(data_files(path)):
         columns = load_columns(file, labels)
-        own = [name for name in columns if name.startswith("observation.state.")] if number == 0 else []
-        far = [np.nanmax(np.abs(column_numbers(columns[name], name, file)), initial=0.0) for name in own]
+        state_columns = (
+            [name for name in columns if name.startswith("observation.state.")]
+            if number == 0
+            else []
+        )
+        far = [
+            np.nanmax(np.abs(column_numbers(columns[name], name, file)), initial=0.0)
+            for name in state_columns
+        ]
         if session_file.angle_factor is None:
-            require_angles(path, own, max(far, default=0.0))
+            require_angles(path, state_columns, max(far, default=0.0))
         if session_file.angle_factor is None and max(far, default=0.0) > MOST_RADIANS:
             session_file = replace(session_file, angle_factor=ANGLE_UNITS["deg"])
-            what = f"{path.name}: angles reach beyond {MOST_RADIANS:g}: taken as degrees, as LeRobot logs its arms"
-            notes = (TelemetryIssue("units_degrees", (), "note", what, 'none needed; or write angle_unit = "rad"'),)
+            what = (
+                f"{path.name}: angles reach beyond {MOST_RADIANS:g}: taken as degrees, as LeRobot "
+                "logs its arms"
+            )
+            notes = (
+                TelemetryIssue(
+                    "units_degrees", (), "note", what, 'none needed; or write angle_unit = "rad"'
+                ),
+            )
         settings = session_file if session_file.columns else _usual_names(columns, session_file)
-        if CLOCK in columns and TIME not in settings.columns.values() and settings.sample_rate_hz is None:
+        if (
+            CLOCK in columns
+            and TIME not in settings.columns.values()
+            and settings.sample_rate_hz is None
+        ):
             settings = replace(settings, columns={CLOCK: TIME, **settings.columns})
         for run in _episodes(file, columns, settings):
             yield run.replace(issues=(*run.issues, *notes))
@@ -91,8 +113,8 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
 def require_angles(path: Path, names: Sequence[str], far: float) -> None:
     """Passes if positions are not LeRobot's shares of each joint's calibrated range.
 
-    Its robots of today log −100…100 of the range (a gripper 0…100) under names that end in `.pos`, where they are not
-    told to use degrees; its older data sets have degrees, and other names.
+    Its robots of today log −100…100 of the range (a gripper 0…100) under names that end in `.pos`,
+    where they are not told to use degrees; its older data sets have degrees, and other names.
 
     Args:
         path: The data set.
@@ -106,22 +128,30 @@ def require_angles(path: Path, names: Sequence[str], far: float) -> None:
     known = any(kind in robot for kind in SHARE_LOGGERS)
     called = bool(names) and all(name.endswith(".pos") for name in names)
     if known and called and MOST_RADIANS < far <= NORMALISED:
-        what = f"{robot} logs shares of each joint's range, −{NORMALISED:g} to {NORMALISED:g}, not angles"
+        what = (
+            f"{robot} logs shares of each joint's range, −{NORMALISED:g} to {NORMALISED:g}, not "
+            "angles"
+        )
         raise RecordingError(path / DATASET, what, SHARES)
 
 
 def longest_episode(path: Path) -> tuple[dict[str, Float[Array, " T"]], float | None]:
-    """All columns of numbers of the longest episode in the first file, and the rate that the data set states [Hz]."""
-    info, file = load_info(path), data_files(path)[0]
-    table = load_columns(file, {name: _labels(one) for name, one in info["features"].items()})
+    """All columns of numbers of the longest episode in the first file, and the rate that the data
+    set states [Hz].
+    """
+    info = load_info(path)
+    file = data_files(path)[0]
+    table = load_columns(
+        file, {name: _labels(feature) for name, feature in info["features"].items()}
+    )
     columns = {name: column_numbers(values, name, file) for name, values in table.items()}
     episode = columns.pop(EPISODE, None)
     if episode is not None and len(episode):
-        longest = max(set(episode), key=lambda one: int((episode == one).sum()))
+        longest = max(set(episode), key=lambda candidate: int((episode == candidate).sum()))
         columns = {name: values[episode == longest] for name, values in columns.items()}
-    own = [name for name in columns if name.startswith("observation.state.")]
-    far = [float(np.nanmax(np.abs(columns[name]), initial=0.0)) for name in own]
-    require_angles(path, own, max(far, default=0.0))
+    state_columns = [name for name in columns if name.startswith("observation.state.")]
+    far = [float(np.nanmax(np.abs(columns[name]), initial=0.0)) for name in state_columns]
+    require_angles(path, state_columns, max(far, default=0.0))
     rate = info.get("fps")
     usable = isinstance(rate, int | float) and not isinstance(rate, bool) and rate > 0
     return columns, float(rate) if usable and rate else None
@@ -139,8 +169,10 @@ def load_info(path: Path) -> dict[str, Any]:
     return info
 
 
-def _labels(feature: Any) -> list[str]:
-    """The names of a feature's numbers; they may stand in a list, in a list of lists, or under a word for the axis."""
+def _labels(feature: object) -> list[str]:
+    """The names of a feature's numbers; they may stand in a list, in a list of lists, or under a
+    word for the axis.
+    """
     names = feature.get("names") if isinstance(feature, dict) else None
     if isinstance(names, dict) and len(names) == 1:
         names = next(iter(names.values()))
@@ -156,27 +188,46 @@ def joint_name(label: str) -> str:
     return label.removeprefix("main_").removeprefix("follower_")
 
 
-def _usual_names(columns: Mapping[str, Any], session_file: SessionFile) -> SessionFile:
+def _usual_names(columns: Mapping[str, object], session_file: SessionFile) -> SessionFile:
     """Settings with the columns that the usual features stand for."""
     chosen = {CLOCK: TIME} if CLOCK in columns else {}
     for feature, channel in CHANNEL_OF.items():
-        own = [name for name in columns if name.startswith(f"{feature}.")]
-        # A new file maps the numbers of a feature without names by itself: which joint each is nobody knows here.
-        if own and not own[0].removeprefix(f"{feature}.").isdecimal():
-            chosen.update({name: f"{joint_name(name.removeprefix(f'{feature}.'))}/{channel}" for name in own})
-    joints = {native.partition("/")[0] for native in chosen.values() if native.endswith("/position")}
-    kept = {name: native for name, native in chosen.items() if native == TIME or native.partition("/")[0] in joints}
-    return replace(session_file, columns=kept)
+        columns_of_feature = [name for name in columns if name.startswith(f"{feature}.")]
+        # A new file maps the numbers of a feature without names by itself: which joint each is
+        # nobody knows here.
+        if columns_of_feature and not columns_of_feature[0].removeprefix(f"{feature}.").isdecimal():
+            chosen.update(
+                {
+                    name: f"{joint_name(name.removeprefix(f'{feature}.'))}/{channel}"
+                    for name in columns_of_feature
+                }
+            )
+    joints = {
+        native.partition("/")[0] for native in chosen.values() if native.endswith("/position")
+    }
+    named = {
+        name: native
+        for name, native in chosen.items()
+        if native == TIME or native.partition("/")[0] in joints
+    }
+    return replace(session_file, columns=named)
 
 
 def _episodes(file: Path, columns: Mapping[str, Any], settings: SessionFile) -> Iterator[Recording]:
     names = list(columns)
     rows = len(next(iter(columns.values()))) if columns else 0
-    episode = column_numbers(columns[EPISODE], EPISODE, file) if EPISODE in columns else np.zeros(rows)
+    episode = (
+        column_numbers(columns[EPISODE], EPISODE, file) if EPISODE in columns else np.zeros(rows)
+    )
     for start, end in pairwise([0, *(np.flatnonzero(np.diff(episode)) + 1), rows]):
 
-        def load(chosen: Sequence[int], start: int = int(start), end: int = int(end)) -> list[Float[Array, " T"]]:
-            return [column_numbers(columns[names[i]].slice(start, end - start), names[i], file) for i in chosen]
+        def load(
+            chosen: Sequence[int], start: int = int(start), end: int = int(end)
+        ) -> list[Float[Array, " T"]]:
+            return [
+                column_numbers(columns[names[i]].slice(start, end - start), names[i], file)
+                for i in chosen
+            ]
 
         number = int(np.nan_to_num(episode[start])) if rows else 0
         yield take_run(f"episode_{number:06d}", named_columns(names, load, file), settings, file)

@@ -29,27 +29,41 @@ TEXTS = (".csv", ".txt", ".tsv", ".dat")
 METADATA = "metadata.yaml"
 # The file that makes a folder a LeRobot data set.
 DATASET = Path("meta/info.json")
-# Where a folder holds one run in several formats, the first of these is read: most exact and most complete first.
+# Where a folder holds one run in several formats, the first of these is read: most exact and most
+# complete first.
 SUFFIXES = (".parquet", *BAGS, ".npz", *TEXTS)
-# Unit of a file's used blocks; share of a file that must be written on the disk, and from which size that is asked
-# [bytes]; share of the memory that a file may fill.
-BLOCK_BYTES, SPARSE_SHARE, LEAST_SPARSE, MEMORY_SHARE = 512, 0.01, 1 << 28, 0.5
+# Unit of a file's used blocks; share of a file that must be written on the disk, and from which
+# size that is asked [bytes]; share of the memory that a file may fill.
+BLOCK_BYTES = 512
+SPARSE_SHARE = 0.01
+LEAST_SPARSE = 1 << 28
+MEMORY_SHARE = 0.5
 # Samples that are read at once by whoever goes through a long session part by part.
 PART_SAMPLES = 200_000
+HINT = (
+    "give a folder or file of runs, a Session, or a table with the columns time, "
+    "<joint>/position, <joint>/effort"
+)
 
 
 def load_session(
-    path: str | Path, topic: str = TOPIC, session_file: str | Path | None = None, with_effort: bool = True
+    path: str | Path,
+    topic: str = TOPIC,
+    session_file: str | Path | None = None,
+    with_effort: bool = True,
 ) -> Session:
     """Reads a session: a folder of runs in file-name order, or a single file.
 
     Args:
-        path: A folder of runs, a table (.parquet, .csv, .npz, …), or a ROS 2 bag (folder, .db3 or .mcap).
+        path: A folder of runs, a table (.parquet, .csv, .npz, …), or a ROS 2 bag (folder, .db3 or
+            .mcap).
         topic, with_effort: Topic of the joint states, for bags; whether a torque is needed.
-        session_file: By default the session.toml in the folder, or `<stem>.toml` or `session.toml` beside a file.
+        session_file: By default the session.toml in the folder, or `<stem>.toml` or `session.toml`
+            beside a file.
 
     Raises:
-        RecordingError: Nothing there, or something that can't be used; says which file, what and the remedy.
+        RecordingError: Nothing there, or something that can't be used; says which file, what and
+            the remedy.
     """
     (session,) = load_parts(path, topic, session_file, sys.maxsize, with_effort)
     return session
@@ -62,14 +76,17 @@ def load_parts(
     most: int = PART_SAMPLES,
     with_effort: bool = True,
 ) -> Iterator[Session]:
-    """The same as one session or, where it is long, as several of consecutive runs, each read when it is asked for.
+    """The same as one session or, where it is long, as several of consecutive runs, each read when
+    it is asked for.
 
     A part ends with the run that fills so many samples.
 
     Raises:
         RecordingError: As `load_session`, when the part's turn comes.
     """
-    path, remedy, exists = Path(path), "give a folder of runs, a table or a bag", False
+    path = Path(path)
+    remedy = "give a folder of runs, a table or a bag"
+    exists = False
     with suppress(OSError, ValueError):  # a name that no file can have
         exists = path.exists()
     if not exists:
@@ -81,12 +98,12 @@ def load_parts(
     if is_dataset(path):
         from ident.recordings.lerobot import read_dataset
 
-        found = read_dataset(path, settings)
+        recordings = read_dataset(path, settings)
     else:
         files, notes = find_runs(path, settings)
-        found = (load_recording(file, settings, topic) for file in files)
+        recordings = (load_recording(file, settings, topic) for file in files)
     before: list[Recording] = []
-    for batch in _batches(found, most):
+    for batch in _batches(recordings, most):
         whole = _as_session(
             [*before, *batch],
             path.name if path.is_dir() else path.stem,
@@ -100,7 +117,8 @@ def load_parts(
             guessed_gains=dict(settings.drive_gain) if settings.guessed else {},
         )
         yield whole.replace(runs=whole.runs[len(before) :])
-        notes, before = [], list(whole.runs[-1:])
+        notes = []
+        before = list(whole.runs[-1:])
         del batch, whole  # a part is let go before the next is read
 
 
@@ -108,7 +126,7 @@ def _batches(runs: Iterable[Recording], most: int) -> Iterator[list[Recording]]:
     batch: list[Recording] = []
     for run in runs:
         batch.append(run)
-        if sum(len(one) for one in batch) >= most:
+        if sum(len(recording) for recording in batch) >= most:
             yield batch
             batch = []
             del run
@@ -116,18 +134,24 @@ def _batches(runs: Iterable[Recording], most: int) -> Iterator[list[Recording]]:
         yield batch
 
 
-def load_recording(path: str | Path, session_file: SessionFile | None = None, topic: str = TOPIC) -> Recording:
+def load_recording(
+    path: str | Path, session_file: SessionFile | None = None, topic: str = TOPIC
+) -> Recording:
     """Reads one run from a file or a bag folder.
 
     Raises:
         RecordingError: The file can't be used.
     """
-    path, settings = Path(path), session_file or SessionFile()
-    return take_run(path.name if path.is_dir() else path.stem, open_run(path, settings, topic), settings, path)
+    path = Path(path)
+    settings = session_file or SessionFile()
+    return take_run(
+        path.name if path.is_dir() else path.stem, open_run(path, settings, topic), settings, path
+    )
 
 
 def open_run(path: Path, settings: SessionFile | None, topic: str = TOPIC) -> NamedColumns:
-    """The columns of one run, whatever the format of its file; no settings where the columns are still to be found out.
+    """The columns of one run, whatever the format of its file; no settings where the columns are
+    still to be found out.
 
     Raises:
         RecordingError: The file can't be used.
@@ -149,19 +173,26 @@ def open_run(path: Path, settings: SessionFile | None, topic: str = TOPIC) -> Na
         from ident.recordings.archives import open_arrays
 
         return open_arrays(path, always=settings is None or bool(settings.columns))
-    raise RecordingError(path, f"unknown kind of file {suffix!r}", f"give one of: {', '.join(SUFFIXES)}")
+    raise RecordingError(
+        path, f"unknown kind of file {suffix!r}", f"give one of: {', '.join(SUFFIXES)}"
+    )
 
 
 def require_readable_size(path: Path) -> None:
-    """Passes if a file is a plain one whose rows can be held; a table takes several times its size while it is read.
+    """Passes if a file is a plain one whose rows can be held; a table takes several times its size
+    while it is read.
 
     Raises:
-        RecordingError: A device, a pipe, a file with a hole of gigabytes, or one larger than the memory.
+        RecordingError: A device, a pipe, a file with a hole of gigabytes, or one larger than the
+            memory.
     """
     size = require_regular(path, "give a table or a bag", RecordingError)
     held = path.stat().st_blocks * BLOCK_BYTES
     if size > LEAST_SPARSE and held < SPARSE_SHARE * size:
-        what = f"is {size / 1e9:.1f} GB large, of which {held / 1e9:.1f} GB are written: a file with holes"
+        what = (
+            f"is {size / 1e9:.1f} GB large, of which {held / 1e9:.1f} GB are written: a file with "
+            "holes"
+        )
         raise RecordingError(path, what, "write it again")
     try:
         memory = float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
@@ -178,7 +209,9 @@ def is_dataset(path: Path) -> bool:
 
 
 def is_run(entry: Path, suffixes: Sequence[str] = SUFFIXES) -> bool:
-    """Whether something in a folder is a run: a bag's folder, or a file of a kind that holds recordings."""
+    """Whether something in a folder is a run: a bag's folder, or a file of a kind that holds
+    recordings.
+    """
     known = (entry / METADATA).is_file() if entry.is_dir() else entry.suffix.lower() in suffixes
     return known and not entry.name.startswith(".")
 
@@ -194,23 +227,37 @@ def find_runs(path: Path, settings: SessionFile) -> tuple[list[Path], list[Telem
     # Without [columns], a text that is not a CSV is more likely a remark than a recording.
     suffixes = SUFFIXES if settings.columns else SUFFIXES[: SUFFIXES.index(".csv") + 1]
     by_stem: dict[str, list[Path]] = {}
-    for entry in sorted(one for one in path.iterdir() if is_run(one, suffixes)):
+    for entry in sorted(child for child in path.iterdir() if is_run(child, suffixes)):
         by_stem.setdefault(entry.name if entry.is_dir() else entry.stem, []).append(entry)
     if not by_stem:
-        raise RecordingError(path, "holds no runs", f"put recordings there: {', '.join(suffixes)} or bag folders")
-    files, notes = [], []
+        raise RecordingError(
+            path, "holds no runs", f"put recordings there: {', '.join(suffixes)} or bag folders"
+        )
+    files = []
+    notes = []
     for stem in sorted(by_stem):
-        kinds = {one: SUFFIXES.index(".mcap" if one.is_dir() else one.suffix.lower()) for one in by_stem[stem]}
-        first, *others = sorted(kinds, key=lambda one: kinds[one])
+        kinds = {
+            candidate: SUFFIXES.index(".mcap" if candidate.is_dir() else candidate.suffix.lower())
+            for candidate in by_stem[stem]
+        }
+        first, *others = sorted(kinds, key=lambda candidate: kinds[candidate])
         files.append(first)
         if others:
-            evidence = f"{path.name}: {first.name} is read, not {', '.join(other.name for other in others)}"
-            notes.append(TelemetryIssue("duplicate_run", (), "note", evidence, "none needed; or remove one"))
+            evidence = (
+                f"{path.name}: {first.name} is read, not "
+                f"{', '.join(other.name for other in others)}"
+            )
+            notes.append(
+                TelemetryIssue("duplicate_run", (), "note", evidence, "none needed; or remove one")
+            )
     return files, notes
 
 
-def _as_session(runs: Sequence[Recording], name: str, notes: Sequence[TelemetryIssue] = (), **settings: Any) -> Session:
-    """Runs as a session, their joints in the order of the first run's; where clocks restart they are independent.
+def _as_session(
+    runs: Sequence[Recording], name: str, notes: Sequence[TelemetryIssue] = (), **settings: Any
+) -> Session:
+    """Runs as a session, their joints in the order of the first run's; where clocks restart they
+    are independent.
 
     Raises:
         RecordingError: A run has other joints than the first.
@@ -227,10 +274,14 @@ def _as_session(runs: Sequence[Recording], name: str, notes: Sequence[TelemetryI
         # A table without time has no clock to share.
         if not before.time.max(initial=-float("inf")) < after.time.min(initial=float("inf")):
             evidence = (
-                f"{after.name} starts at {after.time[0]:.3f} s, before {before.name} ends at {before.time[-1]:.3f} s: "
+                f"{after.name} starts at {after.time[0]:.3f} s, "
+                f"before {before.name} ends at {before.time[-1]:.3f} s: "
                 "the runs are taken as independent"
             )
-            remedy = "none needed; record all runs on one clock to see what changes from run to run, as with warmth"
+            remedy = (
+                "none needed; record all runs on one clock to see what changes from run to run, "
+                "as with warmth"
+            )
             notes = [*notes, TelemetryIssue("clock_restarts", (), "note", evidence, remedy)]
             return Session(name, tuple(same), common_clock=False, notes=tuple(notes), **settings)
     return Session(name, tuple(same), notes=tuple(notes), **settings)
@@ -238,20 +289,23 @@ def _as_session(runs: Sequence[Recording], name: str, notes: Sequence[TelemetryI
 
 Source = str | Path | Session | Recording | Any
 PathOrSession = str | Path | Session
-HINT = "give a folder or file of runs, a Session, or a table with the columns time, <joint>/position, <joint>/effort"
 
 
 def read_frame(frame: Any, name: str = "frame", settings: SessionFile | None = None) -> Recording:
     """One run from a table in memory, as from a file of the same columns.
 
     Args:
-        frame: A table of pandas, Polars or pyarrow, or a mapping of names to arrays; columns as of a native table.
+        frame: A table of pandas, Polars or pyarrow, or a mapping of names to arrays; columns as of
+            a native table.
         name, settings: Name of the run, and of the table in messages; what a session.toml says.
 
     Raises:
-        RecordingError: No table, a needed column is missing or holds no numbers, columns of different lengths.
+        RecordingError: No table, a needed column is missing or holds no numbers, columns of
+            different lengths.
     """
-    table, path, settings = _as_table(frame, name), Path(name), settings or SessionFile()
+    table = _as_table(frame, name)
+    path = Path(name)
+    settings = settings or SessionFile()
     names = tuple(table.column_names)
 
     def load(chosen: Sequence[int]) -> list[Any]:
@@ -260,37 +314,42 @@ def read_frame(frame: Any, name: str = "frame", settings: SessionFile | None = N
     return take_run(name, named_columns(names, load, path), settings, path).replace(source=None)
 
 
-def gather_sources(source: Source | Sequence[Source], settings: SessionFile | None = None) -> list[PathOrSession]:
+def gather_sources(
+    source: Source | Sequence[Source], settings: SessionFile | None = None
+) -> list[PathOrSession]:
     """What a user gave as recordings, as a list of paths and sessions.
 
-    A list of paths or sessions is so many sessions; tables and recordings that follow each other are the runs of one.
+    A list of paths or sessions is so many sessions; tables and recordings that follow each other
+    are the runs of one.
 
     Raises:
         RecordingError: Something that holds no recording; nothing at all.
     """
-    found: list[PathOrSession] = []
+    sources: list[PathOrSession] = []
     runs: list[Recording] = []
 
     def close() -> None:
         """The runs so far become a session."""
         if runs:
-            found.append(_as_session(runs, f"tables_{len(found) + 1}"))
+            sources.append(_as_session(runs, f"tables_{len(sources) + 1}"))
             runs.clear()
 
-    for one in source if isinstance(source, list | tuple) else [source]:
-        if isinstance(one, Recording):
-            runs.append(one)
-        elif isinstance(one, Mapping) or hasattr(one, "__arrow_c_stream__") or _is_pandas(one):
-            runs.append(read_frame(one, f"table_{len(runs) + 1:02}", settings))
-        elif isinstance(one, str | Path | Session):
+    for entry in source if isinstance(source, list | tuple) else [source]:
+        if isinstance(entry, Recording):
+            runs.append(entry)
+        elif (
+            isinstance(entry, Mapping) or hasattr(entry, "__arrow_c_stream__") or _is_pandas(entry)
+        ):
+            runs.append(read_frame(entry, f"table_{len(runs) + 1:02}", settings))
+        elif isinstance(entry, str | Path | Session):
             close()
-            found.append(one)
+            sources.append(entry)
         else:
-            raise RecordingError("source", f"a {type(one).__name__} holds no recording", HINT)
+            raise RecordingError("source", f"a {type(entry).__name__} holds no recording", HINT)
     close()
-    if not found:
+    if not sources:
         raise RecordingError("source", "holds no recording", HINT)
-    return found
+    return sources
 
 
 def _is_pandas(source: object) -> bool:
@@ -301,7 +360,11 @@ def _is_pandas(source: object) -> bool:
 def _as_table(frame: Any, name: str) -> pa.Table:
     try:
         if not isinstance(frame, Mapping):
-            return pa.Table.from_pandas(frame, preserve_index=False) if _is_pandas(frame) else pa.table(frame)
+            return (
+                pa.Table.from_pandas(frame, preserve_index=False)
+                if _is_pandas(frame)
+                else pa.table(frame)
+            )
         arrays = {str(key): np.asarray(values) for key, values in frame.items()}
         for key, values in arrays.items():
             if values.ndim != 1:
@@ -311,5 +374,11 @@ def _as_table(frame: Any, name: str) -> pa.Table:
         if len(set(lengths.values())) > 1:
             raise RecordingError(name, *unequal(lengths))
         return pa.table(arrays)
-    except (pa.ArrowInvalid, pa.ArrowTypeError, pa.ArrowNotImplementedError, TypeError, ValueError) as error:
+    except (
+        pa.ArrowInvalid,
+        pa.ArrowTypeError,
+        pa.ArrowNotImplementedError,
+        TypeError,
+        ValueError,
+    ) as error:
         raise RecordingError(name, f"is no table of numbers ({first_line(error)})", HINT) from None

@@ -1,6 +1,7 @@
 """Parquet files, and Arrow's columns as numbers.
 
-Arrow's own accessor of a column's facts ends the process where a footer is damaged; this one raises ValueError.
+Arrow's own accessor of a column's facts ends the process where a footer is damaged; this one raises
+ValueError.
 
 Source: Apache Parquet, parquet.thrift (numbers of the fields); Apache Thrift, compact protocol.
 """
@@ -25,11 +26,28 @@ if TYPE_CHECKING:
     import pyarrow.parquet as pq
 
 
-# Fields that lead to the number of values: of the file its row groups, of these the columns, of these their facts.
-ROW_GROUPS, COLUMNS, FACTS, VALUES = 4, 1, 3, 5
-TRUE, FALSE, BYTE, DOUBLE, BINARY, LIST, SET, STRUCT = 1, 2, 3, 7, 8, 9, 10, 12
+# Fields that lead to the number of values: of the file its row groups, of these the columns, of
+# these their facts.
+ROW_GROUPS = 4
+COLUMNS = 1
+FACTS = 3
+VALUES = 5
+TRUE = 1
+FALSE = 2
+BYTE = 3
+DOUBLE = 7
+BINARY = 8
+LIST = 9
+SET = 10
+STRUCT = 12
 # A footer nests five levels deep.
 DEEPEST = 16
+# A column of lists is as many columns: `q.0`, `q.1`, …, or `q.<label>` where the file names its
+# places. How an ISO 8601 time ends that says its zone.
+ZONE = re.compile(r"(Z|[+-]\d\d:?\d\d)$")
+# A list longer than this is a picture or a cloud of points, no joints.
+MOST_PLACES = 64
+FAILURES = (pa.ArrowException, OSError, ValueError, UnicodeDecodeError)
 
 
 def count_values(path: Path) -> int:
@@ -52,21 +70,24 @@ def count_values(path: Path) -> int:
 
 
 class _Footer:
-    """Reads values one after the other; each takes a byte at least, so that no length can make it go on for ever."""
+    """Reads values one after the other; each takes a byte at least, so that no length can make it
+    go on for ever.
+    """
 
     def __init__(self, data: bytes) -> None:
-        self.data, self.at = data, 0
+        self.data = data
+        self.at = 0
 
     def struct(self, depth: int) -> dict[int, Any]:
         """The fields of a structure by their numbers."""
         if depth > DEEPEST:
             raise ValueError(f"its footer nests more than {DEEPEST} levels deep")
-        found: dict[int, Any] = {}
+        fields: dict[int, Any] = {}
         number = 0
         while head := self._byte():
             number = number + (head >> 4) if head >> 4 else self._integer()
-            found[number] = self._value(head & 15, depth)
-        return found
+            fields[number] = self._value(head & 15, depth)
+        return fields
 
     def _value(self, kind: int, depth: int) -> Any:
         if kind in (TRUE, FALSE):
@@ -85,7 +106,8 @@ class _Footer:
 
     def _list(self, depth: int) -> list[Any]:
         head = self._byte()
-        count, kind = head >> 4, head & 15
+        count = head >> 4
+        kind = head & 15
         count = self._varint() if count == 15 else count
         kind = BYTE if kind in (TRUE, FALSE) else kind
         return [self._value(kind, depth + 1) for _ in range(count)]
@@ -111,39 +133,44 @@ class _Footer:
         return value >> 1 ^ -(value & 1)
 
 
-# A column of lists is as many columns: `q.0`, `q.1`, …, or `q.<label>` where the file names its places.
-# How an ISO 8601 time ends that says its zone.
-ZONE = re.compile(r"(Z|[+-]\d\d:?\d\d)$")
-# A list longer than this is a picture or a cloud of points, no joints.
-MOST_PLACES = 64
 Column = Any  # pa.ChunkedArray or pa.Array
-FAILURES = (pa.ArrowException, OSError, ValueError, UnicodeDecodeError)
 
 
 def open_table(path: Path) -> NamedColumns:
     """The columns of a Parquet file; read when they are asked for.
 
     Raises:
-        RecordingError: Not a Parquet file; when columns are read: no rows, or a column that holds no numbers.
+        RecordingError: Not a Parquet file; when columns are read: no rows, or a column that holds
+            no numbers.
     """
     try:
         with open_parquet(path) as file:
-            nested = [one.name for one in file.schema_arrow if pa.types.is_nested(one.type)]
+            nested = [
+                column.name for column in file.schema_arrow if pa.types.is_nested(column.type)
+            ]
             first = next(file.iter_batches(batch_size=1, columns=nested), None) if nested else None
             lists = {}
-            for name, column in () if first is None else zip(first.schema.names, first.columns, strict=True):
+            for name, column in (
+                () if first is None else zip(first.schema.names, first.columns, strict=True)
+            ):
                 lists[name] = list(spread_list(name, pa.chunked_array([column])))
-            homes = [(name, own) for name in file.schema_arrow.names for own in lists.get(name, (name,))]
+            homes = [
+                (name, cell_name)
+                for name in file.schema_arrow.names
+                for cell_name in lists.get(name, (name,))
+            ]
     except FAILURES as error:
         raise RecordingError(path, *_not_whole(error)) from None
-    names = tuple(own for _, own in homes)
+    names = tuple(cell_name for _, cell_name in homes)
 
     def load(chosen: Sequence[int]) -> list[Float[Array, " T"]]:
         cells = _cells(path, {}, list(dict.fromkeys(homes[index][0] for index in chosen)))
         return [column_numbers(cells[names[index]], names[index], path) for index in chosen]
 
     def numbers() -> dict[str, Float[Array, " T"]]:
-        return {name: column_numbers(values, name, path) for name, values in load_columns(path).items()}
+        return {
+            name: column_numbers(values, name, path) for name, values in load_columns(path).items()
+        }
 
     return named_columns(names, load, path, numbers)
 
@@ -158,7 +185,8 @@ def open_parquet(path: Path) -> pq.ParquetFile:
     import pyarrow.parquet as pq  # slow to load, and text tables need none
 
     size = require_regular(path, "give a table", RecordingError)
-    file = pq.ParquetFile(path)  # not read_table: that loads all of pyarrow's data sets, at half a second
+    # not read_table: that loads all of pyarrow's data sets, at half a second
+    file = pq.ParquetFile(path)
     require_unpacked(size, 8 * count_values(path))
     # A text that stands in a million cells stands once in the file, and is to stand once in memory.
     texts = [field.name for field in file.schema_arrow if is_text(field.type)]
@@ -167,52 +195,69 @@ def open_parquet(path: Path) -> pq.ParquetFile:
 
 def is_text(kind: pa.DataType) -> bool:
     """Whether a column holds texts or bytes."""
-    return any(test(kind) for test in (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary))
+    return any(
+        test(kind) for test in (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary)
+    )
 
 
-def load_columns(path: Path, labels: Mapping[str, Sequence[str]] | None = None) -> dict[str, Column]:
+def load_columns(
+    path: Path, labels: Mapping[str, Sequence[str]] | None = None
+) -> dict[str, Column]:
     """All columns of numbers of a file, lists spread out under their labels, if they have any.
 
     Raises:
         RecordingError: Not a Parquet file, or lists of different lengths.
     """
-    found = _cells(path, labels or {})
-    return {name: one for name, one in found.items() if pa.types.is_floating(one.type) or pa.types.is_integer(one.type)}
+    cells = _cells(path, labels or {})
+    return {
+        name: cell
+        for name, cell in cells.items()
+        if pa.types.is_floating(cell.type) or pa.types.is_integer(cell.type)
+    }
 
 
-def _cells(path: Path, labels: Mapping[str, Sequence[str]], names: list[str] | None = None) -> dict[str, Column]:
+def _cells(
+    path: Path, labels: Mapping[str, Sequence[str]], names: list[str] | None = None
+) -> dict[str, Column]:
     """Some columns of a file, or all; lists spread out."""
     try:
         with open_parquet(path) as file:
             table = file.read(columns=names)
-        found: dict[str, Column] = {}
+        columns: dict[str, Column] = {}
         for name in table.column_names:
             if table.column_names.count(name) > 1:
                 raise ValueError(f"the column {name!r} stands twice")
-            found.update(spread_list(name, table.column(name), labels.get(name, ())))
+            columns.update(spread_list(name, table.column(name), labels.get(name, ())))
     except FAILURES as error:
         raise RecordingError(path, *_not_whole(error)) from None
-    return found
+    return columns
 
 
 def _not_whole(error: Exception) -> tuple[str, str]:
     return f"not a whole Parquet file ({first_line(error)})", "write the file again"
 
 
-def spread_list(name: str, column: pa.ChunkedArray, labels: Sequence[str] = ()) -> dict[str, Column]:
+def spread_list(
+    name: str, column: pa.ChunkedArray, labels: Sequence[str] = ()
+) -> dict[str, Column]:
     """A column of lists as columns of numbers; any other column as it is."""
-    kind, length = column.type, 0
+    kind = column.type
+    length = 0
     if pa.types.is_fixed_size_list(kind):
         length = int(kind.list_size)
     elif pa.types.is_list(kind) or pa.types.is_large_list(kind):
-        length = next((len(one) for chunk in column.chunks for one in chunk if one.is_valid), 0)
-    numeric = length and (pa.types.is_floating(kind.value_type) or pa.types.is_integer(kind.value_type))
+        length = next(
+            (len(entry) for chunk in column.chunks for entry in chunk if entry.is_valid), 0
+        )
+    numeric = length and (
+        pa.types.is_floating(kind.value_type) or pa.types.is_integer(kind.value_type)
+    )
     if not numeric or length > MOST_PLACES:
         return {name: column}
     import pyarrow.compute as pc  # slow to load, and few tables hold lists
 
-    own = labels if len(set(labels)) == length else [str(i) for i in range(length)]
-    return {f"{name}.{label}": pc.list_element(column, i) for i, label in enumerate(own)}
+    cell_labels = labels if len(set(labels)) == length else [str(i) for i in range(length)]
+    return {f"{name}.{label}": pc.list_element(column, i) for i, label in enumerate(cell_labels)}
 
 
 def column_numbers(column: Column, name: str, where: str | Path) -> Float[Array, " T"]:
@@ -228,18 +273,29 @@ def column_numbers(column: Column, name: str, where: str | Path) -> Float[Array,
             zoned = len(column) and ZONE.search(str(column[0]))
             column = column.cast(pa.timestamp("ns", "UTC" if zoned else None))  # ISO 8601
         if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
-            nanoseconds = column.cast(pa.timestamp("ns") if pa.types.is_timestamp(column.type) else pa.duration("ns"))
+            nanoseconds = column.cast(
+                pa.timestamp("ns") if pa.types.is_timestamp(column.type) else pa.duration("ns")
+            )
             return nanoseconds.cast(pa.int64()).to_numpy() * 1e-9
-        # A cast loads all of Arrow's functions, at a tenth of a second.
-        # Unsafe, as nanoseconds since 1970 need more than 53 bits: a float rounds them to a quarter of a microsecond.
-        column = column if pa.types.is_float64(column.type) else column.cast(pa.float64(), safe=False)
-        chunks = (one for one in (column.chunks if isinstance(column, pa.ChunkedArray) else [column]) if len(one))
-        # Without a gap from the buffer itself: Arrow's own way loads pandas where there is one, at half a second.
+        # A cast loads all of Arrow's functions, at a tenth of a second. Unsafe, as nanoseconds
+        # since 1970 need more than 53 bits: a float rounds them to a quarter of a microsecond.
+        column = (
+            column if pa.types.is_float64(column.type) else column.cast(pa.float64(), safe=False)
+        )
+        chunks = (
+            chunk
+            for chunk in (column.chunks if isinstance(column, pa.ChunkedArray) else [column])
+            if len(chunk)
+        )
+        # Without a gap from the buffer itself: Arrow's own way loads pandas where there is one, at
+        # half a second.
         parts = [
-            np.asarray(one.to_numpy(zero_copy_only=False))
-            if one.null_count
-            else np.frombuffer(one.buffers()[1], dtype=float)[one.offset : one.offset + len(one)]
-            for one in chunks
+            np.asarray(chunk.to_numpy(zero_copy_only=False))
+            if chunk.null_count
+            else np.frombuffer(chunk.buffers()[1], dtype=float)[
+                chunk.offset : chunk.offset + len(chunk)
+            ]
+            for chunk in chunks
         ]
         return np.concatenate([np.empty(0), *parts]) if len(parts) != 1 else parts[0]
     except (pa.ArrowException, ValueError, TypeError) as error:
@@ -248,12 +304,16 @@ def column_numbers(column: Column, name: str, where: str | Path) -> Float[Array,
 
 
 def _dictionary_numbers(column: Column, name: str, where: str | Path) -> Float[Array, " T"]:
-    """The same of a column whose chunks hold each value once, and where it stands; each value is read once."""
+    """The same of a column whose chunks hold each value once, and where it stands; each value is
+    read once.
+    """
     parts = [np.empty(0)]
     for chunk in column.chunks if isinstance(column, pa.ChunkedArray) else [column]:
         if len(chunk):
             values = column_numbers(chunk.dictionary, name, where)
             if chunk.null_count or not len(values):
-                raise RecordingError(f"{where}, column {name}", "holds empty cells", "write every cell out")
+                raise RecordingError(
+                    f"{where}, column {name}", "holds empty cells", "write every cell out"
+                )
             parts.append(values[np.asarray(chunk.indices)])
     return np.concatenate(parts)

@@ -1,4 +1,6 @@
-"""What was recorded: a run is one continuous motion, a session is a list of runs of one set-up of the arm."""
+"""What was recorded: a run is one continuous motion, a session is a list of runs of one set-up of
+the arm.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,8 @@ class TelemetryIssue(Record):
 
     issue: str  # identifier, one of the contract's list (``position_wraps``, ``jitter``, …)
     joints: tuple[str, ...]  # names of the joints concerned; empty where the whole run is
-    severity: Severity  # ``note`` was mended or is harmless, ``warning`` weakens results, ``fatal`` forbids a fit
+    # ``note`` was mended or is harmless, ``warning`` weakens results, ``fatal`` forbids a fit
+    severity: Severity
     evidence: str  # what was seen, with numbers and the run's name
     remedy: str  # what the user can do
 
@@ -47,7 +50,13 @@ class Payload:
     """A known body at the flange."""
 
     mass_kg: float  # mass [kg]
-    com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # centre of mass in the frame of the last link [m]
+    # centre of mass in the frame of the last link [m]
+    com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+FEWEST_BLOCKS = 5  # of held-out splits: a median over them, and a spread, need this many
+# a shorter block holds less than one swing of an arm and is a copy of its neighbours
+SHORTEST_BLOCK_S = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +79,8 @@ class Recording:
     current: Float[Array, "T n"] | None = None  # motor current [A], or None
     temperature: Float[Array, "T n"] | None = None  # joint temperature [degC], or None
     source: Path | None = None  # the file it came from
-    issues: tuple[TelemetryIssue, ...] = ()  # what the reader found and mended (garbage rows, a truncated last row, …)
+    # what the reader found and mended (garbage rows, a truncated last row, …)
+    issues: tuple[TelemetryIssue, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -81,7 +91,9 @@ class Recording:
                 continue
             if np.shape(values) != expected:
                 what = f"{name} has shape {np.shape(values)}, not {expected}"
-                raise RecordingError(self.name, what, "give arrays of (samples, joints), as many rows as times")
+                raise RecordingError(
+                    self.name, what, "give arrays of (samples, joints), as many rows as times"
+                )
             object.__setattr__(self, name, freeze(values))
 
     def __len__(self) -> int:
@@ -127,18 +139,21 @@ class Session:
     runs: tuple[Recording, ...]  # the runs, in file-name order; all have the same joints
     payload: Payload | None = None  # the known body at the flange, if session.toml names one
     robot: str | None = None  # the robot that session.toml names, if any
-    # Whether time goes on from run to run; False where clocks restart (recordings of several days): then the runs are
-    # independent and effects that need a common clock are not testable.
+    # Whether time goes on from run to run; False where clocks restart (recordings of several days):
+    # then the runs are independent and effects that need a common clock are not testable.
     common_clock: bool = True
     path: Path | None = None  # the folder or file it was read from
-    metadata: dict[str, Any] = field(default_factory=dict)  # date, notes, origin and own keys of session.toml
+    # date, notes, origin and own keys of session.toml
+    metadata: dict[str, Any] = field(default_factory=dict)
     notes: tuple[TelemetryIssue, ...] = ()  # what the reader found about the session as a whole
-    # What session.toml says the effort is: ``joint_torque`` (gravity is in it), or ``gravity_compensated``; None where
-    # it says nothing.
+    # What session.toml says the effort is: ``joint_torque`` (gravity is in it), or
+    # ``gravity_compensated``; None where it says nothing.
     effort_kind: str | None = None
-    # Gravity in the base's frame [m/s²], by session.toml or as the torque follows it; None for the URDF's.
+    # Gravity in the base's frame [m/s²], by session.toml or as the torque follows it; None for the
+    # URDF's.
     gravity: tuple[float, float, float] | None = None
-    guessed_gains: dict[str, float] = field(default_factory=dict)  # drive gains that nobody measured, by joint [N m/A]
+    # drive gains that nobody measured, by joint [N m/A]
+    guessed_gains: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "runs", tuple(self.runs))
@@ -164,11 +179,11 @@ class Session:
         return replace(self, **changes)
 
 
-FEWEST_BLOCKS = 5  # of held-out splits: a median over them, and a spread, need this many
-SHORTEST_BLOCK_S = 1.5  # a shorter block holds less than one swing of an arm and is a copy of its neighbours
-
-
 def cut_before(run: Recording, rows: Int[Array, " k"]) -> tuple[Recording, ...]:
-    """Cuts a run before each of some rows, given in order; the pieces are named `run[0]`, `run[1]`, …"""
+    """Cuts a run before each of some rows, given in order; the pieces are named `run[0]`, `run[1]`,
+    …
+    """
     edges = [0, *(int(row) for row in rows), len(run)]
-    return tuple(run.at(slice(a, b), f"{run.name}[{index}]") for index, (a, b) in enumerate(pairwise(edges)))
+    return tuple(
+        run.at(slice(a, b), f"{run.name}[{index}]") for index, (a, b) in enumerate(pairwise(edges))
+    )

@@ -1,7 +1,8 @@
 """Messages of ROS bags, read by their definitions.
 
-The package rosbags opens the files. Its own reader of messages writes Python code from the definitions in a file and
-runs it; here they are followed step by step, and what is packed is unpacked no further than a recording needs.
+The package rosbags opens the files. Its own reader of messages writes Python code from the
+definitions in a file and runs it; here they are followed step by step, and what is packed is
+unpacked no further than a recording needs.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ from ident.safe_read import require_regular, require_unpacked
 # Bags written before ROS 2 Iron carry no definitions; those of ROS itself have not changed since.
 KNOWN = get_typestore(Stores.ROS2_HUMBLE).fielddefs
 # A definition with all that it uses has some kilobytes [bytes]; one list of messages has few.
-LARGEST_DEFINITION, MOST_ENTRIES = 1 << 17, 1 << 16
+LARGEST_DEFINITION = 1 << 17
+MOST_ENTRIES = 1 << 16
 # A bag's list of its topics and files [bytes].
 LARGEST_METADATA = 1 << 20
 # What a chunk of messages may unpack to: writers make them of some megabytes [bytes].
@@ -40,7 +42,11 @@ SQLITE: Any = storage_sqlite3.apsw
 # Of a table that is no plain one.
 COMPUTED = re.compile(r"(?i)\bvirtual\b|\bas\s*\(")
 KINDS = {"bool": "?", "byte": "B", "char": "B", "octet": "B", "float32": "f4", "float64": "f8"}
-KINDS |= {f"{sign}int{bits}": f"{sign[:1] or 'i'}{bits // 8}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
+KINDS |= {
+    f"{sign}int{bits}": f"{sign[:1] or 'i'}{bits // 8}"
+    for sign in ("", "u")
+    for bits in (8, 16, 32, 64)
+}
 NUMBERS = {name: np.dtype(kind) for name, kind in KINDS.items()}
 Record = dict[str, Any]
 
@@ -54,7 +60,7 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         self.old = path.suffix.lower() == ".bag"
-        files = [one for one in path.iterdir() if not one.is_dir()] if path.is_dir() else [path]
+        files = [file for file in path.iterdir() if not file.is_dir()] if path.is_dir() else [path]
         self.size = sum(require_regular(file, "give a bag", RecordingError) for file in files)
         metadata = path / "metadata.yaml"
         if metadata in files:
@@ -65,35 +71,45 @@ class Bag:
     def __enter__(self) -> Self:
         self._reader.open()
         self.connections: Sequence[Any] = self._reader.connections
-        for one in self.connections:
-            if one.msgdef.format == MessageDefinitionFormat.MSG:
-                if len(one.msgdef.data) > LARGEST_DEFINITION:
-                    raise ValueError(f"the definition of {one.msgtype} has {len(one.msgdef.data)} bytes")
-                self._types.update(get_types_from_msg(one.msgdef.data, one.msgtype))
+        for connection in self.connections:
+            if connection.msgdef.format == MessageDefinitionFormat.MSG:
+                size = len(connection.msgdef.data)
+                if size > LARGEST_DEFINITION:
+                    raise ValueError(f"the definition of {connection.msgtype} has {size} bytes")
+                self._types.update(get_types_from_msg(connection.msgdef.data, connection.msgtype))
         return self
 
     def __exit__(self, *_error: object) -> None:
         self._reader.close()
 
     def messages(self, connections: Sequence[Any]) -> Iterator[tuple[Any, int, Record]]:
-        """Connection, time of receipt [ns] and content of each message; no content where nobody defines its type."""
+        """Connection, time of receipt [ns] and content of each message; no content where nobody
+        defines its type.
+        """
         unpacked = 0
         for connection, receipt, raw in self._reader.messages(connections):
             unpacked += len(raw)
             require_unpacked(self.size, unpacked)
-            found: Record = {}
+            record: Record = {}
             if connection.msgtype in self._types:
                 order: Literal["<", ">"] = "<" if self.old or raw[1] & 1 else ">"
                 content = memoryview(raw)[0 if self.old else 4 :]
-                found = _Bytes(content, order, self._types, aligned=not self.old).record(connection.msgtype)
-            yield connection, receipt, found
+                record = _Bytes(content, order, self._types, aligned=not self.old).record(
+                    connection.msgtype
+                )
+            yield connection, receipt, record
 
 
 class _Bytes:
     """The bytes of one message, and how far they are read."""
 
-    def __init__(self, raw: memoryview, order: Literal["<", ">"], types: dict[str, Any], aligned: bool) -> None:
-        self.raw, self.order, self.types, self.aligned = raw, order, types, aligned
+    def __init__(
+        self, raw: memoryview, order: Literal["<", ">"], types: dict[str, Any], aligned: bool
+    ) -> None:
+        self.raw = raw
+        self.order = order
+        self.types = types
+        self.aligned = aligned
         self.at = 0
 
     def record(self, kind: str) -> Record:
@@ -123,27 +139,29 @@ class _Bytes:
         dtype = NUMBERS[kind].newbyteorder(self.order)
         if self.aligned and count:
             self.at += -self.at % dtype.itemsize
-        found = np.frombuffer(self.raw, dtype, count, self.at) if count else np.empty(0, dtype)
+        values = np.frombuffer(self.raw, dtype, count, self.at) if count else np.empty(0, dtype)
         self.at += count * dtype.itemsize
-        return found
+        return values
 
     def text(self) -> str:
         length = int(self.numbers("uint32", 1)[0])
-        found = bytes(self.raw[self.at : self.at + length])
-        if len(found) < length:
+        text = bytes(self.raw[self.at : self.at + length])
+        if len(text) < length:
             raise ValueError(f"a text of {length} bytes in {len(self.raw)}")
         self.at += length
-        return found.rstrip(b"\0").decode(errors="replace")
+        return text.rstrip(b"\0").decode(errors="replace")
 
 
 def _bounded(decompressor: Any) -> Any:
     """A function that unpacks bytes, and stops where no writer's chunk goes on."""
 
     def unpack(data: bytes, _size: int = 0) -> bytes:
-        found = decompressor().decompress(data, max_length=LARGEST_CHUNK + 1)
-        if len(found) > LARGEST_CHUNK:
-            raise ValueError(f"a chunk of {len(data)} bytes unpacks to more than {LARGEST_CHUNK / 1e6:.0f} MB")
-        return bytes(found)
+        unpacked = decompressor().decompress(data, max_length=LARGEST_CHUNK + 1)
+        if len(unpacked) > LARGEST_CHUNK:
+            raise ValueError(
+                f"a chunk of {len(data)} bytes unpacks to more than {LARGEST_CHUNK / 1e6:.0f} MB"
+            )
+        return bytes(unpacked)
 
     return unpack
 
@@ -154,7 +172,9 @@ class _Zstandard:
     decompress = staticmethod(_bounded(zstd.ZstdDecompressor))
 
     def __init__(self, file: Any) -> None:
-        self.file, self.size, self.count = zstd.open(file, "rb"), os.fstat(file.fileno()).st_size, 0
+        self.file = zstd.open(file, "rb")
+        self.size = os.fstat(file.fileno()).st_size
+        self.count = 0
 
     @classmethod
     def open(cls, file: Any, _mode: str) -> Self:
@@ -167,33 +187,38 @@ class _Zstandard:
         self.file.close()
 
     def read(self, count: int) -> bytes:
-        found = self.file.read(count)
-        self.count += len(found)
+        chunk = self.file.read(count)
+        self.count += len(chunk)
         require_unpacked(self.size, self.count)
-        return bytes(found)
+        return bytes(chunk)
 
 
 class _Databases:
-    """In place of the module by which the package opens databases: names are literal, and of tables only.
+    """In place of the module by which the package opens databases: names are literal, and of tables
+    only.
 
-    The package writes a file's name into a URI as it stands: `%2e%2e%2f` in a name would be a way out of its folder.
+    The package writes a file's name into a URI as it stands: `%2e%2e%2f` in a name would be a way
+    out of its folder.
     """
 
     SQLITE_OPEN_READONLY = SQLITE.SQLITE_OPEN_READONLY
     SQLITE_OPEN_URI = SQLITE.SQLITE_OPEN_URI
     Error = SQLITE.Error
-    BEFORE_NAME, AFTER_NAME = "file:", "?immutable=1"
+    BEFORE_NAME = "file:"
+    AFTER_NAME = "?immutable=1"
 
     @classmethod
     def Connection(cls, name: str, flags: int, vfs: str | None) -> Any:
         """Opens a database.
 
         Raises:
-            ValueError: It holds views, triggers, computed columns or virtual tables, which make rows without end of
-                nothing.
+            ValueError: It holds views, triggers, computed columns or virtual tables, which make
+                rows without end of nothing.
         """
         path = name.removeprefix(cls.BEFORE_NAME).removesuffix(cls.AFTER_NAME)
-        connection = SQLITE.Connection(f"{cls.BEFORE_NAME}{quote(path)}{cls.AFTER_NAME}", flags=flags, vfs=vfs)
+        connection = SQLITE.Connection(
+            f"{cls.BEFORE_NAME}{quote(path)}{cls.AFTER_NAME}", flags=flags, vfs=vfs
+        )
         for kind, sql in connection.execute("SELECT type, sql FROM sqlite_master"):
             if kind not in ("table", "index") or COMPUTED.search(str(sql)):
                 connection.close()
@@ -201,7 +226,9 @@ class _Databases:
         return connection
 
 
-storage_mcap.DECOMPRESSORS.update(lz4=_bounded(LZ4FrameDecompressor), zstd=_bounded(zstd.ZstdDecompressor))
+storage_mcap.DECOMPRESSORS.update(
+    lz4=_bounded(LZ4FrameDecompressor), zstd=_bounded(zstd.ZstdDecompressor)
+)
 chunks1.decompressors.update(lz4=_bounded(LZ4FrameDecompressor), bz2=_bounded(bz2.BZ2Decompressor))
 setattr(storage_sqlite3, "apsw", _Databases)  # noqa: B010 - the package knows no other way
 setattr(folders, "zstd", _Zstandard)  # noqa: B010 - the package knows no other way

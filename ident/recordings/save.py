@@ -22,19 +22,24 @@ from ident.recordings.session_toml import NAME
 def write_recording(recording: Recording, path: str | Path) -> None:
     """Writes a run in native columns, as Parquet or CSV by the path's suffix.
 
-    The effort is written as it is held, drive gain and sign applied; both formats give back the same numbers.
+    The effort is written as it is held, drive gain and sign applied; both formats give back the
+    same numbers.
 
     Raises:
         RecordingError: Another suffix.
     """
     path = Path(path)
     if path.suffix not in (".parquet", ".csv"):
-        raise RecordingError(path, f"can't write {path.suffix!r}", "choose a name that ends in .parquet or .csv")
+        raise RecordingError(
+            path, f"can't write {path.suffix!r}", "choose a name that ends in .parquet or .csv"
+        )
     if path.suffix == ".csv":
         require_plain_header(recording.joints, path)
     columns = {TIME: recording.time}
     for channel, values in recording.channels().items():
-        columns.update({f"{joint}/{channel}": values[:, index] for index, joint in enumerate(recording.joints)})
+        columns.update(
+            {f"{joint}/{channel}": values[:, index] for index, joint in enumerate(recording.joints)}
+        )
     table = pa.table({name: np.ascontiguousarray(values) for name, values in columns.items()})
     with atomic_write(path) as temporary:
         if path.suffix == ".parquet":
@@ -60,7 +65,12 @@ def fill_session(session: Session, folder: Path) -> None:
         write_recording(run, folder / f"{run.name}.parquet")
     settings: dict[str, Any] = dict(session.metadata)
     body = None if session.payload is None else asdict(session.payload)
-    own = {"robot": session.robot, "effort_kind": session.effort_kind, "payload": body, "gravity_mps2": session.gravity}
-    settings |= {key: value for key, value in own.items() if value is not None}
+    of_recording = {
+        "robot": session.robot,
+        "effort_kind": session.effort_kind,
+        "payload": body,
+        "gravity_mps2": session.gravity,
+    }
+    settings |= {key: value for key, value in of_recording.items() if value is not None}
     if settings:
         (folder / NAME).write_text(tomli_w.dumps(settings), encoding="utf-8")

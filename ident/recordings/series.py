@@ -1,8 +1,8 @@
 """Whether two recordings are one: by the series that they hold, not by the bytes of their files.
 
-A recording that is written again with fewer digits, shifted in time, thinned out, cut or with its columns in another
-order has other bytes and the same moments. A motion that an arm makes again has moments of its own: the noise of its
-torque is another.
+A recording that is written again with fewer digits, shifted in time, thinned out, cut or with its
+columns in another order has other bytes and the same moments. A motion that an arm makes again has
+moments of its own: the noise of its torque is another.
 """
 
 from __future__ import annotations
@@ -23,17 +23,21 @@ if TYPE_CHECKING:
     from ident.recordings.recording import Recording
 
 # A run is known by so many of its moments: one in so many seconds, within these bounds.
-MOMENT_S, FEWEST, MOST = 2.0, 32, 128
+MOMENT_S = 2.0
+FEWEST = 32
+MOST = 128
 # Two moments are one where no channel differs by more than this share of its spread.
 NEAR = 3e-4
-# Rounding of text tables with five decimals [rad, N m], in place of that share where a channel hardly moves.
+# Rounding of text tables with five decimals [rad, N m], in place of that share where a channel
+# hardly moves.
 ROUNDING = 1e-5
 # A recording is another one again where at least one in so many of its moments a joint, and so
 # many, lie in it. Of 3,418 pairs of runs of real arms, in which many made a motion again, no
 # moment lay in both but for arms of one joint, there at most 0.19 of them. Of runs at half their
 # rate with five decimals at least 0.28 lie in the first ones; of runs of one joint 0.13, so that
 # some such copies of these are not known again (tests/bench/repeated_motions.py).
-SHARE, LEAST = 4, 4
+SHARE = 4
+LEAST = 4
 # What no position or torque is; NaN is not below it either.
 BEYOND = 1e9
 # Rows of a run in which its own moments are looked for.
@@ -56,7 +60,8 @@ class Series:
 
     @classmethod
     def of(cls, run: Recording) -> Self | None:
-        """The moments of a run at which its torque is least smooth; None where it has too few of its own.
+        """The moments of a run at which its torque is least smooth; None where it has too few of
+        its own.
 
         A moment that another stretch of the run repeats, at rest say, says nothing.
         """
@@ -68,7 +73,9 @@ class Series:
         low, high = np.quantile(table, (0.1, 0.9), axis=0)
         # Powers of two: of one arm's runs most have the same scale, and are looked for together.
         scale = np.exp2(np.round(np.log2(np.maximum(high - low, ROUNDING / NEAR))))
-        bends = np.abs(np.diff(table[:, len(joints) :] / scale[len(joints) :], 2, axis=0)).sum(axis=1)
+        bends = np.abs(np.diff(table[:, len(joints) :] / scale[len(joints) :], 2, axis=0)).sum(
+            axis=1
+        )
         rough = np.concatenate([[0.0], bends, [0.0]])
         count = int(np.clip(run.duration / MOMENT_S, FEWEST, MOST))
         stretches = np.array_split(np.arange(len(table)), count)
@@ -81,7 +88,9 @@ class Series:
         """How many of the moments a run holds."""
         if run.joints != self.joints:
             return 0
-        distance, _ = run.tree(self.scale).query(self.moments / self.scale, p=np.inf, distance_upper_bound=NEAR)
+        distance, _ = run.tree(self.scale).query(
+            self.moments / self.scale, p=np.inf, distance_upper_bound=NEAR
+        )
         return int(np.isfinite(distance).sum())
 
     def is_in(self, run: SearchedRun) -> bool:
@@ -91,7 +100,10 @@ class Series:
     def to_dict(self) -> dict[str, Any]:
         """As a model's record holds it: numbers as text, for they are for no reader."""
         numbers = np.vstack([self.scale, self.moments]).astype("<f4")
-        return {"joints": list(self.joints), "moments": base64.b64encode(numbers.tobytes()).decode("ascii")}
+        return {
+            "joints": list(self.joints),
+            "moments": base64.b64encode(numbers.tobytes()).decode("ascii"),
+        }
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Self:
@@ -101,7 +113,9 @@ class Series:
             ValueError: It holds something else.
         """
         joints = tuple(str(name) for name in record["joints"])
-        numbers = np.frombuffer(base64.b64decode(str(record["moments"]), validate=True), dtype="<f4")
+        numbers = np.frombuffer(
+            base64.b64decode(str(record["moments"]), validate=True), dtype="<f4"
+        )
         table = numbers.reshape(-1, 2 * len(joints)).astype(float)
         if len(table) < 2 or not np.isfinite(table).all() or not (table[0] > 0.0).all():
             raise ValueError("moments of a run that are no moments")
@@ -119,7 +133,7 @@ class SearchedRun:
     @cached_property
     def _rows(self) -> Float[Array, "T k"]:
         table = _table(self._run, self.joints)
-        return table[_sound(table)]
+        return np.asarray(table[_sound(table)])
 
     def tree(self, scale: Float[Array, " k"]) -> KDTree:
         """Its moments in units of a scale, to be searched."""
@@ -143,12 +157,16 @@ def _sound(table: Float[Array, "T k"]) -> Array:
 
 
 def _repeated(table: Float[Array, "T k"], rows: Array, stretches: list[tuple[int, int]]) -> Array:
-    """Whether each of some rows is met again outside of its own stretch; of a long run some rows are looked at."""
+    """Whether each of some rows is met again outside of its own stretch; of a long run some rows
+    are looked at.
+    """
     from scipy.spatial import KDTree
 
     step = 1 + len(table) // MOST_SEARCHED
     tree = KDTree(table[::step], balanced_tree=False, compact_nodes=False)
     outside = []
-    for near, (first, last) in zip(tree.query_ball_point(table[rows], NEAR, p=np.inf), stretches, strict=True):
+    for near, (first, last) in zip(
+        tree.query_ball_point(table[rows], NEAR, p=np.inf), stretches, strict=True
+    ):
         outside.append(any(row * step < first or row * step > last for row in near))
     return np.array(outside)

@@ -26,7 +26,8 @@ EFFORT_KINDS = ("joint_torque", "gravity_compensated")
 # Keys that go with the session as they are: for people, and for `watch`.
 FREE = ("date", "notes", "origin")
 
-# By key what the reference shows of it: `unit`, `default`, `meaning`, and a line of the file as an `example`.
+# By key what the reference shows of it: `unit`, `default`, `meaning`, and a line of the file as an
+# `example`.
 KEYS = tomllib.loads(Path(__file__).with_name("session_keys.toml").read_text(encoding="utf-8"))
 
 
@@ -37,29 +38,36 @@ class SessionFile:
     path: Path | None = None  # the file, or None where there is none
     # Foreign column name or 1-based number (as text) -> native name.
     columns: Mapping[str, str] = field(default_factory=dict)
-    drive_gain: Mapping[str, float] = field(default_factory=dict)  # joint -> torque per current [N m/A]
+    # joint -> torque per current [N m/A]
+    drive_gain: Mapping[str, float] = field(default_factory=dict)
     # Joint -> +1 or -1, the factor on the recorded torque.
     effort_sign: Mapping[str, float] = field(default_factory=dict)
     payload: Payload | None = None  # known body at the flange
     robot: str | None = None  # name or URDF path of the robot
     sample_rate_hz: float | None = None  # sampling rate of tables without a time column [Hz]
-    angle_factor: float | None = None  # what makes radians of recorded angles; radians where nothing is written
+    # what makes radians of recorded angles; radians where nothing is written
+    angle_factor: float | None = None
     # What is taken off recorded positions before; counts have their zero in the middle of a turn.
     angle_zero: float = 0.0
-    # Joint that slides -> what its positions and their derivatives are multiplied with to be metres, instead.
+    # Joint that slides -> what its positions and their derivatives are multiplied with to be
+    # metres, instead.
     slides: Mapping[str, float] = field(default_factory=dict)
-    # Joint -> -1 where its axis turns the other way than the URDF's: of position, its derivatives and torque.
+    # Joint -> -1 where its axis turns the other way than the URDF's: of position, its derivatives
+    # and torque.
     direction: Mapping[str, float] = field(default_factory=dict)
-    # Joint -> the URDF's angle where the recorded one, its direction and unit applied, is zero [rad or m].
+    # Joint -> the URDF's angle where the recorded one, its direction and unit applied, is zero [rad
+    # or m].
     zeros: Mapping[str, float] = field(default_factory=dict)
     # Joint -> what its positions and their derivatives are multiplied with to be radians, instead.
     units: Mapping[str, float] = field(default_factory=dict)
     # Whether gravity is in the effort, one of `EFFORT_KINDS`; None where the file says nothing.
     effort_kind: str | None = None
     time_factor: float = 1.0  # what recorded times are multiplied with to be seconds
-    metadata: Mapping[str, Any] = field(default_factory=dict)  # what of `FREE` the file has, and own keys
+    # what of `FREE` the file has, and own keys
+    metadata: Mapping[str, Any] = field(default_factory=dict)
     with_effort: bool = True  # whether a torque is needed; without, the recording's effort is zero
-    gravity: tuple[float, float, float] | None = None  # gravity in the base's frame [m/s²]; None for the URDF's
+    # gravity in the base's frame [m/s²]; None for the URDF's
+    gravity: tuple[float, float, float] | None = None
     guessed: bool = False  # whether the drive gains are nobody's measurement
 
     @property
@@ -69,10 +77,16 @@ class SessionFile:
 
 
 def settings_of(path: Path, session_file: str | Path | None = None) -> SessionFile:
-    """The settings of a folder or a single file: of the session.toml that belongs to it, if no other is given."""
-    own = [path / NAME] if path.is_dir() else [path.with_suffix(".toml"), path.parent / NAME]
-    found = [Path(session_file)] if session_file else [one for one in own if one.exists() and not one.is_dir()]
-    return load_session_file(found[0]) if found else SessionFile()
+    """The settings of a folder or a single file: of the session.toml that belongs to it, if no
+    other is given.
+    """
+    places = [path / NAME] if path.is_dir() else [path.with_suffix(".toml"), path.parent / NAME]
+    files = (
+        [Path(session_file)]
+        if session_file
+        else [place for place in places if place.exists() and not place.is_dir()]
+    )
+    return load_session_file(files[0]) if files else SessionFile()
 
 
 def load_session_file(path: Path) -> SessionFile:
@@ -86,8 +100,11 @@ def load_session_file(path: Path) -> SessionFile:
     keys.require_known([key for key in data if difflib.get_close_matches(key, KEYS, n=1)], KEYS)
     guessed = keys.table("drive_gain_Nm_per_A").pop(GUESSED, False)
     if not isinstance(guessed, bool):
-        raise RecordingError(path, f"[drive_gain_Nm_per_A] {GUESSED} = {guessed!r}", "write true or false")
-    gains, signs = keys.numbers("drive_gain_Nm_per_A"), keys.numbers("effort_sign")
+        raise RecordingError(
+            path, f"[drive_gain_Nm_per_A] {GUESSED} = {guessed!r}", "write true or false"
+        )
+    gains = keys.numbers("drive_gain_Nm_per_A")
+    signs = keys.numbers("effort_sign")
     direction = keys.numbers("direction")
     for key, given in (("effort_sign", signs), ("direction", direction)):
         for joint, sign in given.items():
@@ -95,7 +112,9 @@ def load_session_file(path: Path) -> SessionFile:
                 raise RecordingError(path, f"[{key}] {joint} = {sign:g}", "a sign is 1 or -1")
     counts = keys.positive("counts_per_turn", "number")
     if counts is not None and "angle_unit" in data:
-        raise RecordingError(path, "both counts_per_turn and angle_unit", "angles have one unit: keep one of them")
+        raise RecordingError(
+            path, "both counts_per_turn and angle_unit", "angles have one unit: keep one of them"
+        )
     angles = keys.one_of("angle_unit", tuple(ANGLE_UNITS), 'write "rad" or "deg"')
     times = keys.one_of("time_unit", tuple(TIME_UNITS), f"write one of: {', '.join(TIME_UNITS)}")
     kind = keys.one_of("effort_kind", EFFORT_KINDS, f"write {' or '.join(map(repr, EFFORT_KINDS))}")
@@ -118,7 +137,9 @@ def load_session_file(path: Path) -> SessionFile:
         units=keys.joint_units(),
         effort_kind=kind,
         time_factor=TIME_UNITS[times or "s"],
-        gravity=keys.three(data["gravity_mps2"], "gravity_mps2", "base") if "gravity_mps2" in data else None,
+        gravity=keys.three(data["gravity_mps2"], "gravity_mps2", "base")
+        if "gravity_mps2" in data
+        else None,
         guessed=guessed,
         metadata={key: value for key, value in data.items() if key in FREE or key not in KEYS},
     )
@@ -128,13 +149,20 @@ class _Keys:
     """The keys of a file, each checked when it is asked for."""
 
     def __init__(self, path: Path, data: dict[str, Any]) -> None:
-        self.path, self.data = path, data
+        self.path = path
+        self.data = data
 
-    def require_known(self, found: Collection[str], known: Collection[str], where: str = "") -> None:
-        """Refuses a key that nobody reads, which would leave its setting as it is without a word."""
-        for key in sorted(set(found) - set(known)):
+    def require_known(
+        self, given: Collection[str], known: Collection[str], where: str = ""
+    ) -> None:
+        """Refuses a key that nobody reads, which would leave its setting as it is without a
+        word.
+        """
+        for key in sorted(set(given) - set(known)):
             near = difflib.get_close_matches(key, known, n=1)
-            remedy = f"did you mean {near[0]!r}?" if near else f"keys are: {', '.join(sorted(known))}"
+            remedy = (
+                f"did you mean {near[0]!r}?" if near else f"keys are: {', '.join(sorted(known))}"
+            )
             raise RecordingError(self.path, f"{where}unknown key {key!r}", remedy)
 
     def table(self, key: str) -> dict[str, Any]:
@@ -143,24 +171,32 @@ class _Keys:
             raise RecordingError(self.path, f"{key} is {table!r}", f"make it a table: [{key}]")
         return table
 
-    def number(self, value: Any, key: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    def number(self, value: object, key: str) -> float:
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not math.isfinite(value)
+        ):
             raise RecordingError(self.path, f"{key} = {value!r}", "give a finite number")
         return float(value)
 
     def numbers(self, key: str) -> dict[str, float]:
-        return {name: self.number(value, f"[{key}] {name}") for name, value in self.table(key).items()}
+        return {
+            name: self.number(value, f"[{key}] {name}") for name, value in self.table(key).items()
+        }
 
     def positive(self, key: str, what: str) -> float | None:
-        found = self.number(self.data[key], key) if key in self.data else None
-        if found is not None and found <= 0:
-            raise RecordingError(self.path, f"{key} = {found:g}", f"give a positive {what}")
-        return found
+        figure = self.number(self.data[key], key) if key in self.data else None
+        if figure is not None and figure <= 0:
+            raise RecordingError(self.path, f"{key} = {figure:g}", f"give a positive {what}")
+        return figure
 
-    def three(self, values: Any, key: str, frame: str) -> tuple[float, float, float]:
+    def three(self, values: object, key: str, frame: str) -> tuple[float, float, float]:
         """A vector in a frame."""
         if not isinstance(values, list) or len(values) != 3:
-            raise RecordingError(self.path, f"{key} = {values!r}", f"give three numbers, frame of the {frame}")
+            raise RecordingError(
+                self.path, f"{key} = {values!r}", f"give three numbers, frame of the {frame}"
+            )
         x, y, z = (self.number(value, key) for value in values)
         return x, y, z
 
@@ -170,7 +206,9 @@ class _Keys:
         for joint, name in self.table("unit").items():
             if not isinstance(name, str) or name not in JOINT_UNITS:
                 known = ", ".join(JOINT_UNITS)
-                raise RecordingError(self.path, f"[unit] {joint} = {name!r}", f"write one of: {known}")
+                raise RecordingError(
+                    self.path, f"[unit] {joint} = {name!r}", f"write one of: {known}"
+                )
             factors[joint] = JOINT_UNITS[name]
         return factors
 
@@ -198,5 +236,9 @@ class _Keys:
         self.require_known(table, ("mass_kg", "com_m"), "[payload] ")
         mass = self.number(table.get("mass_kg"), "[payload] mass_kg")
         if mass < 0:
-            raise RecordingError(self.path, f"[payload] mass_kg = {mass:g}", "a mass is not negative")
-        return Payload(mass, self.three(table.get("com_m", [0.0, 0.0, 0.0]), "[payload] com_m", "last link"))
+            raise RecordingError(
+                self.path, f"[payload] mass_kg = {mass:g}", "a mass is not negative"
+            )
+        return Payload(
+            mass, self.three(table.get("com_m", [0.0, 0.0, 0.0]), "[payload] com_m", "last link")
+        )

@@ -1,4 +1,6 @@
-"""CSV and other text tables: how one is written, its cells at once by Arrow, damaged ones one by one."""
+"""CSV and other text tables: how one is written, its cells at once by Arrow, damaged ones one by
+one.
+"""
 
 from __future__ import annotations
 
@@ -19,34 +21,59 @@ from ident.recordings.columns import TIME, NamedColumns, Table
 from ident.recordings.parquet import column_numbers
 from ident.recordings.recording import TelemetryIssue
 
+SNIFF_BYTES = 1 << 16
+COMMENTS = ("#", "%")
+# Columns that hold text in most of so many first rows are no columns of numbers.
+LOOKED_AT = 50
+# What the cells of a time are: numbers, or ISO 8601 without and with a zone.
+ISO = re.compile(r"\"?\d{4}-\d\d-\d\d[T ]\d\d:")
+CLOCKS = (pa.float64(), pa.timestamp("ns"), pa.timestamp("ns", "UTC"))
+# a thread works on a block; Arrow's default of 1 MB costs more overhead than it balances
+BLOCK_BYTES = 1 << 24
 
-def read_damaged(path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen: Mapping[int, str]) -> Table:
+
+def read_damaged(
+    path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen: Mapping[int, str]
+) -> Table:
     """Reads a table that the fast path refused, or in which it met NaN (see `Cells.screen`).
 
-    Blank lines are skipped. A carriage return within a line would part it once more: it is made a letter, which spoils
-    its cell alone.
+    Blank lines are skipped. A carriage return within a line would part it once more: it is made a
+    letter, which spoils its cell alone.
 
     Raises:
         RecordingError: No row, or hardly any, can be read.
     """
     lines = bytes(data).split(b"\n")
-    separator, expected = layout.separator.encode(), len(layout.names) - 1
-    numbers = np.array([number for number in range(layout.first_line, len(lines)) if lines[number].strip()], dtype=int)
+    separator = layout.separator.encode()
+    expected = len(layout.names) - 1
+    numbers = np.array(
+        [number for number in range(layout.first_line, len(lines)) if lines[number].strip()],
+        dtype=int,
+    )
     counts = np.array([lines[number].count(separator) for number in numbers], dtype=int)
-    good, misshapen = numbers[counts == expected], numbers[counts != expected] + 1
+    good = numbers[counts == expected]
+    misshapen = numbers[counts != expected] + 1
     truncated = int(numbers[-1]) + 1 if len(numbers) and counts[-1] < expected else None
     misshapen = misshapen[misshapen != truncated] if truncated else misshapen
     if len(misshapen) > len(good):
-        what = f"most rows have another number of cells than the {len(layout.names)} of the first line"
-        raise RecordingError(f"{path}, line {misshapen[0]}", what, "correct the header or the separator")
+        what = (
+            f"most rows have another number of cells than the {len(layout.names)} of the first line"
+        )
+        raise RecordingError(
+            f"{path}, line {misshapen[0]}", what, "correct the header or the separator"
+        )
     if len(good) == 0:
         raise RecordingError(path, "has no whole row", "give a table with samples")
     text = b"\n".join([lines[number].rstrip(b"\r").replace(b"\r", b"?") for number in good])
     try:
-        cells = _parse(text, layout, chosen, dict.fromkeys(chosen.values(), pa.binary()), quoted=False)
+        cells = _parse(
+            text, layout, chosen, dict.fromkeys(chosen.values(), pa.binary()), quoted=False
+        )
     except pa.ArrowException as error:
         reason = str(error).partition(":")[0]
-        raise RecordingError(path, f"its rows can't be parted ({reason})", "write the table again") from None
+        raise RecordingError(
+            path, f"its rows can't be parted ({reason})", "write the table again"
+        ) from None
     raw = [column.combine_chunks() for column in cells]
     values, masks = zip(*(_to_numbers(column, layout.decimal) for column in raw), strict=True)
     bad = [
@@ -60,7 +87,7 @@ def read_damaged(path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen
         path,
         dict(zip(chosen.values(), values, strict=True)),
         "line",
-        [own if own == native else f"{own} ({native})" for own, native in labels],
+        [name if name == native else f"{name} ({native})" for name, native in labels],
         good + 1,
         np.column_stack(masks),
         misshapen.tolist(),
@@ -77,12 +104,16 @@ def _parse(
     skipped: int = 0,
     quoted: str | bool = '"',
 ) -> list[pa.ChunkedArray]:
-    """The chosen columns by Arrow's reader; raises `ArrowInvalid` at the first cell or row that is none of its kind."""
+    """The chosen columns by Arrow's reader; raises `ArrowInvalid` at the first cell or row that is
+    none of its kind.
+    """
     positions = [f"f{index}" for index in range(len(layout.names))]
     types = {positions[index]: kinds.get(native, pa.float64()) for index, native in chosen.items()}
     table = pacsv.read_csv(
         pa.BufferReader(data),
-        read_options=pacsv.ReadOptions(column_names=positions, skip_rows=skipped, block_size=BLOCK_BYTES),
+        read_options=pacsv.ReadOptions(
+            column_names=positions, skip_rows=skipped, block_size=BLOCK_BYTES
+        ),
         parse_options=pacsv.ParseOptions(delimiter=layout.separator, quote_char=quoted),
         convert_options=pacsv.ConvertOptions(
             column_types=types, include_columns=list(types), decimal_point=layout.decimal
@@ -105,10 +136,6 @@ def _to_numbers(cells: pa.Array, decimal: str) -> tuple[Float[Array, " R"], Bool
     return values.to_numpy(zero_copy_only=False), text
 
 
-SNIFF_BYTES = 1 << 16
-COMMENTS = ("#", "%")
-
-
 @dataclass(frozen=True)
 class TextLayout:
     """How a text table is written."""
@@ -120,15 +147,22 @@ class TextLayout:
 
 
 def split_cells(line: str, separator: str) -> list[str]:
-    """Cells of a line, quotes taken off; within quotes a separator is text, and two quotes are one."""
+    """Cells of a line, quotes taken off; within quotes a separator is text, and two quotes
+    are one.
+    """
     if '"' not in line or separator == " " or len(line) > csv.field_size_limit():
         cells = line.split() if separator == " " else line.split(separator)
         return [cell.strip().strip('"') for cell in cells]
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+    return [
+        cell.strip()
+        for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    ]
 
 
 def text_lines(data: bytes) -> list[str]:
-    """The lines of a table as its readers count them: other control characters, and bytes, stay in their line."""
+    """The lines of a table as its readers count them: other control characters, and bytes, stay in
+    their line.
+    """
     return re.split("\r\n|\n|\r", data.decode("utf-8-sig", errors="backslashreplace"))
 
 
@@ -163,7 +197,9 @@ def sniff(path: Path) -> TextLayout:
         # Most cells of the first line are no numbers: it is a header.
         begin = rows[1][0] if len(rows) > 1 else rows[0][0] + 1
         return TextLayout(tuple(first), separator, begin, _decimal(rows[1:], separator))
-    names = split_cells(comments[-1].lstrip().lstrip("".join(COMMENTS)), separator) if comments else []
+    names = (
+        split_cells(comments[-1].lstrip().lstrip("".join(COMMENTS)), separator) if comments else []
+    )
     if len(names) != len(first):
         names = [str(number + 1) for number in range(len(first))]
     return TextLayout(tuple(names), separator, rows[0][0], _decimal(rows, separator))
@@ -188,13 +224,18 @@ def _decimal(rows: list[tuple[int, str]], separator: str) -> str:
         return "."
     comma = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
     cells = [cell for _, line in rows[:20] for cell in split_cells(line, separator)]
-    return "," if cells and sum(bool(comma.fullmatch(cell)) for cell in cells) > len(cells) / 2 else "."
+    return (
+        ","
+        if cells and sum(bool(comma.fullmatch(cell)) for cell in cells) > len(cells) / 2
+        else "."
+    )
 
 
 def ends_within_cell(path: Path, layout: TextLayout) -> bool:
     """Whether the file's last cell is surely cut short although it is still a number.
 
-    Seen by a missing line end and fewer decimals than all rows before: only tables of fixed decimals show it.
+    Seen by a missing line end and fewer decimals than all rows before: only tables of fixed
+    decimals show it.
     """
     with path.open("rb") as stream:
         stream.seek(0, 2)
@@ -203,19 +244,12 @@ def ends_within_cell(path: Path, layout: TextLayout) -> bool:
     if tail.endswith((b"\n", b"\r")):
         return False
     *before, last = [
-        split_cells(line, layout.separator)[-1:] for line in tail.decode(errors="replace").splitlines()[-20:]
+        split_cells(line, layout.separator)[-1:]
+        for line in tail.decode(errors="replace").splitlines()[-20:]
     ] or [[]]
     decimals = {len(cell[0].partition(layout.decimal)[2]) for cell in before[1:] if cell}
     cut = len(last[0].partition(layout.decimal)[2]) if last else 0
     return len(before) > 5 and len(decimals) == 1 and cut < decimals.pop()
-
-
-# Columns that hold text in most of so many first rows are no columns of numbers.
-LOOKED_AT = 50
-# What the cells of a time are: numbers, or ISO 8601 without and with a zone.
-ISO = re.compile(r"\"?\d{4}-\d\d-\d\d[T ]\d\d:")
-CLOCKS = (pa.float64(), pa.timestamp("ns"), pa.timestamp("ns", "UTC"))
-BLOCK_BYTES = 1 << 24  # a thread works on a block; Arrow's default of 1 MB costs more overhead than it balances
 
 
 def open_text(path: Path) -> NamedColumns:
@@ -229,8 +263,13 @@ def open_text(path: Path) -> NamedColumns:
     def numbers() -> dict[str, Float[Array, " T"]]:
         with path.open("rb") as stream:
             head = text_lines(stream.read(SNIFF_BYTES))[layout.first_line :][:LOOKED_AT]
-        rows = [cells for line in head if len(cells := split_cells(line, layout.separator)) == len(layout.names)]
-        filled, stamps = ([], [])
+        rows = [
+            cells
+            for line in head
+            if len(cells := split_cells(line, layout.separator)) == len(layout.names)
+        ]
+        filled = []
+        stamps = []
         for i in range(len(layout.names)):
             cells = [row[i] for row in rows if row[i]]  # another topic's row leaves a cell empty
             if cells and sum(map(is_number, cells)) > len(cells) / 2:
@@ -242,14 +281,18 @@ def open_text(path: Path) -> NamedColumns:
         keys = {i: f"column_{i}/position" for i in filled} | dict.fromkeys(stamps[:1], TIME)
         columns, _ = _read(path, layout, keys)
         # A name that stands twice is no name: its column goes by its number.
-        own = {i: str(i + 1) if layout.names.count(layout.names[i]) > 1 else layout.names[i] for i in keys}
-        return {own[i]: columns[key] for i, key in keys.items()}
+        numbers_by_key = {
+            i: str(i + 1) if layout.names.count(layout.names[i]) > 1 else layout.names[i]
+            for i in keys
+        }
+        return {numbers_by_key[i]: columns[key] for i, key in keys.items()}
 
     return NamedColumns(layout.names, lambda chosen: _read(path, layout, chosen), numbers)
 
 
 def constant_texts(path: Path) -> dict[str, str]:
-    """The text of each column that holds one and the same in all of the first rows, such as a joint's name.
+    """The text of each column that holds one and the same in all of the first rows, such as a
+    joint's name.
 
     Raises:
         RecordingError: The file is empty.
@@ -257,26 +300,35 @@ def constant_texts(path: Path) -> dict[str, str]:
     layout = sniff(path)
     with path.open("rb") as stream:
         head = text_lines(stream.read(SNIFF_BYTES))[layout.first_line :][:LOOKED_AT]
-    rows = [cells for line in head if len(cells := split_cells(line, layout.separator)) == len(layout.names)]
-    found = {}
+    rows = [
+        cells
+        for line in head
+        if len(cells := split_cells(line, layout.separator)) == len(layout.names)
+    ]
+    constants = {}
     for i, name in enumerate(layout.names):
         spoken = {row[i] for row in rows if row[i]}
         if len(spoken) == 1 and not is_number(text := spoken.pop()):
-            found[name] = text
-    return found
+            constants[name] = text
+    return constants
 
 
 def _read(path: Path, layout: TextLayout, chosen: Mapping[int, str]) -> Table:
     if not chosen:
         return {}, ()
-    columns, data = None, pa.memory_map(str(path)).read_buffer() if layout.separator != " " else b""
+    columns = None
+    data = pa.memory_map(str(path)).read_buffer() if layout.separator != " " else b""
     if layout.separator == " ":  # runs of blanks are made one: Arrow knows single separators only
         data = re.sub(rb" {2,}", b" ", path.read_bytes().replace(b"\t", b" "))
         data = re.sub(rb"^ +| +$", b"", data, flags=re.MULTILINE)
     for clock in CLOCKS if TIME in chosen.values() else CLOCKS[:1]:
         try:
-            found = zip(chosen.values(), _parse(data, layout, chosen, {TIME: clock}, layout.first_line), strict=True)
-            columns = {native: column_numbers(column, native, "time") for native, column in found}
+            cells = zip(
+                chosen.values(),
+                _parse(data, layout, chosen, {TIME: clock}, layout.first_line),
+                strict=True,
+            )
+            columns = {native: column_numbers(column, native, "time") for native, column in cells}
             break
         except pa.ArrowInvalid:
             continue

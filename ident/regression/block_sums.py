@@ -1,10 +1,12 @@
-"""Symmetric sums of columns over many blocks: the half below the diagonal alone, or they would fill the memory.
+"""Symmetric sums of columns over many blocks: the half below the diagonal alone, or they would fill
+the memory.
 
 Columns that are zero throughout, as those of links before a joint in its rows, take no room.
 
-What friction that varies from run to run takes off a block is of rank four at the most for each stretch of time that
-lies in it, and what a joint's holds add is of rank one for each of them: products, totals and folds are made of sums
-and rows apart, so that neither ever needs a copy of the sums.
+What friction that varies from run to run takes off a block is of rank four at the most for each
+stretch of time that lies in it, and what a joint's holds add is of rank one for each of them:
+products, totals and folds are made of sums and rows apart, so that neither ever needs a copy of the
+sums.
 """
 
 from __future__ import annotations
@@ -31,21 +33,27 @@ Halves = list[Float[Array, " h"]] | SpooledArrays
 class SymmetricSums:
     """Sums Σ x xᵀ of the same p columns over several blocks or folds."""
 
-    # Of each block the h = a (a + 1) / 2 sums of the kept columns below the diagonal and on it, row by row.
+    # Of each block the h = a (a + 1) / 2 sums of the kept columns below the diagonal and on it, row
+    # by row.
     half: Halves
     kept: Int[Array, " a"]  # number of each column that is kept; the sums of all others are zero
     size: int  # number p of columns
-    rows: Float[Array, "k p"] = field(default_factory=lambda: np.zeros((0, 0)))  # further rows x that are not in `half`
+    # further rows x that are not in `half`
+    rows: Float[Array, "k p"] = field(default_factory=lambda: np.zeros((0, 0)))
     # Number of the block that each of them is in.
     place: Int[Array, " k"] = field(default_factory=lambda: np.zeros(0, dtype=int))
     factor: float = 1.0  # by which all of it counts
 
     @classmethod
     def of(cls, whole: Float[Array, "K p p"], room: SpooledArrays | None = None) -> SymmetricSums:
-        """The same of whole matrices; those that are large go to where others wait on disk, if that is given."""
-        kept = np.flatnonzero(whole.any(axis=(0, 1)))
-        halves = (pack(one[np.ix_(kept, kept)]) for one in whole)
-        return cls(stored(halves, len(whole) * half_size(len(kept)), room), kept, whole.shape[1])
+        """The same of whole matrices; those that are large go to where others wait on disk, if that
+        is given.
+        """
+        nonzero = np.flatnonzero(whole.any(axis=(0, 1)))
+        halves = (pack(sums[np.ix_(nonzero, nonzero)]) for sums in whole)
+        return cls(
+            stored(halves, len(whole) * half_size(len(nonzero)), room), nonzero, whole.shape[1]
+        )
 
     def __len__(self) -> int:
         return len(self.half)
@@ -53,13 +61,17 @@ class SymmetricSums:
     def with_rows(self, rows: Float[Array, "k p"], place: Int[Array, " k"]) -> SymmetricSums:
         """The same with further rows in some of the blocks; of sums that have none yet.
 
-        Rows that are more numbers than the sums are added to a copy of these, where these have all their columns.
+        Rows that are more numbers than the sums are added to a copy of these, where these have all
+        their columns.
         """
-        rows, numbers = rows / np.sqrt(self.factor), len(self) * half_size(len(self.kept))
+        rows = rows / np.sqrt(self.factor)
+        numbers = len(self) * half_size(len(self.kept))
         if rows.size <= numbers or np.delete(rows, self.kept, axis=1).any():
             return replace(self, rows=rows, place=place)
-        own = (rows[place == block][:, self.kept] for block in range(len(self)))
-        halves = (half + pack(part.T @ part) for half, part in zip(self.half, own, strict=True))
+        of_block = (rows[place == block][:, self.kept] for block in range(len(self)))
+        halves = (
+            half + pack(some.T @ some) for half, some in zip(self.half, of_block, strict=True)
+        )
         room = self.half if isinstance(self.half, SpooledArrays) else None
         return replace(self, half=stored(halves, numbers, room))
 
@@ -69,22 +81,28 @@ class SymmetricSums:
 
     def weighted(self, weights: Float[Array, " K"]) -> SymmetricSums:
         """The same with a weight for every block; of sums that have no further rows."""
-        return replace(self, half=[weight * half for weight, half in zip(weights, self.half, strict=True)])
+        return replace(
+            self, half=[weight * half for weight, half in zip(weights, self.half, strict=True)]
+        )
 
     def part(self, columns: Int[Array, " c"]) -> Float[Array, "K c c"]:
         """Sums of some columns, block by block."""
-        at = self._spot[columns]
-        seen = np.flatnonzero(at >= 0)
-        high, low = np.maximum(at[seen, None], at[seen]), np.minimum(at[seen, None], at[seen])
+        spots_of_columns = self._spot[columns]
+        seen = np.flatnonzero(spots_of_columns >= 0)
+        high = np.maximum(spots_of_columns[seen, None], spots_of_columns[seen])
+        low = np.minimum(spots_of_columns[seen, None], spots_of_columns[seen])
         spots = high * (high + 1) // 2 + low
-        found = np.array([half[spots] for half in self.half]).reshape(len(self), len(seen), len(seen))
+        sums = np.array([half[spots] for half in self.half]).reshape(
+            len(self), len(seen), len(seen)
+        )
         if len(seen) < len(columns):
-            shown, found = found, np.zeros((len(self), len(columns), len(columns)))
-            found[:, seen[:, None], seen] = shown
+            shown = sums
+            sums = np.zeros((len(self), len(columns), len(columns)))
+            sums[:, seen[:, None], seen] = shown
         if len(self.rows):
-            own = self.rows[:, columns]
-            np.add.at(found, self.place, own[:, :, None] * own[:, None, :])
-        return np.asarray(self.factor * found)
+            of_rows = self.rows[:, columns]
+            np.add.at(sums, self.place, of_rows[:, :, None] * of_rows[:, None, :])
+        return np.asarray(self.factor * sums)
 
     def over(self, blocks: Sequence[int] | Int[Array, " b"] | None = None) -> Float[Array, "p p"]:
         """Sums over some blocks, or all."""
@@ -92,35 +110,43 @@ class SymmetricSums:
         half = np.zeros(half_size(len(self.kept)))
         for block in members:  # none of them is copied
             half += self.half[block]
-        found = np.zeros((self.size, self.size))
+        sums = np.zeros((self.size, self.size))
         upper = dtpttr(len(self.kept), half, uplo="U")[0]
-        found[np.ix_(self.kept, self.kept)] = np.triu(upper) + np.triu(upper, 1).T
+        sums[np.ix_(self.kept, self.kept)] = np.triu(upper) + np.triu(upper, 1).T
         if len(self.rows):
-            own = self.rows[np.isin(self.place, np.asarray(members))]
-            found += own.T @ own
-        return np.asarray(self.factor * found)
+            members_rows = self.rows[np.isin(self.place, np.asarray(members))]
+            sums += members_rows.T @ members_rows
+        return np.asarray(self.factor * sums)
 
     def diagonal(self) -> Float[Array, " p"]:
         """Sum of each column's squares over all blocks."""
-        at, found = np.arange(len(self.kept)), np.zeros(self.size)
-        found[self.kept] = sum((half[at * (at + 3) // 2] for half in self.half), np.zeros(len(at)))
-        return np.asarray(self.factor * (found + ((self.rows**2).sum(axis=0) if len(self.rows) else 0.0)))
+        index = np.arange(len(self.kept))
+        diagonal = np.zeros(self.size)
+        diagonal[self.kept] = sum(
+            (half[index * (index + 3) // 2] for half in self.half), np.zeros(len(index))
+        )
+        return np.asarray(
+            self.factor * (diagonal + ((self.rows**2).sum(axis=0) if len(self.rows) else 0.0))
+        )
 
     def times(self, weights: Float[Array, " p"]) -> Float[Array, "K p"]:
         """Sums of each block times weights of the columns."""
-        own, found = weights[self.kept], np.zeros((len(self), self.size))
-        if len(own):
-            found[:, self.kept] = [dspmv(len(own), 1.0, half, own) for half in self.half]
+        packed_weights = weights[self.kept]
+        products = np.zeros((len(self), self.size))
+        if len(packed_weights):
+            products[:, self.kept] = [
+                dspmv(len(packed_weights), 1.0, half, packed_weights) for half in self.half
+            ]
         if len(self.rows):
-            np.add.at(found, self.place, (self.rows @ weights)[:, None] * self.rows)
-        return np.asarray(self.factor * found)
+            np.add.at(products, self.place, (self.rows @ weights)[:, None] * self.rows)
+        return np.asarray(self.factor * products)
 
     @cached_property
     def _spot(self) -> Int[Array, " p"]:
         """Where each column stands among the kept, -1 of those that are zero."""
-        found = np.full(self.size, -1)
-        found[self.kept] = np.arange(len(self.kept))
-        return found
+        spots = np.full(self.size, -1)
+        spots[self.kept] = np.arange(len(self.kept))
+        return spots
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,18 +154,23 @@ class FoldSums:
     """A joint's sums of each fold, and of all folds but it."""
 
     own: SymmetricSums  # of each fold
-    rest: SymmetricSums | None  # of all others; None where that is the difference from the sum of all
+    # of all others; None where that is the difference from the sum of all
+    rest: SymmetricSums | None
 
     def without(self, columns: Int[Array, " c"]) -> Float[Array, "F c c"]:
         """Sums of some columns over all folds but each in turn."""
         if self.rest is not None:
             return self.rest.part(columns)
-        own = self.own.part(columns)
-        return own.sum(axis=0) - own
+        of_fold = self.own.part(columns)
+        return np.asarray(of_fold.sum(axis=0) - of_fold)
 
 
-def stored(halves: Iterable[Float[Array, " h"]], numbers: int, room: SpooledArrays | None) -> Halves:
-    """One joint's sums in memory, or, where they are many numbers and there is room on disk, in its file."""
+def stored(
+    halves: Iterable[Float[Array, " h"]], numbers: int, room: SpooledArrays | None
+) -> Halves:
+    """One joint's sums in memory, or, where they are many numbers and there is room on disk, in its
+    file.
+    """
     return list(halves) if room is None or numbers <= HELD_NUMBERS else SpooledArrays(halves, room)
 
 
@@ -149,20 +180,24 @@ def half_size(columns: int) -> int:
 
 
 def pack(whole: Float[Array, "p p"]) -> Float[Array, " h"]:
-    """The half of a symmetric matrix below the diagonal and on it, row by row; the other half is not read."""
+    """The half of a symmetric matrix below the diagonal and on it, row by row; the other half is
+    not read.
+    """
     # LAPACK counts columns first: our lower half is its upper one.
     return np.asarray(dtrttp(whole.T, uplo="U")[0])
 
 
 def add_half(sums: Halves, block: int, whole: Float[Array, "p p"]) -> None:
     """Adds a matrix to a block's sums, which may be of its first columns alone."""
-    half, before = pack(whole), sums[block]
+    half = pack(whole)
+    before = sums[block]
     half[: len(before)] += before
     sums[block] = half
 
 
 def add_products(sums: Float[Array, "p p"], table: Float[Array, "t p"], sign: float) -> None:
-    """Adds Σ x xᵀ over a table's rows, times a sign, to one half of symmetric sums: below the diagonal and on it.
+    """Adds Σ x xᵀ over a table's rows, times a sign, to one half of symmetric sums: below the
+    diagonal and on it.
 
     Args:
         sums: The sums, changed in place.
@@ -171,5 +206,7 @@ def add_products(sums: Float[Array, "p p"], table: Float[Array, "t p"], sign: fl
     """
     if len(table):
         # BLAS counts columns first: our lower half is its upper one.
-        found = dsyrk(sign, np.ascontiguousarray(table).T, beta=1.0, c=sums.T, lower=0, overwrite_c=1)
-        assert np.shares_memory(found, sums)
+        result = dsyrk(
+            sign, np.ascontiguousarray(table).T, beta=1.0, c=sums.T, lower=0, overwrite_c=1
+        )
+        assert np.shares_memory(result, sums)

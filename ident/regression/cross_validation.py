@@ -22,33 +22,41 @@ MODELS_KEPT = 3
 class HeldOutScore:
     """What a model leaves of folds that it never saw."""
 
-    misfit: Float[Array, "F n"]  # whitened squares by fold and joint, shape (F, n): minus twice the log score
+    # whitened squares by fold and joint, shape (F, n): minus twice the log score
+    misfit: Float[Array, "F n"]
     squares: Float[Array, "F n"]  # plain squares by fold and joint, shape (F, n) [N² m²]
     weights: Float[Array, "F n"]  # samples behind `squares`
 
     @property
     def rms(self) -> Float[Array, " n"]:
         """Root mean square over all folds, joint by joint [N m]."""
-        weights = self.weights.sum(axis=0)  # of a joint of which holds alone count they may be far below one
+        # of a joint of which holds alone count they may be far below one
+        weights = self.weights.sum(axis=0)
         return np.sqrt(self.squares.sum(axis=0) / np.where(weights > 0.0, weights, 1.0))
 
     def fall_from(self, other: HeldOutScore) -> Float[Array, " n"]:
-        """Share by which each joint's root mean square falls from another model's [1]; 0 of a joint without samples."""
+        """Share by which each joint's root mean square falls from another model's [1]; 0 of a joint
+        without samples.
+        """
         old = other.rms
         return np.where(old > 0.0, 1.0 - self.rms / np.maximum(old, 1e-12), 0.0)
 
-    def gain_over(self, other: HeldOutScore, joints: Sequence[int] | None = None) -> tuple[float, float]:
+    def gain_over(
+        self, other: HeldOutScore, joints: Sequence[int] | None = None
+    ) -> tuple[float, float]:
         """Gain of log score over another model, and its standard error over the folds.
 
         Args:
             other: What the other model leaves.
-            joints: Whose rows count; all if None. What is open at other joints says nothing of an effect of one's own.
+            joints: Whose rows count; all if None. What is open at other joints says nothing of an
+                effect of one's own.
         """
-        own = slice(None) if joints is None else list(joints)
-        return _over_folds(0.5 * (other.misfit - self.misfit)[:, own].sum(axis=1))
+        chosen = slice(None) if joints is None else list(joints)
+        return _over_folds(0.5 * (other.misfit - self.misfit)[:, chosen].sum(axis=1))
 
     def closed_over(self, other: HeldOutScore, joints: Sequence[int]) -> tuple[float, float]:
-        """Fall of the squared torque error from another model's, and its standard error over the folds.
+        """Fall of the squared torque error from another model's, and its standard error over the
+        folds.
 
         Each joint counts in units of its own error, so that the falls of several add up.
 
@@ -56,9 +64,9 @@ class HeldOutScore:
             other: What the other model leaves.
             joints: Whose rows count.
         """
-        own = list(joints)
-        unit = np.maximum(other.squares[:, own].sum(axis=0), 1e-300)
-        return _over_folds(((other.squares - self.squares)[:, own] / unit).sum(axis=1))
+        chosen = list(joints)
+        unit = np.maximum(other.squares[:, chosen].sum(axis=0), 1e-300)
+        return _over_folds(((other.squares - self.squares)[:, chosen] / unit).sum(axis=1))
 
 
 def _over_folds(gains: Float[Array, " F"]) -> tuple[float, float]:
@@ -71,11 +79,14 @@ class FoldWeights:
     """A model solved once for each fold, without it."""
 
     columns: Int[Array, " z"]  # the model's columns and, last, the torque
-    # Weights (−coefficients, 1) of the scaled columns: what a model leaves of a row is their product.
+    # Weights (−coefficients, 1) of the scaled columns: what a model leaves of a row is their
+    # product.
     values: Float[Array, "F z"]
 
 
-def _spots(local: Int[Array, " p"], used: Int[Array, " z"]) -> tuple[Int[Array, " k"], Int[Array, " k"]]:
+def _spots(
+    local: Int[Array, " p"], used: Int[Array, " z"]
+) -> tuple[Int[Array, " k"], Int[Array, " k"]]:
     """Where the used columns stand in a joint's rows, and where those stand among the used."""
     order = np.argsort(local)
     near = order[np.minimum(np.searchsorted(local, used, sorter=order), len(local) - 1)]
@@ -96,14 +107,17 @@ class HeldOut:
 
     @cached_property
     def _sums_at(self) -> tuple[Callable[[bytes], tuple[Array, Array, Array]], ...]:
-        """For each joint a function of places in its rows, packed: sums without each fold, of each fold, and plain.
+        """For each joint a function of places in its rows, packed: sums without each fold, of each
+        fold, and plain.
 
         The last few are kept: most models differ at one joint from the one before.
         """
 
-        def sums_at(part: FoldSums, plain: SymmetricSums, packed: bytes) -> tuple[Array, Array, Array]:
+        def sums_at(
+            sums: FoldSums, plain: SymmetricSums, packed: bytes
+        ) -> tuple[Array, Array, Array]:
             places = np.frombuffer(packed, dtype=int)
-            return part.without(places), part.own.part(places), plain.part(places)
+            return sums.without(places), sums.own.part(places), plain.part(places)
 
         joints = zip(self.evidence.parts, self.evidence.plain, strict=True)
         return tuple(lru_cache(MODELS_KEPT)(partial(sums_at, *sums)) for sums in joints)
@@ -128,38 +142,44 @@ class HeldOut:
     def _of(self, groups: Sequence[Group]) -> tuple[FoldWeights, HeldOutScore]:
         key = tuple(groups)
         if key not in self._scored:
-            found = self._solved(groups)
-            self._scored[key] = found, self._score_of(found)
+            weights = self._solved(groups)
+            self._scored[key] = weights, self._score_of(weights)
         return self._scored[key]
 
     def _solved(self, groups: Sequence[Group]) -> FoldWeights:
         layout = self.evidence.layout
-        used = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups), [layout.size]]).astype(
-            int
-        )
+        used = np.concatenate(
+            [np.arange(layout.tuned), *(group.columns for group in groups), [layout.size]]
+        ).astype(int)
         grams = np.zeros((len(self.evidence.parts[0].own), len(used), len(used)))
         for sums_at, local in zip(self._sums_at, layout.local, strict=True):
             places, into = _spots(local, used)
             grams[:, into[:, None], into] += sums_at(places.tobytes())[0]
         signed = signs_of(layout.tuned, groups)
         values = np.array([self._solve(gram, used, signed) for gram in grams])
-        once = np.isin(used, [column for group in groups if group.effect.event for column in group.columns])
+        once = np.isin(
+            used, [column for group in groups if group.effect.event for column in group.columns]
+        )
         if once.any():  # what happened once can't be learnt from other runs
             values[:, once] = self._solve(self._whole[np.ix_(used, used)], used, signed)[once]
         return FoldWeights(used, values)
 
-    def _score_of(self, found: FoldWeights) -> HeldOutScore:
+    def _score_of(self, weights: FoldWeights) -> HeldOutScore:
         layout = self.evidence.layout
-        misfit, squares = np.zeros((2, len(found.values), layout.n))
+        misfit, squares = np.zeros((2, len(weights.values), layout.n))
         for j, local in enumerate(layout.local):
-            places, into = _spots(local, found.columns)
-            w = found.values[:, into]
+            places, into = _spots(local, weights.columns)
+            w = weights.values[:, into]
             with np.errstate(over="ignore"):  # what a fold knows nothing of may run away
-                for sums, squared in zip(self._sums_at[j](places.tobytes())[1:], (misfit, squares), strict=True):
+                for sums, squared in zip(
+                    self._sums_at[j](places.tobytes())[1:], (misfit, squares), strict=True
+                ):
                     squared[:, j] = np.einsum("fk,fk->f", w, (sums @ w[:, :, None])[:, :, 0])
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 
-    def _solve(self, gram: Float[Array, "z z"], used: Int[Array, " z"], signed: Int[Array, " s"]) -> Float[Array, " z"]:
+    def _solve(
+        self, gram: Float[Array, "z z"], used: Int[Array, " z"], signed: Int[Array, " s"]
+    ) -> Float[Array, " z"]:
         """Residual weights (−coefficients, 1) of a model trained on some sums."""
         information = gram[:-1, :-1].copy()
         self.prior.add_to(information, self.evidence.layout)

@@ -1,8 +1,10 @@
-"""Fast logs on a slower grid: what lies far above the common corner need not be computed column by column.
+"""Fast logs on a slower grid: what lies far above the common corner need not be computed column by
+column.
 
-A log of 1 kHz that is filtered at 25 Hz says no more than its samples at 125 Hz, and every column of every effect would
-cost eight times as much. States and torque go through one and the same zero-phase filter, whose corner lies well above
-the common one, so that neither side is changed below it; every eighth sample is kept.
+A log of 1 kHz that is filtered at 25 Hz says no more than its samples at 125 Hz, and every column
+of every effect would cost eight times as much. States and torque go through one and the same
+zero-phase filter, whose corner lies well above the common one, so that neither side is changed
+below it; every eighth sample is kept.
 """
 
 from __future__ import annotations
@@ -14,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
-from ident.motion.filter import FOR_DIAGNOSIS, Lowpass, MotionSettings
+from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion, prepare_each
+from ident.motion.settings import FOR_DIAGNOSIS, MotionSettings
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 
@@ -26,14 +29,18 @@ NOISE_SEED = 0
 
 
 def decimation_factor(rate: float, cutoff: float, settings: MotionSettings = FOR_DIAGNOSIS) -> int:
-    """One of how many samples is needed by a filter of some corner; 1 where too few could be spared."""
+    """One of how many samples is needed by a filter of some corner; 1 where too few could be
+    spared.
+    """
     factor = int(rate * settings.cutoff_share / cutoff + 1e-6)
     return factor if factor >= settings.least_factor else 1
 
 
 def decimate(motion: Motion) -> Motion:
     """The same run on a slower grid; a run that is slow already is handed back."""
-    rate, cutoff, settings = motion.lowpass.rate, motion.lowpass.cutoff, motion.settings
+    rate = motion.lowpass.rate
+    cutoff = motion.lowpass.cutoff
+    settings = motion.settings
     factor = decimation_factor(rate, cutoff, settings)
     if factor == 1:
         return motion
@@ -42,7 +49,9 @@ def decimate(motion: Motion) -> Motion:
     def slower(values: Float[Array, "T ..."] | None) -> Float[Array, "t ..."] | None:
         return None if values is None else freeze(keep(values))
 
-    states: dict[str, Any] = {name: freeze(keep(getattr(motion, name))) for name in ("q", "dq", "ddq", "tau")}
+    states: dict[str, Any] = {
+        name: freeze(keep(getattr(motion, name))) for name in ("q", "dq", "ddq", "tau")
+    }
     return replace(
         motion,
         **states,

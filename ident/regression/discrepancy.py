@@ -1,13 +1,16 @@
-"""A discrepancy beside the named laws: a flexible function of each joint's state, with a variance of its own.
+"""A discrepancy beside the named laws: a flexible function of each joint's state, with a variance
+of its own.
 
     τ_j = baseline + Σ_k law_k + δ_j + noise,    δ_j = Σ_b D_b w_b,    w_b ~ N(0, σ_b² / m_b),
 
-in four blocks b of m_b columns: the joint's own state (position, speed, load, direction), its recent past (travel and
-time since the last reversal), the session's time, and the other joints. Columns are random Fourier features of scaled
-inputs, so the state's block stands for a Gaussian process; σ_b is estimated by marginal likelihood. What a law explains
-must be worth more than what δ would explain in its place; what only δ explains is not in the catalogue.
+in four blocks b of m_b columns: the joint's own state (position, speed, load, direction), its
+recent past (travel and time since the last reversal), the session's time, and the other joints.
+Columns are random Fourier features of scaled inputs, so the state's block stands for a Gaussian
+process; σ_b is estimated by marginal likelihood. What a law explains must be worth more than what δ
+would explain in its place; what only δ explains is not in the catalogue.
 
-Source: Kennedy and O'Hagan 2001 (discrepancy of a model); Rahimi and Recht 2007 (random Fourier features).
+Source: Kennedy and O'Hagan 2001 (discrepancy of a model); Rahimi and Recht 2007 (random Fourier
+features).
 """
 
 from __future__ import annotations
@@ -22,12 +25,11 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.motion.motion import last_turns
-from ident.records import read_group
+from ident.regression.settings import DISCREPANCY as SHAPE
+from ident.regression.settings import UNUSUAL
 
 Block = Literal["state", "memory", "time", "coupling"]
 BLOCKS: tuple[Block, ...] = ("state", "memory", "time", "coupling")
-
-SHAPE, UNUSUAL = (read_group(__file__, table) for table in ("discrepancy", "unusual"))
 
 
 class Discrepancy(Effect):
@@ -44,29 +46,34 @@ class Discrepancy(Effect):
         inputs = np.concatenate([_inputs(run, joint) for run in session.runs])
         shape = {"start": session.runs[0].motion.time[0], "end": session.runs[-1].motion.time[-1]}
         for k in range(inputs.shape[1]):
-            shape[f"centre_{k}"], shape[f"scale_{k}"] = float(inputs[:, k].mean()), float(inputs[:, k].std() + 1e-9)
+            shape[f"centre_{k}"] = float(inputs[:, k].mean())
+            shape[f"scale_{k}"] = float(inputs[:, k].std() + 1e-9)
         return (Variant({}, None, shape),)
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "t k"]]:
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "t k"]]:
         """The columns at the samples of each run that the common filter keeps."""
         return [self._columns_of(run, joint, variant) for run in session.runs]
 
     def replaces(self, effect: Effect, count: int) -> Bool[Array, " k"]:
-        """Which of its columns may stand in an effect's place: all but those that are the effect's own law.
+        """Which of its columns may stand in an effect's place: all but those that are the effect's
+        own law.
 
-        Friction that builds up over some travel after each reversal, or that fades with the session's time, is one law
-        by two names.
+        Friction that builds up over some travel after each reversal, or that fades with the
+        session's time, is one law by two names.
 
         Args:
             effect, count: The effect, and the number of columns.
         """
-        own = np.zeros(count, dtype=bool)
+        same = np.zeros(count, dtype=bool)
         alone = count // 3  # those that neither the direction nor a state multiplies come first
         if self.block == "memory" and effect.drawn_over == "reversal":
-            own[alone : alone + len(SHAPE.travels_rad) - 1] = True  # the longest travel is that of cables
+            # the longest travel is that of cables
+            same[alone : alone + len(SHAPE.travels_rad) - 1] = True
         if self.block == "time" and effect.by_run:
-            own[alone:] = True
-        return ~own
+            same[alone:] = True
+        return ~same
 
     def parameters(
         self,
@@ -84,20 +91,26 @@ class Discrepancy(Effect):
         centre = np.array([shape[f"centre_{k}"] for k in range(width)])
         scale = np.array([shape[f"scale_{k}"] for k in range(width)])
         x = (_inputs(run, joint) - centre) / scale
-        kept = run.motion.coarse
-        direction = run.direction[kept, joint : joint + 1]
+        coarse = run.motion.coarse
+        direction = run.direction[coarse, joint : joint + 1]
         if self.block == "state":
             return _features(x[:, :5], direction, SHAPE.state_columns, 3, 100 + joint)
         if self.block == "coupling":
             return _features(x[:, 5:], direction, SHAPE.coupling_columns, 2, 200 + joint)
         if self.block == "memory":
-            age, moved = since_reversal(run.motion.time, run.motion.q[:, joint], run.motion.dq[:, joint])
+            age, moved = since_reversal(
+                run.motion.time, run.motion.q[:, joint], run.motion.dq[:, joint]
+            )
             fade = [np.exp(-np.abs(moved) / travel) for travel in SHAPE.travels_rad]
-            fade += [np.exp(-age / one) for one in SHAPE.ages_s]
-            fading = np.stack(fade, axis=1)[kept]
-            return np.concatenate([fading, fading * direction, fading * direction * x[:, 2:3]], axis=1)
-        at = (run.motion.time[kept] - shape["start"]) / max(shape["end"] - shape["start"], 1e-9)
-        waves = np.cos(np.pi * at[:, None] * np.arange(1, SHAPE.waves + 1))
+            fade += [np.exp(-age / age_scale) for age_scale in SHAPE.ages_s]
+            fading = np.stack(fade, axis=1)[coarse]
+            return np.concatenate(
+                [fading, fading * direction, fading * direction * x[:, 2:3]], axis=1
+            )
+        instant = (run.motion.time[coarse] - shape["start"]) / max(
+            shape["end"] - shape["start"], 1e-9
+        )
+        waves = np.cos(np.pi * instant[:, None] * np.arange(1, SHAPE.waves + 1))
         return np.concatenate([waves, waves * direction, waves * x[:, 1:2]], axis=1)
 
 
@@ -105,22 +118,35 @@ KINDS = tuple(Discrepancy(block) for block in BLOCKS)
 
 
 def _inputs(run: RunContext, joint: int) -> Float[Array, "t k"]:
-    """What the function depends on: the joint's own position, speed, load, its slow speeds spread out, its direction;
+    """What the function depends on: the joint's own position, speed, load, its slow speeds spread
+    out, its direction;
 
-    then position, speed and direction of each other joint. Of the samples that the common filter keeps.
+    then position, speed and direction of each other joint. Of the samples that the common filter
+    keeps.
     """
-    kept = run.motion.coarse
-    q, dq, direction = run.motion.q[kept], run.motion.dq[kept], run.direction[kept]
+    coarse = run.motion.coarse
+    q = run.motion.q[coarse]
+    dq = run.motion.dq[coarse]
+    direction = run.direction[coarse]
     usual = 0.05 + 0.05 * np.sqrt(np.mean(run.motion.dq[:, joint] ** 2))
-    own = [q[:, joint], dq[:, joint], run.link[kept, joint], np.arcsinh(dq[:, joint] / usual), direction[:, joint]]
+    of_joint = [
+        q[:, joint],
+        dq[:, joint],
+        run.link[coarse, joint],
+        np.arcsinh(dq[:, joint] / usual),
+        direction[:, joint],
+    ]
     others = [k for k in range(run.n) if k != joint]
-    return np.stack(own + [one[:, k] for k in others for one in (q, dq, direction)], axis=1)
+    return np.stack(
+        of_joint + [signal[:, k] for k in others for signal in (q, dq, direction)], axis=1
+    )
 
 
 def _features(
     x: Float[Array, "T k"], direction: Float[Array, "T 1"], count: int, active: int, seed: int
 ) -> Float[Array, "T m"]:
-    """Random Fourier features, each of some of the inputs; every other one turns its sign with the direction.
+    """Random Fourier features, each of some of the inputs; every other one turns its sign with the
+    direction.
 
     In half the room: their seventh digit decides nothing, and cosines are as fast again.
     """
@@ -131,7 +157,9 @@ def _features(
 
 
 @cache
-def _draw_features(inputs: int, count: int, active: int, seed: int) -> tuple[Float[Array, "k m"], Float[Array, " m"]]:
+def _draw_features(
+    inputs: int, count: int, active: int, seed: int
+) -> tuple[Float[Array, "k m"], Float[Array, " m"]]:
     """Frequencies and phases of features of some inputs."""
     rng = np.random.default_rng(seed)
     weights = np.zeros((inputs, count), dtype=np.float32)
@@ -147,16 +175,21 @@ def since_reversal(time: Array, q: Array, dq: Array) -> tuple[Array, Array]:
     return time - time[last], q - q[last]
 
 
-def unusual_torque(session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> list[Float[Array, "t n"]]:
-    """What of each run's leftover torque in motion the same states do not leave at other times [N m].
+def unusual_torque(
+    session: SessionContext, leftover: Sequence[Float[Array, "t n"]]
+) -> list[Float[Array, "t n"]]:
+    """What of each run's leftover torque in motion the same states do not leave at other times [N
+    m].
 
-    It is what the discrepancy's features x of the joint's own state and of the others' do not predict by ridge
-    regression of the leftover r, each piece of time from all others but its neighbours:
+    It is what the discrepancy's features x of the joint's own state and of the others' do not
+    predict by ridge regression of the leftover r, each piece of time from all others but its
+    neighbours:
 
         u_k = r_k − x_k (Σ_l X_lᵀ W X_l + λ I)⁻¹ Σ_l X_lᵀ W r_l,    |l − k| > 1,
 
-    so that a window never predicts itself; λ is the one that leaves least, by the median. Where even that leaves nearly
-    as much as there was, nothing is taken off, nor at rest, where no function of the state says what friction holds.
+    so that a window never predicts itself; λ is the one that leaves least, by the median. Where
+    even that leaves nearly as much as there was, nothing is taken off, nor at rest, where no
+    function of the state says what friction holds.
 
     Source: Stone 1974 (cross-validated prediction); Huber 1964 (weights of what lies far out).
 
@@ -165,43 +198,75 @@ def unusual_torque(session: SessionContext, leftover: Sequence[Float[Array, "t n
         leftover: For each run what the tuned model leaves of the torque, filtered and decimated.
     """
     parts = list(zip(session.runs, leftover, strict=True))
-    steps = [np.full(len(values), run.motion.interval * run.motion.lowpass.factor) for run, values in parts]
+    steps = [
+        np.full(len(values), run.motion.interval * run.motion.lowpass.factor)
+        for run, values in parts
+    ]
     clock = np.cumsum(np.concatenate(steps))
-    pieces = int(np.clip(clock[-1] / UNUSUAL.shortest_piece, UNUSUAL.fewest_pieces, UNUSUAL.most_pieces))
+    pieces = int(
+        np.clip(clock[-1] / UNUSUAL.shortest_piece, UNUSUAL.fewest_pieces, UNUSUAL.most_pieces)
+    )
     ends = np.cumsum([len(values) for values in leftover])[:-1]
     piece = np.minimum((clock / clock[-1] * pieces).astype(int), pieces - 1)
     every = np.concatenate(leftover)
     moves = np.concatenate([run.motion.settled for run in session.runs]) & ~np.isnan(every)
-    found = [_of_joint(session, joint, every[:, joint], moves[:, joint], piece) for joint in range(session.n)]
-    return np.split(np.stack(found, axis=1), ends)
+    by_joint = [
+        _of_joint(session, joint, every[:, joint], moves[:, joint], piece)
+        for joint in range(session.n)
+    ]
+    return np.split(np.stack(by_joint, axis=1), ends)
 
 
 def _of_joint(
-    session: SessionContext, joint: int, left: Float[Array, " t"], known: Bool[Array, " t"], piece: Int[Array, " t"]
+    session: SessionContext,
+    joint: int,
+    left: Float[Array, " t"],
+    known: Bool[Array, " t"],
+    piece: Int[Array, " t"],
 ) -> Float[Array, " t"]:
-    """What of one joint's leftover in motion the other pieces do not predict; all of it where they predict nothing."""
+    """What of one joint's leftover in motion the other pieces do not predict; all of it where they
+    predict nothing.
+    """
     usual = float(np.median(np.abs(left[known]))) if known.any() else 0.0
     if usual == 0.0:
         return left
     blocks = [Discrepancy(block) for block in ("state", "coupling")]
     (inputs,) = blocks[0].variants(session, joint)
-    features = np.concatenate([np.concatenate(one.columns(session, joint, inputs)) for one in blocks], axis=1)
+    features = np.concatenate(
+        [np.concatenate(block.columns(session, joint, inputs)) for block in blocks], axis=1
+    )
     values = np.nan_to_num(left)
     weight = known * np.minimum(1.0, UNUSUAL.far_out * usual / np.maximum(np.abs(values), usual))
-    pieces, width = int(piece[-1]) + 1, features.shape[1]
+    pieces = int(piece[-1]) + 1
+    width = features.shape[1]
     starts = np.searchsorted(piece, np.arange(pieces + 1))
     rows = [slice(*ends) for ends in itertools.pairwise(starts.tolist())]
-    weighted = (features[at] * weight[at, None].astype(np.float32) for at in rows)
-    both = [(one.T @ features[at], one.T @ values[at]) for one, at in zip(weighted, rows, strict=True)]
-    grams, sums = np.stack([one for one, _ in both]).astype(float), np.stack([one for _, one in both])
+    weighted = (
+        features[rows_of_piece] * weight[rows_of_piece, None].astype(np.float32)
+        for rows_of_piece in rows
+    )
+    both = [
+        (weighted_rows.T @ features[rows_of_piece], weighted_rows.T @ values[rows_of_piece])
+        for weighted_rows, rows_of_piece in zip(weighted, rows, strict=True)
+    ]
+    grams = np.stack([gram_of_piece for gram_of_piece, _ in both]).astype(float)
+    sums = np.stack([sum_of_piece for _, sum_of_piece in both])
     others = np.abs(np.subtract.outer(np.arange(pieces), np.arange(pieces))) > 1
-    gram, target = np.tensordot(others, grams, 1), others @ sums
+    gram = np.tensordot(others, grams, 1)
+    target = others @ sums
     ridge = float(np.trace(grams.sum(axis=0))) / width * np.eye(width)
-    best, least = left, UNUSUAL.most_left * usual
+    best = left
+    least = UNUSUAL.most_left * usual
     for share in UNUSUAL.ridges:
         along = np.linalg.solve(gram + share * ridge, target[:, :, None])[:, :, 0]
-        predicted = np.concatenate([features[at] @ one for at, one in zip(rows, along, strict=True)])
+        predicted = np.concatenate(
+            [
+                features[rows_of_piece] @ slope
+                for rows_of_piece, slope in zip(rows, along, strict=True)
+            ]
+        )
         unusual = float(np.median(np.abs((values - predicted)[known])))
         if unusual < least:
-            best, least = np.where(known, left - predicted, left), unusual
+            best = np.where(known, left - predicted, left)
+            least = unusual
     return best

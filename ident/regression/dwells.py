@@ -1,17 +1,20 @@
 """Rest as evidence: each hold of a joint is one observation of its torque.
 
-A joint that rests holds what gravity and all that is static ask of it, but for dry friction, which may be anything
-within ± f_s. With x the mean of the columns and y that of the torque over the m samples of a hold,
+A joint that rests holds what gravity and all that is static ask of it, but for dry friction, which
+may be anything within ± f_s. With x the mean of the columns and y that of the torque over the m
+samples of a hold,
 
     y = xᵀβ + s a + e,  Var e = f_s² / 3 + noise² / m,
 
-where s is the sign of the motion that ended in the hold and a what friction leans to after it (`HeldFriction`, a column
-with a prior of its own: holds that are all approached from one side are off by the same). A hold in which the torque
-changes by more than friction can take up (a hand's push, a load put on), or through which the joint creeps on, is
-several. Of a hold that lies in several blocks of time each block has a row with as many times the variance: together
-they are worth one observation.
+where s is the sign of the motion that ended in the hold and a what friction leans to after it
+(`HeldFriction`, a column with a prior of its own: holds that are all approached from one side are
+off by the same). A hold in which the torque changes by more than friction can take up (a hand's
+push, a load put on), or through which the joint creeps on, is several. Of a hold that lies in
+several blocks of time each block has a row with as many times the variance: together they are worth
+one observation.
 
-Source: Armstrong-Hélouvry, Dupont and Canudas de Wit 1994 (static friction takes up any torque within its level).
+Source: Armstrong-Hélouvry, Dupont and Canudas de Wit 1994 (static friction takes up any torque
+within its level).
 """
 
 from __future__ import annotations
@@ -27,9 +30,7 @@ from ident.effects.base import Effect, Interval, RunContext, SessionContext, Var
 from ident.effects.intervals import coefficient_interval
 from ident.effects.session_context import coulomb_level
 from ident.motion.motion import Motion
-from ident.records import read_group
-
-LIMIT = read_group(__file__, "dwells")
+from ident.regression.settings import DWELLS as LIMIT
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ class Hold:
     start: int  # first sample, and the one after the last; blurred ends are left out
     stop: int
     sign: float  # of the motion that ended in it; 0 where the run shows none
-    # Whether the joint does not rest but turns round, starts or stops, too near for friction to be known.
+    # Whether the joint does not rest but turns round, starts or stops, too near for friction to be
+    # known.
     turn: bool = False
 
 
@@ -47,7 +49,8 @@ class Hold:
 class DwellRows:
     """What a joint's holds say: k rows, one a hold or a block's part of one."""
 
-    rows: Float[Array, "k p"]  # means of the columns and, last, of the torque [N m]; in half the room
+    # means of the columns and, last, of the torque [N m]; in half the room
+    rows: Float[Array, "k p"]
     sign: Float[Array, " k"]  # of the motion that ended in each row's hold; 0 where nobody knows
     hold: Int[Array, " k"]  # number of each row's hold
     sample: Int[Array, " k"]  # middle sample (filtered) of each row in its run
@@ -55,7 +58,9 @@ class DwellRows:
     length: Int[Array, " k"]  # samples behind each row
     angle: Float[Array, " k"]  # mean position of the joint [rad or m]
     friction: float  # level f_s of static friction [N m]
-    noise: float  # standard deviation of the torque's noise times the root of the samples that a mean is over [N m]
+    # standard deviation of the torque's noise times the root of the samples that a mean is over [N
+    # m]
+    noise: float
 
     @property
     def std(self) -> Float[Array, " k"]:
@@ -71,40 +76,49 @@ class DwellRows:
 
 def find_holds(motion: Motion) -> tuple[tuple[Hold, ...], ...]:
     """Each joint's holds in a run."""
-    moving, heading = motion.moving, np.sign(motion.dq[motion.coarse])
-    return tuple(_holds_of(moving[:, j], heading[:, j], int(motion.blurred[j])) for j in range(motion.n))
+    moving = motion.moving
+    heading = np.sign(motion.dq[motion.coarse])
+    return tuple(
+        _holds_of(moving[:, j], heading[:, j], int(motion.blurred[j])) for j in range(motion.n)
+    )
 
 
-def _holds_of(moving: Bool[Array, " t"], heading: Float[Array, " t"], reach: int) -> tuple[Hold, ...]:
-    found = []
+def _holds_of(
+    moving: Bool[Array, " t"], heading: Float[Array, " t"], reach: int
+) -> tuple[Hold, ...]:
+    holds = []
     for start, stop in _stretches(~moving):
         if stop - start < reach:  # a turn
             continue
         cut = min(reach, int((1.0 - LIMIT.kept_share) * (stop - start) / 2.0))
-        found.append(Hold(start + cut, stop - cut, float(heading[start - 1]) if start else 0.0))
-    return tuple(found)
+        holds.append(Hold(start + cut, stop - cut, float(heading[start - 1]) if start else 0.0))
+    return tuple(holds)
 
 
 def find_turns(motion: Motion) -> tuple[tuple[Hold, ...], ...]:
-    """Each joint's stretches without a hold or a settled sample, such as turns, and moves too short to settle.
+    """Each joint's stretches without a hold or a settled sample, such as turns, and moves too short
+    to settle.
 
-    Ends of a run are left out, and so is what the filter smears between a hold and the settled motion beside it.
+    Ends of a run are left out, and so is what the filter smears between a hold and the settled
+    motion beside it.
     """
-    found = []
+    turns = []
     for j, holds in enumerate(find_holds(motion)):
-        reach, last = int(motion.blurred[j]), motion.filtered_length
-        settled, held = motion.settled[:, j], np.zeros(last, dtype=bool)
+        reach = int(motion.blurred[j])
+        last = motion.filtered_length
+        settled = motion.settled[:, j]
+        held = np.zeros(last, dtype=bool)
         for start, stop in _stretches(~motion.moving[:, j]):
-            held[start:stop] = any(start <= one.start < stop for one in holds)
+            held[start:stop] = any(start <= hold.start < stop for hold in holds)
         free = ~settled & ~held
         free[:reach] = free[last - reach :] = False
-        own = []
+        turns_of_joint = []
         for start, stop in _stretches(free):
             beside = [start - 1, min(stop, last - 1)]
             if not (held[beside].any() and settled[beside].any()):
-                own.append(Hold(start, stop, 0.0, turn=True))
-        found.append(tuple(own))
-    return tuple(found)
+                turns_of_joint.append(Hold(start, stop, 0.0, turn=True))
+        turns.append(tuple(turns_of_joint))
+    return tuple(turns)
 
 
 def _stretches(mask: Bool[Array, " t"]) -> list[tuple[int, int]]:
@@ -118,15 +132,21 @@ def resting(motion: Motion) -> Bool[Array, "T n"]:
     mask = np.zeros((len(motion.time), motion.n), dtype=bool)
     factor = motion.lowpass.factor
     for j, holds in enumerate(find_holds(motion)):
-        for one in holds:
-            mask[one.start * factor : one.stop * factor, j] = True
+        for hold in holds:
+            mask[hold.start * factor : hold.stop * factor, j] = True
     return mask
 
 
 def rested(run: RunContext) -> RunContext:
-    """The same run without any sliding where joints rest: what dry friction is there no law of motion shows."""
+    """The same run without any sliding where joints rest: what dry friction is there no law of
+    motion shows.
+    """
     still = resting(run.motion)
-    return replace(run, direction=np.where(still, 0.0, run.direction), friction=np.where(still, 0.0, run.friction))
+    return replace(
+        run,
+        direction=np.where(still, 0.0, run.direction),
+        friction=np.where(still, 0.0, run.friction),
+    )
 
 
 def dwell_rows(
@@ -142,24 +162,29 @@ def dwell_rows(
         motion: The run.
         tables: Filtered columns of each joint, the torque last; made of a run that is `rested`.
         friction: Each joint's level of static friction [N m].
-        noise: Standard deviation of each joint's torque noise times the root of the samples of a mean [N m].
+        noise: Standard deviation of each joint's torque noise times the root of the samples of a
+            mean [N m].
         blocks: Block of time of each filtered sample; one for all if None.
     """
     blocks = np.zeros(motion.filtered_length, dtype=int) if blocks is None else blocks
     changes = 1 + np.flatnonzero(np.diff(blocks))  # where another block of time begins
-    found = []
+    rows = []
     for j, (holds, turns) in enumerate(zip(find_holds(motion), find_turns(motion), strict=True)):
-        q, jump = motion.q[motion.coarse, j], LIMIT.jump_levels * friction[j] + LIMIT.jump_noise * noise[j]
+        q = motion.q[motion.coarse, j]
+        jump = LIMIT.jump_levels * friction[j] + LIMIT.jump_noise * noise[j]
         parted = _parted((*holds, *turns), tables[j][:, -1], q, jump, motion)
         pieces = [
-            (start, stop, one.sign, number)
-            for number, one in enumerate(parted)
-            for start, stop in pairwise([one.start, *changes[(one.start < changes) & (changes < one.stop)], one.stop])
+            (start, stop, hold.sign, number)
+            for number, hold in enumerate(parted)
+            for start, stop in pairwise(
+                [hold.start, *changes[(hold.start < changes) & (changes < hold.stop)], hold.stop]
+            )
         ]
         start, stop, sign, hold = np.array(pieces, dtype=float).reshape(-1, 4).T
-        first, last = start.astype(int), stop.astype(int)
+        first = start.astype(int)
+        last = stop.astype(int)
         middle = (first + last) // 2
-        found.append(
+        rows.append(
             DwellRows(
                 rows=_means(tables[j], first, last).astype(np.float32),
                 sign=sign,
@@ -172,26 +197,38 @@ def dwell_rows(
                 noise=float(noise[j]),
             )
         )
-    return tuple(found)
+    return tuple(rows)
 
 
 def _parted(
-    holds: Sequence[Hold], torque: Float[Array, " t"], q: Float[Array, " t"], jump: float, motion: Motion
+    holds: Sequence[Hold],
+    torque: Float[Array, " t"],
+    q: Float[Array, " t"],
+    jump: float,
+    motion: Motion,
 ) -> list[Hold]:
-    """Holds of a joint, parted where the torque jumps or the joint has crept on; of motion after that nobody knows."""
-    least, found = round(LIMIT.shortest_s / (motion.interval * motion.lowpass.factor)) + 1, []
-    for one in holds:
-        sign = one.sign
-        whole = [(0, one.stop - one.start)]
-        for first, last in whole if one.turn else _quiet(torque[one.start : one.stop], jump, least):
-            for start, stop in _within(q, one.start + first, one.start + last, motion.settings.forgetting_travel):
-                found.append(Hold(start, stop, sign))
+    """Holds of a joint, parted where the torque jumps or the joint has crept on; of motion after
+    that nobody knows.
+    """
+    least = round(LIMIT.shortest_s / (motion.interval * motion.lowpass.factor)) + 1
+    parted = []
+    for hold in holds:
+        sign = hold.sign
+        whole = [(0, hold.stop - hold.start)]
+        for first, last in (
+            whole if hold.turn else _quiet(torque[hold.start : hold.stop], jump, least)
+        ):
+            for start, stop in _within(
+                q, hold.start + first, hold.start + last, motion.settings.forgetting_travel
+            ):
+                parted.append(Hold(start, stop, sign))
                 sign = 0.0
-    return found
+    return parted
 
 
 def _quiet(torque: Float[Array, " t"], jump: float, least: int) -> list[tuple[int, int]]:
-    """Stretches in which the torque changes by no more than a jump: halved where their halves' means differ most.
+    """Stretches in which the torque changes by no more than a jump: halved where their halves'
+    means differ most.
 
     What changes by more within a moment is the jump itself, and left out.
     """
@@ -201,81 +238,109 @@ def _quiet(torque: Float[Array, " t"], jump: float, least: int) -> list[tuple[in
     if count < 2 * least:
         return []
     sums = np.cumsum(torque)
-    at = np.arange(least, count - least + 1)
-    apart = sums[at - 1] / at - (sums[-1] - sums[at - 1]) / (count - at)
-    score = np.abs(apart) * np.sqrt(at * (count - at))
-    middle = int(at[np.argmax(score)])
+    first = np.arange(least, count - least + 1)
+    apart = sums[first - 1] / first - (sums[-1] - sums[first - 1]) / (count - first)
+    score = np.abs(apart) * np.sqrt(first * (count - first))
+    middle = int(first[np.argmax(score)])
     later = _quiet(torque[middle:], jump, least)
     return [*_quiet(torque[:middle], jump, least), *((middle + a, middle + b) for a, b in later)]
 
 
 def _within(q: Float[Array, " t"], start: int, stop: int, travel: float) -> list[tuple[int, int]]:
     """Stretches over which a joint goes no further than a travel."""
-    found = []
+    stretches = []
     while start < stop:
         gone = np.abs(q[start:stop] - q[start]) > travel
         end = start + int(np.argmax(gone)) if gone.any() else stop
-        found.append((start, max(end, start + 1)))
-        start = found[-1][1]
-    return found
+        stretches.append((start, max(end, start + 1)))
+        start = stretches[-1][1]
+    return stretches
 
 
-def _means(table: Float[Array, "t p"], start: Int[Array, " k"], stop: Int[Array, " k"]) -> Float[Array, "k p"]:
-    return np.array([table[a:b].mean(axis=0) for a, b in zip(start, stop, strict=True)]).reshape(-1, table.shape[1])
+def _means(
+    table: Float[Array, "t p"], start: Int[Array, " k"], stop: Int[Array, " k"]
+) -> Float[Array, "k p"]:
+    return np.array([table[a:b].mean(axis=0) for a, b in zip(start, stop, strict=True)]).reshape(
+        -1, table.shape[1]
+    )
 
 
 def join_runs(parts: Sequence[DwellRows], alike: int | None = None) -> DwellRows:
-    """One joint's rows of several runs, in their order; a hold that a run ends in and the next begins in is one.
+    """One joint's rows of several runs, in their order; a hold that a run ends in and the next
+    begins in is one.
 
     Args:
         parts: The rows of each run; at least one.
-        alike: How many of the first runs are of one and the same arm: no hold goes on from these to the others.
+        alike: How many of the first runs are of one and the same arm: no hold goes on from these to
+            the others.
     """
-    hold, number, kept = [], 0, np.nan
-    for k, one in enumerate(parts):
-        own = one.hold + number
-        if len(own):
-            begins = k != alike and one.sign[0] == 0.0 and abs(one.angle[0] - kept) < LIMIT.same_angle
-            own = own - int(begins)
-            number, kept = int(own[-1]) + 1, float(one.angle[-1])
-        hold.append(own)
-    whole = {
-        name: np.concatenate([getattr(one, name) for one in parts])
-        for name in ("rows", "sign", "sample", "block", "length", "angle")
-    }
-    return DwellRows(hold=np.concatenate(hold), friction=parts[0].friction, noise=parts[0].noise, **whole)
+    hold = []
+    number = 0
+    last_angle = np.nan
+    for k, rows in enumerate(parts):
+        numbers = rows.hold + number
+        if len(numbers):
+            begins = (
+                k != alike
+                and rows.sign[0] == 0.0
+                and abs(rows.angle[0] - last_angle) < LIMIT.same_angle
+            )
+            numbers = numbers - int(begins)
+            number = int(numbers[-1]) + 1
+            last_angle = float(rows.angle[-1])
+        hold.append(numbers)
+    whole = {}
+    for name in ("rows", "sign", "sample", "block", "length", "angle"):
+        of_runs = [getattr(rows, name) for rows in parts]
+        whole[name] = np.concatenate(of_runs)
+    return DwellRows(
+        hold=np.concatenate(hold), friction=parts[0].friction, noise=parts[0].noise, **whole
+    )
 
 
 def static_level(session: SessionContext) -> Float[Array, " n"]:
-    """Each joint's level of static friction as its Coulomb friction has it, or a typical one [N m]."""
+    """Each joint's level of static friction as its Coulomb friction has it, or a typical
+    one [N m].
+    """
     return np.array([coulomb_level(session, joint) for joint in range(session.n)])
 
 
 class HeldFriction(Effect):
-    """What dry friction leans to at rest: a torque of the sign of the motion that ended there, a part of f_s."""
+    """What dry friction leans to at rest: a torque of the sign of the motion that ended there, a
+    part of f_s.
+    """
 
     id = "held_friction"
     summary = "friction that a joint keeps after it came to rest"
     defining = ("held_Nm",)
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        found = []
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
+        columns = []
         for run in session.runs:
             column = np.zeros((len(run.motion.time), 1))
             factor = run.motion.lowpass.factor
-            for one in find_holds(run.motion)[joint]:
-                column[one.start * factor : one.stop * factor] = one.sign
-            found.append(column)
-        return found
+            for hold in find_holds(run.motion)[joint]:
+                column[hold.start * factor : hold.stop * factor] = hold.sign
+            columns.append(column)
+        return columns
 
     def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Array,
+        covariance: Array,
     ) -> dict[str, Interval]:
         return {"held_Nm": coefficient_interval(0, coefficients, covariance)}
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        signs = (one.sign for run in session.runs for one in find_holds(run.motion)[joint])
+        signs = (hold.sign for run in session.runs for hold in find_holds(run.motion)[joint])
         return None if any(signs) else f"{session.joint_names[joint]} never comes to rest"
 
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+    def prior_scale(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> Float[Array, " k"]:
         return np.array([LIMIT.leaning * coulomb_level(session, joint)])

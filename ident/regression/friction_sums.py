@@ -1,4 +1,6 @@
-"""What each stretch's own friction level goes with: kept apart, so that how much it varies may be learnt afterwards."""
+"""What each stretch's own friction level goes with: kept apart, so that how much it varies may be
+learnt afterwards.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ from scipy.sparse import csr_array
 from ident.arrays import Array, Bool, Float, Int
 from ident.regression.design import LOSS_PARAMETERS
 
-# Columns of a joint's rows, after the base parameters, that a run's own friction level scales: viscous and Coulomb.
+# Columns of a joint's rows, after the base parameters, that a run's own friction level scales:
+# viscous and Coulomb.
 FRICTION = slice(1, LOSS_PARAMETERS)
 # Least square of a direction of both columns, as a share of the other's: below it is rounding.
 LEAST_SQUARE = 1e-12
@@ -19,7 +22,9 @@ LEAST_SQUARE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class FrictionSums:
-    """Whitened sums of each stretch's two friction columns with all columns, by the blocks that it lies in."""
+    """Whitened sums of each stretch's two friction columns with all columns, by the blocks that it
+    lies in.
+    """
 
     stretch: Int[Array, " K"]  # of each piece: a stretch is a run, or some seconds of a long one
     block: Int[Array, " K"]
@@ -33,17 +38,23 @@ class FrictionSums:
         """The friction columns in a joint's rows."""
         return slice(self.rank + FRICTION.start, self.rank + FRICTION.stop)
 
-    def taken(self, joint: int, spread: float, inside: Bool[Array, " K"] | None = None) -> Float[Array, "p p"]:
-        """What friction levels that are free within a share take off a joint's sums, of all pieces or of some.
+    def taken(
+        self, joint: int, spread: float, inside: Bool[Array, " K"] | None = None
+    ) -> Float[Array, "p p"]:
+        """What friction levels that are free within a share take off a joint's sums, of all pieces
+        or of some.
 
         Args:
             joint: The joint.
             spread: Relative standard deviation of its friction level from stretch to stretch.
             inside: Which pieces; each still knows its friction level by its whole stretch.
         """
-        pieces, whole, place = self.sums[joint], self._wholes[joint], self._place
+        pieces = self.sums[joint]
+        whole = self._wholes[joint]
+        place = self._place
         if inside is not None:
-            pieces, place = pieces[inside], place[inside]
+            pieces = pieces[inside]
+            place = place[inside]
         follow = np.einsum("kab,kbp->kap", self._known(whole, joint, spread)[place], whole[place])
         half = pieces.reshape(-1, pieces.shape[-1]).T @ follow.reshape(-1, pieces.shape[-1])
         return np.asarray(0.5 * (half + half.T))
@@ -53,8 +64,9 @@ class FrictionSums:
     ) -> Float[Array, "B p"]:
         """The same of every block, times weights.
 
-        A stretch's rows X with a level of their own have the sums XᵀV⁻¹X, V⁻¹ = (I − F C Fᵀ)²; a block takes part in
-        them with its rows of (I − F C Fᵀ) X, which are as independent as noise is.
+        A stretch's rows X with a level of their own have the sums XᵀV⁻¹X, V⁻¹ = (I − F C Fᵀ)²; a
+        block takes part in them with its rows of (I − F C Fᵀ) X, which are as independent as noise
+        is.
 
         Args:
             joint: The joint.
@@ -62,13 +74,19 @@ class FrictionSums:
             weights: What each block's sums are multiplied by.
             count: Number of blocks.
         """
-        pieces, whole, place = self.sums[joint], self._wholes[joint][self._place], self._place
+        pieces = self.sums[joint]
+        whole = self._wholes[joint][self._place]
+        place = self._place
         root = self._root(joint, spread)[place]
-        ours, theirs = (_times(root, one @ weights) for one in (pieces, whole))
+        ours, theirs = (_times(root, sums @ weights) for sums in (pieces, whole))
         again = _times(root, _times(pieces[:, :, self.columns], theirs))
-        products = np.einsum("kap,ka->kp", pieces, theirs) + np.einsum("kap,ka->kp", whole, ours - again)
-        own = csr_array((np.ones(len(products)), (self.block, np.arange(len(products)))), (count, len(products)))
-        return np.asarray(own @ products)
+        products = np.einsum("kap,ka->kp", pieces, theirs) + np.einsum(
+            "kap,ka->kp", whole, ours - again
+        )
+        members = csr_array(
+            (np.ones(len(products)), (self.block, np.arange(len(products)))), (count, len(products))
+        )
+        return np.asarray(members @ products)
 
     def is_cut(self, folds: Int[Array, " B"]) -> bool:
         """Whether a stretch lies in several folds."""
@@ -76,12 +94,13 @@ class FrictionSums:
         return len(np.unique(self.stretch)) < pairs.shape[1]
 
     def part(
-        self, own: Float[Array, "F p p"], joint: int, spread: float, folds: Int[Array, " B"]
+        self, of_fold: Float[Array, "F p p"], joint: int, spread: float, folds: Int[Array, " B"]
     ) -> tuple[Float[Array, "F p p"], Float[Array, "F p p"]]:
         """A joint's sums of all folds but one, and of that one alone, fold by fold.
 
-        Where a stretch lies in several folds, each side knows its friction level by its own pieces only. (What the
-        whole stretch's level leaves of some pieces is no sum of squares: models solved with it run away.)
+        Where a stretch lies in several folds, each side knows its friction level by its own pieces
+        only. (What the whole stretch's level leaves of some pieces is no sum of squares: models
+        solved with it run away.)
 
         Args:
             own: Whitened sums of each fold, friction the same in all runs.
@@ -91,15 +110,18 @@ class FrictionSums:
         """
         fold_of_piece = folds[self.block]
         if not self.is_cut(folds):
-            own = own - np.stack([self.taken(joint, spread, fold_of_piece == fold) for fold in range(len(own))])
-            return own.sum(axis=0) - own, own
-        own, rest = own.copy(), own.sum(axis=0) - own
-        for fold in range(len(own)):
-            for side, inside in ((own, fold_of_piece == fold), (rest, fold_of_piece != fold)):
+            of_fold = of_fold - np.stack(
+                [self.taken(joint, spread, fold_of_piece == fold) for fold in range(len(of_fold))]
+            )
+            return of_fold.sum(axis=0) - of_fold, of_fold
+        rest = of_fold.sum(axis=0) - of_fold
+        of_fold = of_fold.copy()
+        for fold in range(len(of_fold)):
+            for side, inside in ((of_fold, fold_of_piece == fold), (rest, fold_of_piece != fold)):
                 whole = self._whole(joint, inside)
                 follow = np.einsum("rab,rbp->rap", self._known(whole, joint, spread), whole)
                 side[fold] -= np.tensordot(whole, follow, axes=((0, 1), (0, 1)))
-        return rest, own
+        return rest, of_fold
 
     @cached_property
     def _place(self) -> Int[Array, " K"]:
@@ -108,7 +130,9 @@ class FrictionSums:
 
     @cached_property
     def _wholes(self) -> tuple[Float[Array, "R 2 p"], ...]:
-        """For each joint the sums of each stretch; those of the pieces themselves where each is a stretch in turn."""
+        """For each joint the sums of each stretch; those of the pieces themselves where each is a
+        stretch in turn.
+        """
         if np.array_equal(self._place, np.arange(len(self._place))):
             return self.sums
         everywhere = np.ones(len(self._place), dtype=bool)
@@ -122,8 +146,11 @@ class FrictionSums:
             whole[self._place[k]] += pieces[k]
         return whole
 
-    def _known(self, whole: Float[Array, "R 2 p"], joint: int, spread: float) -> Float[Array, "R 2 2"]:
-        """By how much each stretch's friction level is known beforehand and by its rows: (Λ⁻¹ + FᵀF)⁻¹, also for Λ = 0.
+    def _known(
+        self, whole: Float[Array, "R 2 p"], joint: int, spread: float
+    ) -> Float[Array, "R 2 2"]:
+        """By how much each stretch's friction level is known beforehand and by its rows: (Λ⁻¹ +
+        FᵀF)⁻¹, also for Λ = 0.
 
         Times FᵀX it is what the level takes with it.
         """
@@ -132,20 +159,27 @@ class FrictionSums:
         return np.asarray(sizes[:, None] * np.linalg.inv(inner) * sizes)
 
     def _root(self, joint: int, spread: float) -> Float[Array, "R 2 2"]:
-        """C of each stretch, with (I − F C Fᵀ)² = I − F K Fᵀ and K = `_known`: with S² = FᵀF, of an eigenvalue k of
-        S K S the matrix S C S has 1 − √(1 − k).
+        """C of each stretch, with (I − F C Fᵀ)² = I − F K Fᵀ and K = `_known`: with S² = FᵀF, of an
+        eigenvalue k of S K S the matrix S C S has 1 − √(1 − k).
         """
         inner = self._wholes[joint][:, :, self.columns]
         squares, axes = np.linalg.eigh(0.5 * (inner + np.swapaxes(inner, 1, 2)))
         sizes = np.sqrt(np.maximum(squares, LEAST_SQUARE * np.maximum(squares[:, -1:], 1e-300)))
-        root, back = ((axes * one[:, None, :]) @ np.swapaxes(axes, 1, 2) for one in (sizes, 1.0 / sizes))
-        values, vectors = np.linalg.eigh(root @ self._known(self._wholes[joint], joint, spread) @ root)
+        root, back = (
+            (axes * size[:, None, :]) @ np.swapaxes(axes, 1, 2) for size in (sizes, 1.0 / sizes)
+        )
+        values, vectors = np.linalg.eigh(
+            root @ self._known(self._wholes[joint], joint, spread) @ root
+        )
         less = 1.0 - np.sqrt(1.0 - np.clip(values, 0.0, 1.0))
         turned = back @ vectors
         return np.asarray((turned * less[:, None, :]) @ np.swapaxes(turned, 1, 2))
 
-    def levels(self, joint: int, misfit: float) -> tuple[Float[Array, "s p"], Float[Array, "R 2 2"]]:
-        """Viscous and Coulomb level of each stretch in turn, as shares of the model's: how they follow, and how surely.
+    def levels(
+        self, joint: int, misfit: float
+    ) -> tuple[Float[Array, "s p"], Float[Array, "R 2 2"]]:
+        """Viscous and Coulomb level of each stretch in turn, as shares of the model's: how they
+        follow, and how surely.
 
         Stretches in which the joint hardly moves are left out.
 
@@ -154,15 +188,17 @@ class FrictionSums:
             misfit: Mean square of what the model leaves of a whitened row.
 
         Returns:
-            What takes a model's weights of a row to the levels; their covariance by noise, stretch by stretch.
+            What takes a model's weights of a row to the levels; their covariance by noise, stretch
+            by stretch.
         """
-        level, whole = self.level[joint], self._wholes[joint]
+        level = self.level[joint]
+        whole = self._wholes[joint]
         information = level[:, None] * whole[:, :, self.columns] * level
         information += 1e-3 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2)
         moved = np.linalg.eigvalsh(information)[:, 0] > 1e-9
         inverse = np.linalg.inv(information[moved])
-        found = inverse @ (level[:, None] * whole[moved])
-        return found.reshape(-1, whole.shape[2]), misfit * inverse
+        levels = inverse @ (level[:, None] * whole[moved])
+        return levels.reshape(-1, whole.shape[2]), misfit * inverse
 
 
 def _times(matrices: Float[Array, "K 2 2"], vectors: Float[Array, "K 2"]) -> Float[Array, "K 2"]:

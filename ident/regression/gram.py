@@ -1,26 +1,29 @@
-"""One pass over the data into block sums: Gram matrices of all columns and the torque, joint by joint.
+"""One pass over the data into block sums: Gram matrices of all columns and the torque, joint by
+joint.
 
     G_b = Σ_{t in block b} x xᵀ,  x = (columns, torque) of one joint at one instant
 
-Cross-validation, tests, grid search and nested models are then sums of small matrices and small solves; memory does not
-grow with the recording. Two kinds are kept: `white`, where columns and torque went through the same autoregressive
-whitening filter and count in units of the noise, for inference; and `plain`, in N m, for sizes that people ask for.
+Cross-validation, tests, grid search and nested models are then sums of small matrices and small
+solves; memory does not grow with the recording. Two kinds are kept: `white`, where columns and
+torque went through the same autoregressive whitening filter and count in units of the noise, for
+inference; and `plain`, in N m, for sizes that people ask for.
 
-Columns are made of smoothed positions, and what is left of the encoders' noise in them is in their sums as well: it
-makes coefficients too small and other columns of the same noise look useful. A second draw of that noise goes through
-the same smoother, columns and filters; the sums of what it adds are taken off, G_b = Σ x xᵀ − Σ e eᵀ, which leaves
-unbiased estimates of the sums of noise-free columns. Where many runs share a block, some of them, chosen at random,
-tell the noise of all: it is a small part of a column, and its own sums vary little over so many samples.
+Columns are made of smoothed positions, and what is left of the encoders' noise in them is in their
+sums as well: it makes coefficients too small and other columns of the same noise look useful. A
+second draw of that noise goes through the same smoother, columns and filters; the sums of what it
+adds are taken off, G_b = Σ x xᵀ − Σ e eᵀ, which leaves unbiased estimates of the sums of noise-free
+columns. Where many runs share a block, some of them, chosen at random, tell the noise of all: it is
+a small part of a column, and its own sums vary little over so many samples.
 
-Friction differs from run to run, whatever the model. In the whitened sums of a run, its Coulomb and viscous level are
-free within a standard deviation of their own, joint by joint: with F the run's two friction columns and Λ their
-variance, Xᵀ (I + F Λ Fᵀ)⁻¹ X = XᵀX − XᵀF (Λ⁻¹ + FᵀF)⁻¹ FᵀX. Without it, friction that seems to depend on place or
-temperature is found wherever runs cover different places at different times. Only FᵀX is kept of each run, so that Λ
-may change afterwards.
+Friction differs from run to run, whatever the model. In the whitened sums of a run, its Coulomb and
+viscous level are free within a standard deviation of their own, joint by joint: with F the run's
+two friction columns and Λ their variance, Xᵀ (I + F Λ Fᵀ)⁻¹ X = XᵀX − XᵀF (Λ⁻¹ + FᵀF)⁻¹ FᵀX.
+Without it, friction that seems to depend on place or temperature is found wherever runs cover
+different places at different times. Only FᵀX is kept of each run, so that Λ may change afterwards.
 
-Source: Frisch, Waugh and Lovell for the projections that use these sums; Hamilton 1994, section 8.3 (whitening by AR);
-Fuller 1987, section 3.1 (sums corrected for measurement error); Cook and Stefanski 1994 (remeasurement); Searle,
-Casella and McCulloch 1992 (variance components).
+Source: Frisch, Waugh and Lovell for the projections that use these sums; Hamilton 1994, section 8.3
+(whitening by AR); Fuller 1987, section 3.1 (sums corrected for measurement error); Cook and
+Stefanski 1994 (remeasurement); Searle, Casella and McCulloch 1992 (variance components).
 """
 
 from __future__ import annotations
@@ -37,7 +40,14 @@ from ident.effects.base import SessionContext
 from ident.model.linearisation import LEAST_MOVING
 from ident.progress import step
 from ident.regression.baseline import Baseline
-from ident.regression.block_sums import FoldSums, SymmetricSums, add_half, add_products, half_size, stored
+from ident.regression.block_sums import (
+    FoldSums,
+    SymmetricSums,
+    add_half,
+    add_products,
+    half_size,
+    stored,
+)
 from ident.regression.design import LOSS_PARAMETERS, Layout
 from ident.regression.dwells import DwellRows, dwell_rows, join_runs, static_level
 from ident.regression.friction_sums import FRICTION, FrictionSums
@@ -54,33 +64,39 @@ class Evidence:
 
     layout: Layout  # what the columns are
     scale: Float[Array, " P"]  # each column was divided by this, length `layout.size` + 1
-    free: tuple[SymmetricSums, ...]  # for each joint, whitened sums of every block, friction the same in all runs
+    # for each joint, whitened sums of every block, friction the same in all runs
+    free: tuple[SymmetricSums, ...]
     plain: tuple[SymmetricSums, ...]  # for each joint, sums of every fold in N² m²
-    fold_of_block: Int[Array, " B"]  # fold of each block; folds are whole runs where there are enough
+    # fold of each block; folds are whole runs where there are enough
+    fold_of_block: Int[Array, " B"]
     rows: Float[Array, "B n"]  # whitened samples of each block and joint, shape (B, n)
     weights: Float[Array, "F n"]  # plain samples of each fold and joint, shape (F, n)
     whitening: Whitening  # the noise
     # Whitened squares of each column that are encoder noise, taken off already; length as `scale`.
     noise_power: Float[Array, " P"]
     friction: FrictionSums  # what each run's own friction level goes with
-    # Relative standard deviation from run to run of each joint's friction, counted in whatever is computed.
+    # Relative standard deviation from run to run of each joint's friction, counted in whatever is
+    # computed.
     spread: Float[Array, " n"]
     # What each joint's whitened sums were divided by: mean square of what nothing explains there.
     dispersion: Float[Array, " n"]
     settings: RegressionSettings = USUAL_REGRESSION  # what the regression counts with
     # For each joint what its holds say; in none of the sums until `with_dwells` adds them.
     dwells: tuple[DwellRows, ...] = ()
-    # For each joint the whitened sums of its discrepancy's columns with all columns of its rows, over
-    # all time, friction the same in all runs; they are zero in the sums of blocks and folds.
+    # For each joint the whitened sums of its discrepancy's columns with all columns of its rows,
+    # over all time, friction the same in all runs; they are zero in the sums of blocks and folds.
     flexible: tuple[Float[Array, "m p"], ...] = ()
 
     def with_dwells(self) -> Evidence:
-        """The same with each joint's holds in the whitened sums, a row as one sample, and no longer beside them.
+        """The same with each joint's holds in the whitened sums, a row as one sample, and no longer
+        beside them.
 
         Errors in N m are of motion; of a joint that hardly moves they are of its holds, too.
         """
-        white, plain = list(self.free), list(self.plain)
-        rows, weights = np.array(self.rows), np.array(self.weights)
+        white = list(self.free)
+        plain = list(self.plain)
+        rows = np.array(self.rows)
+        weights = np.array(self.weights)
         still = weights.sum(axis=0) < LEAST_MOVING
         flexible = list(self.flexible)
         for j, held in enumerate(self.dwells):
@@ -91,7 +107,8 @@ class Evidence:
             weighted[:, smooth] = 0.0
             white[j] = white[j].with_rows(weighted, held.block)
             if still[j]:
-                level, fold = float(self.whitening.level[j]), self.fold_of_block[held.block]
+                level = float(self.whitening.level[j])
+                fold = self.fold_of_block[held.block]
                 plain[j] = plain[j].with_rows(level * held.weighted, fold)
                 np.add.at(weights[:, j], fold, (level / held.std) ** 2)
             np.add.at(rows[:, j], held.block, 1.0)
@@ -106,9 +123,11 @@ class Evidence:
         )
 
     def with_held(self, friction: Sequence[float]) -> Evidence:
-        """The same, before `with_dwells`, with other levels of static friction, joint by joint [N m]."""
+        """The same, before `with_dwells`, with other levels of static friction, joint by joint [N
+        m].
+        """
         pairs = zip(self.dwells, friction, strict=True)
-        return replace(self, dwells=tuple(replace(one, friction=level) for one, level in pairs))
+        return replace(self, dwells=tuple(replace(rows, friction=level) for rows, level in pairs))
 
     def with_run_spread(self, spread: Float[Array, " n"]) -> Evidence:
         """The same sums where each joint's friction varies from run to run by another share.
@@ -121,8 +140,9 @@ class Evidence:
     def with_dispersion(self, dispersion: Float[Array, " n"]) -> Evidence:
         """The same where each joint's rows have so many times the variance of whitened noise.
 
-        What nobody can explain at a joint is noise to all that is estimated: without it, a joint with a gap of many
-        times its noise would decide the inertias that it shares with others, and drown what they show.
+        What nobody can explain at a joint is noise to all that is estimated: without it, a joint
+        with a gap of many times its noise would decide the inertias that it shares with others, and
+        drown what they show.
 
         Args:
             dispersion: Of each joint, as a whole.
@@ -132,12 +152,12 @@ class Evidence:
         factor = np.asarray(dispersion / self.dispersion)
         power, weighted = np.zeros((2, len(self.noise_power)))
         for j, local in enumerate(self.layout.local):
-            own = np.abs(self.free[j].diagonal())
-            power[local] += own
-            weighted[local] += own / factor[j]
-        sums = tuple(one.divided(float(factor[j])) for j, one in enumerate(self.free))
-        flexible = tuple(one / factor[j] for j, one in enumerate(self.flexible))
-        tied = tuple(one / factor[j] for j, one in enumerate(self.friction.sums))
+            power_of_column = np.abs(self.free[j].diagonal())
+            power[local] += power_of_column
+            weighted[local] += power_of_column / factor[j]
+        sums = tuple(sums.divided(float(factor[j])) for j, sums in enumerate(self.free))
+        flexible = tuple(sums / factor[j] for j, sums in enumerate(self.flexible))
+        tied = tuple(sums / factor[j] for j, sums in enumerate(self.friction.sums))
         return replace(
             self,
             free=sums,
@@ -153,11 +173,16 @@ class Evidence:
         Args:
             weights: Of each block and joint, shape (B, n).
         """
-        own = weights[self.friction.block].T
-        tied = tuple(part * one[:, None, None] for part, one in zip(self.friction.sums, own, strict=True))
+        of_stretch = weights[self.friction.block].T
+        tied = tuple(
+            sums * weight[:, None, None]
+            for sums, weight in zip(self.friction.sums, of_stretch, strict=True)
+        )
         return replace(
             self,
-            free=tuple(sums.weighted(one) for sums, one in zip(self.free, weights.T, strict=True)),
+            free=tuple(
+                sums.weighted(weight) for sums, weight in zip(self.free, weights.T, strict=True)
+            ),
             friction=replace(self.friction, sums=tied),
             rows=self.rows * weights,
         )
@@ -171,52 +196,83 @@ class Evidence:
     def total(self) -> tuple[SymmetricSums, ...]:
         """For each joint, its whitened sums over all blocks, as one block."""
         taken = (self.friction.taken(j, float(self.spread[j])) for j in range(self.layout.n))
-        return tuple(SymmetricSums.of((one.over() - off)[None]) for one, off in zip(self.free, taken, strict=True))
+        return tuple(
+            SymmetricSums.of((sums.over() - off)[None])
+            for sums, off in zip(self.free, taken, strict=True)
+        )
 
     @cached_property
     def parts(self) -> tuple[FoldSums, ...]:
         """For each joint, the whitened sums of every fold, and of all but it."""
-        members = [np.flatnonzero(self.fold_of_block == fold) for fold in range(int(self.fold_of_block.max()) + 1)]
-        cut, found, room = self.friction.is_cut(self.fold_of_block), [], SpooledArrays()
+        members = [
+            np.flatnonzero(self.fold_of_block == fold)
+            for fold in range(int(self.fold_of_block.max()) + 1)
+        ]
+        cut = self.friction.is_cut(self.fold_of_block)
+        by_joint = []
+        room = SpooledArrays()
         for j, sums in enumerate(self.free):
             whole = np.stack([sums.over(blocks) for blocks in members])
-            rest, own = self.friction.part(whole, j, float(self.spread[j]), self.fold_of_block)
-            found.append(FoldSums(SymmetricSums.of(own, room), SymmetricSums.of(rest, room) if cut else None))
-        return tuple(found)
+            rest, of_fold = self.friction.part(whole, j, float(self.spread[j]), self.fold_of_block)
+            by_joint.append(
+                FoldSums(
+                    SymmetricSums.of(of_fold, room), SymmetricSums.of(rest, room) if cut else None
+                )
+            )
+        return tuple(by_joint)
 
     def times(self, joint: int, weights: Float[Array, " p"]) -> Float[Array, "B p"]:
         """Whitened sums of every block times weights of a joint's columns."""
         product = self.free[joint].times(weights)
-        taken = self.friction.taken_of_blocks(joint, float(self.spread[joint]), weights, len(product))
+        taken = self.friction.taken_of_blocks(
+            joint, float(self.spread[joint]), weights, len(product)
+        )
         return np.asarray(product - taken)
 
     @cached_property
     def friction_noise(self) -> Float[Array, " n"]:
-        """What friction that varies from run to run adds to each joint's torque, root mean square [N m]."""
-        found = np.zeros(self.layout.n)
+        """What friction that varies from run to run adds to each joint's torque, root mean square
+        [N m].
+        """
+        deviations = np.zeros(self.layout.n)
         columns = np.arange(self.layout.tuned)[self.friction.columns]
         for j, sums in enumerate(self.plain):
             level = self.friction.level[j]
-            power = level @ sums.part(columns).sum(axis=0) @ level / max(float(self.weights[:, j].sum()), 1.0)
-            found[j] = self.spread[j] * np.sqrt(max(float(power), 0.0))
-        return found
+            power = (
+                level
+                @ sums.part(columns).sum(axis=0)
+                @ level
+                / max(float(self.weights[:, j].sum()), 1.0)
+            )
+            deviations[j] = self.spread[j] * np.sqrt(max(float(power), 0.0))
+        return deviations
 
     @property
     def floor(self) -> Float[Array, " n"]:
-        """What no model of the state can go below: the torque's noise and friction's run-to-run variation [N m]."""
+        """What no model of the state can go below: the torque's noise and friction's run-to-run
+        variation [N m].
+        """
         return np.hypot(self.whitening.level, self.friction_noise)
 
     def misfit(self, joint: int, weights: Float[Array, " P"]) -> float:
         """Mean square of what a model leaves of a joint's whitened rows, one at the least.
 
-        Whitened noise has a variance of one where the model fits; where more is left, all is less certain.
+        Whitened noise has a variance of one where the model fits; where more is left, all is less
+        certain.
 
         Args:
             joint: The joint.
             weights: What the model leaves of a row is their product.
         """
-        own = weights[self.layout.local[joint]]
-        return max(float(self.total[joint].times(own)[0] @ own / max(float(self.samples[joint]), 1.0)), 1.0)
+        of_joint = weights[self.layout.local[joint]]
+        return max(
+            float(
+                self.total[joint].times(of_joint)[0]
+                @ of_joint
+                / max(float(self.samples[joint]), 1.0)
+            ),
+            1.0,
+        )
 
     def gram(self) -> Float[Array, "P P"]:
         """Whitened sums of all joints over all blocks, in the layout's order; read-only."""
@@ -251,11 +307,14 @@ def gather(
         layout: The columns.
         known: The noise, if it is known.
         partition: How time is cut; as `build_partition` does it if None.
-        alike: How many of the first runs are of one and the same arm, for the noise to be taken from; all if None.
+        alike: How many of the first runs are of one and the same arm, for the noise to be taken
+            from; all if None.
         rest: Whether holds are rows, too (`Evidence.dwells`).
         through: Joints of which rows near reversals count as well; none if None.
     """
-    settings = baseline.settings if partition is not None else _within_memory(baseline.settings, layout)
+    settings = (
+        baseline.settings if partition is not None else _within_memory(baseline.settings, layout)
+    )
     level = static_level(session) if rest else None
     held_rows: list[list[DwellRows]] = [[] for _ in range(layout.n)]
     partition = partition or build_partition(session, settings)
@@ -265,35 +324,49 @@ def gather(
     for rows in compute_rows(session, baseline, layout, partition, through):
         if sums is None:
             held.append(waiting(layout, held, rows))
-            if sum(len(one.counts) for one in held) < settings.noise_samples and rows.run < len(session.runs) - 1:
+            if (
+                sum(len(rows.counts) for rows in held) < settings.noise_samples
+                and rows.run < len(session.runs) - 1
+            ):
                 continue
             scale = column_scale(layout, held)
             rescale(layout, held, scale)
-            sums = _Sums(layout, partition, known or estimate_noise(layout, held[:alike], settings), settings)
-            batch, held = held, []
+            sums = _Sums(
+                layout, partition, known or estimate_noise(layout, held[:alike], settings), settings
+            )
+            batch = held
+            held = []
         elif scale is not None:
             batch = [rows]
             rescale(layout, batch, scale)
         while batch:  # each run's tables go when their sums come
-            part = batch.pop(0)
-            sums.add(part)
-            step(part.run + 1, len(session.runs))
+            rows_of_run = batch.pop(0)
+            sums.add(rows_of_run)
+            step(rows_of_run.run + 1, len(session.runs))
             if level is not None:
-                motion = session.runs[part.run].motion
-                found = dwell_rows(motion, part.tables, level, sums.whitening.of_mean, part.blocks)
-                for own, one in zip(held_rows, found, strict=True):
-                    own.append(one)
-        del rows, part  # before the next are made
+                motion = session.runs[rows_of_run.run].motion
+                holds = dwell_rows(
+                    motion, rows_of_run.tables, level, sums.whitening.of_mean, rows_of_run.blocks
+                )
+                for of_joint, rows_of_joint in zip(held_rows, holds, strict=True):
+                    of_joint.append(rows_of_joint)
+        del rows, rows_of_run  # before the next are made
     assert sums is not None
     assert scale is not None
     of_loss = np.stack([baseline.loss.viscous, baseline.loss.coulomb], axis=1)
     first = layout.rank + LOSS_PARAMETERS * np.arange(layout.n)
-    evidence = sums.evidence(scale, of_loss * scale[first[:, None] + np.arange(FRICTION.start, FRICTION.stop)])
-    return replace(evidence, dwells=tuple(join_runs(own, alike) for own in held_rows if own))
+    evidence = sums.evidence(
+        scale, of_loss * scale[first[:, None] + np.arange(FRICTION.start, FRICTION.stop)]
+    )
+    return replace(
+        evidence, dwells=tuple(join_runs(of_joint, alike) for of_joint in held_rows if of_joint)
+    )
 
 
 def _within_memory(settings: RegressionSettings, layout: Layout) -> RegressionSettings:
-    """The same with fewer blocks and folds where the sums of very many columns would fill the memory."""
+    """The same with fewer blocks and folds where the sums of very many columns would fill the
+    memory.
+    """
     block_mb = 8e-6 * sum(half_size(len(local)) for local in layout.local)
     blocks = max(settings.fewest_blocks, int(settings.most_sums_mb / block_mb))
     if blocks >= settings.most_blocks:
@@ -306,18 +379,32 @@ class _Sums:
     """Sums as they grow, run by run."""
 
     def __init__(
-        self, layout: Layout, partition: Partition, whitening: Whitening, settings: RegressionSettings
+        self,
+        layout: Layout,
+        partition: Partition,
+        whitening: Whitening,
+        settings: RegressionSettings,
     ) -> None:
-        blocks, folds = len(partition.folds), int(partition.folds.max()) + 1
-        self.layout, self.partition, self.whitening, self.settings = layout, partition, whitening, settings
-        # Of each joint the friction columns first, then the others in the order in which they cease to be zero.
+        blocks = len(partition.folds)
+        folds = int(partition.folds.max()) + 1
+        self.layout = layout
+        self.partition = partition
+        self.whitening = whitening
+        self.settings = settings
+        # Of each joint the friction columns first, then the others in the order in which they cease
+        # to be zero.
         self.kept = [layout.rank + np.arange(FRICTION.start, FRICTION.stop) for _ in layout.local]
-        room, nothing = SpooledArrays(), np.zeros(0)
+        room = SpooledArrays()
+        nothing = np.zeros(0)
         self.white, self.plain = (
-            [stored(count * [nothing], count * half_size(len(local)), room) for local in layout.local]
+            [
+                stored(count * [nothing], count * half_size(len(local)), room)
+                for local in layout.local
+            ]
             for count in (blocks, folds)
         )
-        self.rows, self.weights = np.zeros((blocks, layout.n)), np.zeros((folds, layout.n))
+        self.rows = np.zeros((blocks, layout.n))
+        self.weights = np.zeros((folds, layout.n))
         self.noise_power = np.zeros(layout.size + 1)
         self.pieces: list[tuple[int, int]] = []
         self.friction: list[list[Array]] = [[] for _ in range(layout.n)]
@@ -332,42 +419,53 @@ class _Sums:
         stretches = self.partition.stretches[blocks]
         # A block that several runs share is no stretch of time: there the run is one.
         shared = len(self.partition.starts) > self.settings.most_lone_runs
-        self.pieces += [(rows.run if shared else int(s), int(b)) for s, b in zip(stretches, blocks, strict=True)]
+        self.pieces += [
+            (rows.run if shared else int(s), int(b)) for s, b in zip(stretches, blocks, strict=True)
+        ]
         for j in range(self.layout.n):
             self._add_tables(rows, j)
 
     def _add_tables(self, rows: Rows, j: int) -> None:
-        """Adds a joint's rows. What was seen and its noise come block by block, while a block's sums are at hand."""
-        counts, folds = rows.counts[:, j], self.partition.folds[rows.blocks]
-        filters = shorter_filters(self.whitening.coefficients[j], float(self.whitening.innovation[j]))
+        """Adds a joint's rows.
+
+        What was seen and its noise come block by block, while a block's sums are at hand.
+        """
+        counts = rows.counts[:, j]
+        folds = self.partition.folds[rows.blocks]
+        filters = shorter_filters(
+            self.whitening.coefficients[j], float(self.whitening.innovation[j])
+        )
         full = [rows.tables[j]] if rows.noise is None else [rows.tables[j], rows.noise[j]]
         # Columns that are not zero any more stand last, so that older sums are as they were.
         smooth = self.layout.flexible_places[j]
         shown = np.flatnonzero(np.any([table.any(axis=0) for table in full], axis=0))
         shown = np.setdiff1d(shown, smooth)
         self.kept[j] = np.append(self.kept[j], np.setdiff1d(shown, self.kept[j]))
-        kept, local = self.kept[j], self.layout.local[j]
-        tables = [table[:, kept].astype(float) for table in full]
+        columns = self.kept[j]
+        local = self.layout.local[j]
+        tables = [table[:, columns].astype(float) for table in full]
         filtered = [whiten_after_gaps(table, counts, filters) for table in tables]
         bent = whiten_after_gaps(full[0][:, smooth].astype(float), counts, filters)
-        self.flexible[j][:, kept] += _where(bent, counts).T @ _where(filtered[0], counts)
+        self.flexible[j][:, columns] += _where(bent, counts).T @ _where(filtered[0], counts)
         self.flexible[j][:, smooth] += _where(bent, counts).T @ _where(bent, counts)
-        power, sums, first = np.zeros(len(kept)), np.zeros((len(kept), len(kept))), FRICTION.stop - FRICTION.start
+        power = np.zeros(len(columns))
+        sums = np.zeros((len(columns), len(columns)))
+        first = FRICTION.stop - FRICTION.start
         for block, inside in _stretches(rows.blocks):
             seen, *noise = (_where(table[inside], counts[inside]) for table in filtered)
             sums[:] = 0.0
             add_products(sums, seen, 1.0)
             self.rows[block, j] += len(seen)
             tied = np.zeros((first, len(local)))
-            tied[:, kept] = seen[:, :first].T @ seen
+            tied[:, columns] = seen[:, :first].T @ seen
             tied[:, smooth] = seen[:, :first].T @ _where(bent[inside], counts[inside])
             for drawn in noise:
                 add_products(sums, drawn, -rows.weight)
-                tied[:, kept] -= rows.weight * (drawn[:, :first].T @ drawn)
+                tied[:, columns] -= rows.weight * (drawn[:, :first].T @ drawn)
                 power += rows.weight * np.einsum("tp,tp->p", drawn, drawn)
             add_half(self.white[j], block, sums)
             self.friction[j].append(tied)
-        self.noise_power[local[kept]] += power
+        self.noise_power[local[columns]] += power
         for fold, inside in _stretches(folds):
             seen, *noise = (_where(table[inside], counts[inside]) for table in tables)
             sums[:] = 0.0
@@ -384,10 +482,10 @@ class _Sums:
             scale: What each column was divided by.
             level: Scaled viscous and Coulomb coefficient of each joint.
         """
-        for sums, kept in zip((*self.white, *self.plain), 2 * self.kept, strict=True):
+        for sums, columns in zip((*self.white, *self.plain), 2 * self.kept, strict=True):
             for k, half in enumerate(sums):
-                if len(half) < half_size(len(kept)):  # later columns are zero there
-                    sums[k] = np.pad(half, (0, half_size(len(kept)) - len(half)))
+                if len(half) < half_size(len(columns)):  # later columns are zero there
+                    sums[k] = np.pad(half, (0, half_size(len(columns)) - len(half)))
         stretch, block = np.array(self.pieces).T
         sizes = [len(local) for local in self.layout.local]
         friction = FrictionSums(

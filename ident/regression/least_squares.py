@@ -1,7 +1,8 @@
 """Least squares on block sums: what a model explains, and what each candidate would add to it.
 
-By Frisch, Waugh and Lovell, adding columns Φ to a model Z is a regression of the residual on Φ̃ = (I − P_Z) Φ, and all
-its sums are a Schur complement of the Gram matrix: one factorisation serves every candidate.
+By Frisch, Waugh and Lovell, adding columns Φ to a model Z is a regression of the residual on Φ̃ =
+(I − P_Z) Φ, and all its sums are a Schur complement of the Gram matrix: one factorisation serves
+every candidate.
 """
 
 from __future__ import annotations
@@ -20,13 +21,16 @@ from ident.regression.design import Group, Layout
 from ident.regression.gram import Evidence
 from ident.regression.settings import RegressionSettings
 
-# Ridge of every unknown without a prior, as a share of its column's power: only keeps solves well-posed.
+# Ridge of every unknown without a prior, as a share of its column's power: only keeps solves
+# well-posed.
 RIDGE = 1e-9
-# Ridge, in multiples of its encoder noise, of an unknown whose column is nothing else: it stays at zero.
+# Ridge, in multiples of its encoder noise, of an unknown whose column is nothing else: it stays at
+# zero.
 FIXED = 1e3
 # Ridge, in multiples of its power, of an unknown that its sign holds at zero.
 OFF = 1e6
-# Times that all wrong signs are exchanged together (two are mostly enough), and exchanges for each unknown in all.
+# Times that all wrong signs are exchanged together (two are mostly enough), and exchanges for each
+# unknown in all.
 MOST_EXCHANGES = 10
 # Whitened squares of a column below which it is zero but for rounding.
 LEAST_POWER = 1e-100
@@ -38,7 +42,9 @@ USUAL_URDF = UrdfError()
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known beforehand: of the scaled base parameters by the URDF, of further columns by their usual size."""
+    """What is known beforehand: of the scaled base parameters by the URDF, of further columns by
+    their usual size.
+    """
 
     base: Float[Array, "r r"]  # information on the base parameters
     error: UrdfError = USUAL_URDF  # how far off the URDF is believed to be
@@ -46,11 +52,18 @@ class Prior:
     further: Float[Array, " f"] | None = None
 
     @classmethod
-    def of(cls, evidence: Evidence, base: Float[Array, "r r"], error: UrdfError = USUAL_URDF) -> Prior:
+    def of(
+        cls, evidence: Evidence, base: Float[Array, "r r"], error: UrdfError = USUAL_URDF
+    ) -> Prior:
         """The prior in the evidence's column scale."""
-        layout, scale = evidence.layout, evidence.scale[: evidence.layout.rank]
-        sizes = evidence.scale[layout.tuned - layout.further : layout.tuned] * np.array(layout.further_std or np.nan)
-        return cls(base / np.outer(scale, scale), error, sizes**-2.0 if layout.further_std else None)
+        layout = evidence.layout
+        scale = evidence.scale[: evidence.layout.rank]
+        sizes = evidence.scale[layout.tuned - layout.further : layout.tuned] * np.array(
+            layout.further_std or np.nan
+        )
+        return cls(
+            base / np.outer(scale, scale), error, sizes**-2.0 if layout.further_std else None
+        )
 
     @classmethod
     def believing(cls, evidence: Evidence, baseline: Baseline, error: UrdfError) -> Prior:
@@ -58,15 +71,19 @@ class Prior:
         return cls.of(evidence, baseline.prior_of(error), error)
 
     def tightened(self, factor: float) -> Prior:
-        """The same with standard deviations divided by a factor: 100 is as good as the URDF fixed."""
+        """The same with standard deviations divided by a factor: 100 is as good as the URDF
+        fixed.
+        """
         return Prior(self.base * factor**2, self.error.divided(factor), self.further)
 
     def add_to(self, information: Float[Array, "z z"], layout: Layout) -> None:
-        """Adds it, in place, to the information on a model whose first columns are those of the baseline."""
+        """Adds it, in place, to the information on a model whose first columns are those of the
+        baseline.
+        """
         information[: layout.rank, : layout.rank] += self.base
         if self.further is not None:
-            at = np.arange(layout.tuned - layout.further, layout.tuned)
-            information[at, at] += self.further
+            further = np.arange(layout.tuned - layout.further, layout.tuned)
+            information[further, further] += self.further
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +96,8 @@ class Projection:
     across: Float[Array, "z P"]  # sums of the model's columns times every column
     total: Float[Array, "P P"]  # the whole Gram matrix, the torque its last row and column
     slopes: Float[Array, "z P"]  # coefficients of every column on the model's
-    noise: Float[Array, " P"]  # encoder noise, taken off, in what the model leaves of every column: its power
+    # encoder noise, taken off, in what the model leaves of every column: its power
+    noise: Float[Array, " P"]
     settings: RegressionSettings  # what counts as seen
     columns: Int[Array, " P"] | None = None  # which columns are seen, if not all
 
@@ -95,19 +113,25 @@ class Projection:
 
     def rest(self, columns: Int[Array, " k"]) -> Float[Array, "k k"]:
         """Sums of some columns after the model, a part of the Schur complement."""
-        at = self._at(columns)
-        return np.asarray(self.total[at[:, None], at] - self.across[:, at].T @ self.slopes[:, at])
+        places = self._at(columns)
+        return np.asarray(
+            self.total[places[:, None], places] - self.across[:, places].T @ self.slopes[:, places]
+        )
 
     def _at(self, columns: Int[Array, " k"]) -> Int[Array, " k"]:
         """Where some columns stand among those that are seen."""
-        return columns if self.columns is None else np.argmax(self.columns == columns[:, None], axis=1)
+        return (
+            columns if self.columns is None else np.argmax(self.columns == columns[:, None], axis=1)
+        )
 
     def places(self, columns: Int[Array, " k"]) -> Int[Array, " k"]:
         """Where some of the model's columns stand in it."""
         return np.argmax(self.inside == columns[:, None], axis=1)
 
     def left_of(self, columns: Int[Array, " k"]) -> Float[Array, "P k"]:
-        """What the model leaves of some columns in a row is the row's product with these; where all are seen."""
+        """What the model leaves of some columns in a row is the row's product with these; where all
+        are seen.
+        """
         weights = np.zeros((len(self.total), len(columns)))
         weights[self.inside] = -self.slopes[:, columns]
         weights[columns, np.arange(len(columns))] += 1.0
@@ -132,9 +156,12 @@ class Projection:
         return np.asarray(self._power - np.einsum("zp,zp->p", self.across, self.slopes))
 
     def visibility(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:
-        """Share of each column's power that the model can't absorb; nothing of a column without power."""
-        at = self._at(columns)
-        left, power = self._left[at], self._power[at]
+        """Share of each column's power that the model can't absorb; nothing of a column without
+        power.
+        """
+        places = self._at(columns)
+        left = self._left[places]
+        power = self._power[places]
         return np.divide(left, power, out=np.zeros_like(left), where=power > LEAST_POWER)
 
     def gain(self, group: Group) -> tuple[float, Float[Array, " k"]]:
@@ -143,7 +170,8 @@ class Projection:
 
     @cached_property
     def _every_seen(self) -> Bool[Array, " P"]:
-        power, left = self._power, self._left
+        power = self._power
+        left = self._left
         return (left > self.settings.least_visible * power) & (power > 0) & ~self._every_buried
 
     @cached_property
@@ -155,31 +183,42 @@ class Projection:
         return self._every_seen[self._at(columns)]
 
     def buried(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
-        """Of which columns the model leaves no more than some of the encoder noise in what it leaves."""
+        """Of which columns the model leaves no more than some of the encoder noise in what it
+        leaves.
+        """
         return self._every_buried[self._at(columns)]
 
     def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
-        """Scaled coefficients of further columns; those marked are not negative, those that can't be seen are zero."""
+        """Scaled coefficients of further columns; those marked are not negative, those that can't
+        be seen are zero.
+        """
         return self._fall(columns, np.flatnonzero(signed).tolist())[1]
 
-    def _fall(self, columns: Int[Array, " k"], nonnegative: Sequence[int]) -> tuple[float, Float[Array, " k"]]:
-        """Fall of the misfit by further columns, and their coefficients: zero of those that can't be seen."""
-        at = self._at(columns)
-        power, seen, target = self._power[at], self._every_seen[at], self._target[at]
+    def _fall(
+        self, columns: Int[Array, " k"], nonnegative: Sequence[int]
+    ) -> tuple[float, Float[Array, " k"]]:
+        """Fall of the misfit by further columns, and their coefficients: zero of those that can't
+        be seen.
+        """
+        places = self._at(columns)
+        power = self._power[places]
+        seen = self._every_seen[places]
+        target = self._target[places]
         signed = np.zeros(len(columns), dtype=bool)
-        signed[[k for k in nonnegative if k < len(columns)]] = True  # an effect may have fewer columns here than it can
+        # an effect may have fewer columns here than it can
+        signed[[k for k in nonnegative if k < len(columns)]] = True
         beta = np.zeros(len(columns))
         if len(columns) == 1:  # most candidates: no matrix is needed
-            left = float(self._left[at[0]])
+            left = float(self._left[places[0]])
             if seen[0]:
                 value = float(target[0]) / (left + RIDGE * float(power[0]))
                 beta[0] = max(value, 0.0) if signed[0] else value
             return max((2.0 * target[0] - beta[0] * left) * beta[0], 0.0), beta
         rest = self.rest(columns)
-        kept = np.flatnonzero(seen)
-        if len(kept):
-            matrix = rest[kept[:, None], kept] + np.diag(RIDGE * power[kept])
-            beta[kept] = solve_signed(matrix, target[kept], signed[kept])
+        visible = np.flatnonzero(seen)
+        if len(visible):
+            matrix = rest[visible[:, None], visible] + np.diag(RIDGE * power[visible])
+            beta[visible] = solve_signed(matrix, target[visible], signed[visible])
         return float(max(2.0 * target @ beta - beta @ rest @ beta, 0.0)), beta
 
 
@@ -188,23 +227,26 @@ def solve_signed(
 ) -> Float[Array, " k"]:
     """Least squares from normal equations; unknowns marked `signed` are not negative.
 
-    Unknowns of the wrong sign are fixed at zero, and those let go of which the squares would fall with more of them:
-    all together at first, then the last one alone, which ends.
+    Unknowns of the wrong sign are fixed at zero, and those let go of which the squares would fall
+    with more of them: all together at first, then the last one alone, which ends.
 
     Source: Kim and Park 2011 (block principal pivoting); Murty 1974 (the last one alone).
     """
-    kept, found = np.ones(len(target), dtype=bool), factorise(matrix).solve(target)
+    free = np.ones(len(target), dtype=bool)
+    solution = factorise(matrix).solve(target)
     if not signed.any():
-        return found
+        return solution
     for k in range(MOST_EXCHANGES * len(target)):
-        wrong = signed & np.where(kept, found < 0.0, target - matrix @ found > 1e-12 * np.abs(target))
+        wrong = signed & np.where(
+            free, solution < 0.0, target - matrix @ solution > 1e-12 * np.abs(target)
+        )
         if not wrong.any():
             break
-        kept ^= wrong if k < MOST_EXCHANGES else np.arange(len(target)) == np.flatnonzero(wrong)[-1]
-        found = np.zeros(len(target))
-        if kept.any():
-            found[kept] = factorise(matrix[np.ix_(kept, kept)]).solve(target[kept])
-    return np.where(signed, np.maximum(found, 0.0), found)
+        free ^= wrong if k < MOST_EXCHANGES else np.arange(len(target)) == np.flatnonzero(wrong)[-1]
+        solution = np.zeros(len(target))
+        if free.any():
+            solution[free] = factorise(matrix[np.ix_(free, free)]).solve(target[free])
+    return np.where(signed, np.maximum(solution, 0.0), solution)
 
 
 def project(
@@ -222,12 +264,14 @@ def project(
         evidence: Where they come from.
         prior: What the URDF says of the base parameters.
         groups: Candidates that are part of the model.
-        columns: Which columns are to be seen after it, the torque last; all if None. A few cost a fraction of the work.
+        columns: Which columns are to be seen after it, the torque last; all if None. A few cost a
+            fraction of the work.
         signed: Whether coefficients that can't be negative are zero where they would be.
     """
     inside, factor = _factorise(gram, evidence, prior, groups, signed)
     every = slice(None) if columns is None else columns
-    across, total = gram[inside][:, every], gram if columns is None else gram[np.ix_(columns, columns)]
+    across = gram[inside][:, every]
+    total = gram if columns is None else gram[np.ix_(columns, columns)]
     slopes = factor.solve(across)
     return Projection(
         inside=inside,
@@ -243,36 +287,54 @@ def project(
 
 
 def _factorise(
-    gram: Float[Array, "P P"], evidence: Evidence, prior: Prior, groups: Sequence[Group], signed: bool
+    gram: Float[Array, "P P"],
+    evidence: Evidence,
+    prior: Prior,
+    groups: Sequence[Group],
+    signed: bool,
 ) -> tuple[Int[Array, " z"], Factor]:
     """A model's columns and the factor of its information."""
     layout = evidence.layout
-    inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups)]).astype(int)
+    inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups)]).astype(
+        int
+    )
     information = gram[np.ix_(inside, inside)].copy()
     prior.add_to(information, layout)
     information[np.diag_indices(len(inside))] += ridge_of(gram, evidence, inside)
     if signed:
-        return inside, factorise_signed(information, gram[inside, -1], signs_of(layout.tuned, groups))
+        return inside, factorise_signed(
+            information, gram[inside, -1], signs_of(layout.tuned, groups)
+        )
     return inside, factorise(information)
 
 
 def signs_of(tuned: int, groups: Sequence[Group]) -> Int[Array, " s"]:
-    """Which columns of a model of the baseline and some groups have a coefficient that can't be negative."""
+    """Which columns of a model of the baseline and some groups have a coefficient that can't be
+    negative.
+    """
     starts = np.cumsum([tuned, *(len(group.columns) for group in groups)])
     pairs = zip(starts[:-1].tolist(), groups, strict=True)
-    return np.array([start + k for start, group in pairs for k in group.signed if k < len(group.columns)], dtype=int)
+    return np.array(
+        [start + k for start, group in pairs for k in group.signed if k < len(group.columns)],
+        dtype=int,
+    )
 
 
-def factorise_signed(information: Float[Array, "z z"], target: Float[Array, " z"], signed: Int[Array, " s"]) -> Factor:
-    """The factor of a model's information; signed unknowns that would come out negative are kept at zero, in place.
+def factorise_signed(
+    information: Float[Array, "z z"], target: Float[Array, " z"], signed: Int[Array, " s"]
+) -> Factor:
+    """The factor of a model's information; signed unknowns that would come out negative are kept at
+    zero, in place.
 
-    Else a model would have what no law has: friction by load that is negative one way is a gain of the torque.
+    Else a model would have what no law has: friction by load that is negative one way is a gain of
+    the torque.
     """
     factor = factorise(information)
     if len(signed) == 0:
         return factor
     units = np.zeros((len(target), 1 + len(signed)))
-    units[:, 0], units[signed, 1 + np.arange(len(signed))] = target, 1.0
+    units[:, 0] = target
+    units[signed, 1 + np.arange(len(signed))] = 1.0
     free = factor.solve(units)[signed]
     if not (free[:, 0] < 0.0).any():
         return factor
@@ -282,28 +344,38 @@ def factorise_signed(information: Float[Array, "z z"], target: Float[Array, " z"
     return factorise(information)
 
 
-def carried_noise(evidence: Evidence, columns: Any, inside: Int[Array, " z"], slopes: Float[Array, "z k"]) -> Array:
-    """Power of the encoder noise, taken off, in what a model leaves of some columns: theirs, and its own columns'."""
+def carried_noise(
+    evidence: Evidence, columns: Any, inside: Int[Array, " z"], slopes: Float[Array, "z k"]
+) -> Array:
+    """Power of the encoder noise, taken off, in what a model leaves of some columns: theirs, and
+    its own columns'.
+    """
     return np.asarray(evidence.noise_power[columns] + evidence.noise_power[inside] @ slopes**2)
 
 
-def ridge_of(gram: Float[Array, "P P"], evidence: Evidence, columns: Int[Array, " z"]) -> Float[Array, " z"]:
-    """What keeps a solve well-posed: information on the scaled coefficients of some columns that they be zero.
+def ridge_of(
+    gram: Float[Array, "P P"], evidence: Evidence, columns: Int[Array, " z"]
+) -> Float[Array, " z"]:
+    """What keeps a solve well-posed: information on the scaled coefficients of some columns that
+    they be zero.
 
-    Encoder noise was taken off the sums. A column of which nothing is left was nothing else: its coefficient, which may
-    come out as anything, is fixed at zero.
+    Encoder noise was taken off the sums. A column of which nothing is left was nothing else: its
+    coefficient, which may come out as anything, is fixed at zero.
     """
-    power, noise, settings = np.diag(gram)[columns], evidence.noise_power[columns], evidence.settings
+    power = np.diag(gram)[columns]
+    noise = evidence.noise_power[columns]
+    settings = evidence.settings
     share = np.where(power <= 0.0, FIXED, settings.noise_ridge)
     return np.asarray(RIDGE * np.abs(power) + share * noise + 1e-9)
 
 
 def positive(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
-    """A symmetric matrix that is positive definite: itself, or one that holds what can't be seen at rest.
+    """A symmetric matrix that is positive definite: itself, or one that holds what can't be seen at
+    rest.
 
-    Sums that encoder noise was taken off are estimates: along a direction that the motion hardly shows, even of one
-    column alone, they may come out below zero. Such a direction is given the curvature of a well-seen one, so that
-    solutions stay small along it.
+    Sums that encoder noise was taken off are estimates: along a direction that the motion hardly
+    shows, even of one column alone, they may come out below zero. Such a direction is given the
+    curvature of a well-seen one, so that solutions stay small along it.
     """
     root = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
     try:
@@ -311,14 +383,18 @@ def positive(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(matrix / np.outer(root, root))
         return np.asarray(
-            (vectors * np.where(values > LEAST_EIGENVALUE, values, 1.0)) @ vectors.T * np.outer(root, root)
+            (vectors * np.where(values > LEAST_EIGENVALUE, values, 1.0))
+            @ vectors.T
+            * np.outer(root, root)
         )
     return matrix
 
 
 @dataclass(frozen=True, eq=False)
 class Factor:
-    """Cholesky's factor of a positive matrix; by LAPACK itself, as most of these systems are small, and many."""
+    """Cholesky's factor of a positive matrix; by LAPACK itself, as most of these systems are small,
+    and many.
+    """
 
     lower: Float[Array, "k k"]  # what stands above the diagonal is none of it
 

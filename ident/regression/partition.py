@@ -1,4 +1,5 @@
-"""How a session's time is cut: blocks for tests, folds for held-out scores, stretches of one level of friction.
+"""How a session's time is cut: blocks for tests, folds for held-out scores, stretches of one level
+of friction.
 
 Where many runs share a block, encoder noise is drawn once more for some of them only.
 """
@@ -20,14 +21,17 @@ from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 class Partition:
     """How time is cut: blocks for tests, folds for held-out scores.
 
-    Where many runs share a block, encoder noise is drawn once more for some of them (`draws`): how many times the
-    squares of a run's noise count, 0 where none is drawn; once for every run if None.
+    Where many runs share a block, encoder noise is drawn once more for some of them (`draws`): how
+    many times the squares of a run's noise count, 0 where none is drawn; once for every run if
+    None.
     """
 
-    starts: tuple[Int[Array, " k"], ...]  # for each run, first sample (decimated) of each of its blocks
+    # for each run, first sample (decimated) of each of its blocks
+    starts: tuple[Int[Array, " k"], ...]
     first_block: Int[Array, " R"]
     folds: Int[Array, " B"]
-    stretches: Int[Array, " B"]  # stretch of some seconds, over which friction keeps its level, that a block lies in
+    # stretch of some seconds, over which friction keeps its level, that a block lies in
+    stretches: Int[Array, " B"]
     draws: Float[Array, " R"] | None = None
 
     @classmethod
@@ -41,7 +45,8 @@ class Partition:
     ) -> Partition:
         """Cuts each run into blocks, and into stretches over which friction keeps its level.
 
-        Friction drifts within a long run as it does from run to run: each stretch of it has a level of its own.
+        Friction drifts within a long run as it does from run to run: each stretch of it has a level
+        of its own.
 
         Args:
             lengths: Filtered samples of each run.
@@ -50,10 +55,16 @@ class Partition:
             deal: Gives each block its fold, by the number of its run.
             settings: How long a stretch is.
         """
-        counts, parts = (np.maximum(1, np.round(seconds / part)).astype(int) for part in (block_s, settings.stretch_s))
+        counts, parts = (
+            np.maximum(1, np.round(seconds / length)).astype(int)
+            for length in (block_s, settings.stretch_s)
+        )
         pairs = list(zip(lengths, counts, strict=True))
-        starts = tuple(np.linspace(0, length, count, endpoint=False).astype(int) for length, count in pairs)
-        run, first = np.repeat(np.arange(len(counts)), counts), np.cumsum(counts) - counts
+        starts = tuple(
+            np.linspace(0, length, count, endpoint=False).astype(int) for length, count in pairs
+        )
+        run = np.repeat(np.arange(len(counts)), counts)
+        first = np.cumsum(counts) - counts
         within = np.arange(len(run)) - first[run]
         stretches = (np.cumsum(parts) - parts)[run] + within * parts[run] // counts[run]
         return cls(starts, first, deal(run), stretches)
@@ -65,14 +76,22 @@ class Partition:
 
     def blocks_of(self, run: int, count: int) -> Int[Array, " t"]:
         """Block of every filtered sample of a run."""
-        return self.first_block[run] + np.searchsorted(self.starts[run], np.arange(count), side="right") - 1
+        return (
+            self.first_block[run]
+            + np.searchsorted(self.starts[run], np.arange(count), side="right")
+            - 1
+        )
 
 
-def build_partition(session: SessionContext, settings: RegressionSettings = USUAL_REGRESSION) -> Partition:
-    """Cuts runs into blocks of equal length; whole recorded runs make a fold, parts of a run where runs are few.
+def build_partition(
+    session: SessionContext, settings: RegressionSettings = USUAL_REGRESSION
+) -> Partition:
+    """Cuts runs into blocks of equal length; whole recorded runs make a fold, parts of a run where
+    runs are few.
 
-    Very many runs share blocks, neighbours with neighbours, so that the sums stay few. Where a joint moves in one run
-    more than in all others together, runs are as good as few: without that run the joint's model is a guess.
+    Very many runs share blocks, neighbours with neighbours, so that the sums stay few. Where a
+    joint moves in one run more than in all others together, runs are as good as few: without that
+    run the joint's model is a guess.
     """
     motions = (run.motion for run in session.runs)
     facts = [
@@ -86,25 +105,35 @@ def build_partition(session: SessionContext, settings: RegressionSettings = USUA
     ]
     lengths, steps, continues, travel = (np.array(values) for values in zip(*facts, strict=True))
     recorded = np.cumsum(~continues) - 1
-    few, folds = _few(travel, recorded, settings.fewest_runs), settings.folds
+    few = _few(travel, recorded, settings.fewest_runs)
+    folds = settings.folds
     if len(lengths) > settings.most_lone_runs:
         block, run_of_block = _share_blocks(recorded, settings)
         alone = np.arange(len(run_of_block))
         starts = (np.zeros(1, dtype=int),) * len(lengths)
         fold = _deal_folds(run_of_block, folds, few)
-        draws = choose_draws(block, lengths, settings.block_draws, np.random.default_rng(CHOICE_SEED))
+        draws = choose_draws(
+            block, lengths, settings.block_draws, np.random.default_rng(CHOICE_SEED)
+        )
         return Partition(starts, block, fold, alone, draws)
     target = max(settings.shortest_block_s, float((lengths * steps).sum()) / settings.most_blocks)
-    return Partition.cut(lengths, lengths * steps, target, lambda run: _deal_folds(recorded[run], folds, few), settings)
+    return Partition.cut(
+        lengths,
+        lengths * steps,
+        target,
+        lambda run: _deal_folds(recorded[run], folds, few),
+        settings,
+    )
 
 
 def choose_draws(
     block: Int[Array, " R"], lengths: Int[Array, " R"], most: int, rng: np.random.Generator
 ) -> Float[Array, " R"]:
-    """Of which runs of each block encoder noise is drawn once more, and how often its squares count.
+    """Of which runs of each block encoder noise is drawn once more, and how often its squares
+    count.
 
-    Any run of a block is as likely chosen as any other, until the chosen ones have enough samples; they stand for all
-    samples of their block.
+    Any run of a block is as likely chosen as any other, until the chosen ones have enough samples;
+    they stand for all samples of their block.
 
     Args:
         block: Block of each run.
@@ -116,7 +145,7 @@ def choose_draws(
         Weight of each run's draw, 0 where none is needed.
     """
     weights = np.zeros(len(block))
-    for members in (np.flatnonzero(block == one) for one in np.unique(block)):
+    for members in (np.flatnonzero(block == number) for number in np.unique(block)):
         shuffled = rng.permutation(members)
         before = np.cumsum(lengths[shuffled]) - lengths[shuffled]
         chosen = shuffled[before < most]
@@ -141,16 +170,19 @@ def _few(travel: Float[Array, "R n"], recorded: Int[Array, " R"], fewest: int) -
 def _share_blocks(
     recorded: Int[Array, " R"], settings: RegressionSettings
 ) -> tuple[Int[Array, " R"], Int[Array, " B"]]:
-    """One block for several runs; no block holds pieces of two recorded runs unless it holds whole ones.
+    """One block for several runs; no block holds pieces of two recorded runs unless it holds whole
+    ones.
 
     Args:
         recorded: Number of the recorded run that each run is, or is a piece of.
         settings: How many blocks, and how many runs have their own.
 
     Returns:
-        Block of each run; the recorded run of each block, blocks of several recorded runs counted as one.
+        Block of each run; the recorded run of each block, blocks of several recorded runs counted
+        as one.
     """
-    pieces, most = np.bincount(recorded), settings.most_blocks
+    pieces = np.bincount(recorded)
+    most = settings.most_blocks
     if len(pieces) > settings.most_lone_runs:
         return recorded * most // len(pieces), np.arange(most)
     counts = np.maximum(1, np.round(pieces * most / len(recorded)).astype(int))
@@ -161,10 +193,12 @@ def _share_blocks(
 
 def _deal_folds(run_of_block: Int[Array, " B"], folds: int, few: bool) -> Int[Array, " B"]:
     """Fold of each block: that of its recorded run, or, where runs are few, each in turn."""
-    runs, total = int(run_of_block[-1]) + 1, len(run_of_block)
+    runs = int(run_of_block[-1]) + 1
+    total = len(run_of_block)
     if few:
-        # Few runs rarely show every joint alike: each fold has pieces from everywhere, or it would be judged by a model
-        # that never saw such motion.
+        # Few runs rarely show every joint alike: each fold has pieces from everywhere, or it would
+        # be judged by a model that never saw such motion.
         return np.arange(total) % min(folds, total)
-    # Runs in order, dealt out so that folds are of about equal length and neighbours in kind are apart.
+    # Runs in order, dealt out so that folds are of about equal length and neighbours in kind are
+    # apart.
     return np.asarray(run_of_block % min(folds, runs))

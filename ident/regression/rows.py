@@ -1,7 +1,9 @@
-"""Rows of the big regression, run by run: every column and the torque, filtered and decimated, one table a joint.
+"""Rows of the big regression, run by run: every column and the torque, filtered and decimated, one
+table a joint.
 
-Columns of many effects go through the common filter together: one call for a batch of them costs a fraction of one call
-each. A few runs are in memory at a time, with all that the effects cache with them.
+Columns of many effects go through the common filter together: one call for a batch of them costs a
+fraction of one call each. A few runs are in memory at a time, with all that the effects cache with
+them.
 """
 
 from __future__ import annotations
@@ -20,22 +22,28 @@ from ident.regression.runs import noisier_run
 from ident.regression.spooled import SpooledArrays
 from ident.robot.chain import PER_LINK
 
-# Samples (after decimation) times squared joints that are in memory at once, unless a run has more: their regressors
-# and tables (some MiB a joint) fit into memory that the chunk before has just let go.
+# Samples (after decimation) times squared joints that are in memory at once, unless a run has more:
+# their regressors and tables (some MiB a joint) fit into memory that the chunk before has just let
+# go.
 CHUNK_SIZE = 2_000 * 36
-# The same of a session whose baseline's columns are kept from pass to pass, some 100 MiB at the most; and of runs whose
-# tables wait in memory until noise and scale are known: those of more wait on disk.
-KEPT_SIZE, WAITING_SIZE = 30_000 * 36, 14_000 * 36
-# Columns that are filtered together: enough to keep the processor's lanes busy, few enough to stay in its cache.
+# The same of a session whose baseline's columns are kept from pass to pass, some 100 MiB at the
+# most; and of runs whose tables wait in memory until noise and scale are known: those of more wait
+# on disk.
+KEPT_SIZE = 30_000 * 36
+WAITING_SIZE = 14_000 * 36
+# Columns that are filtered together: enough to keep the processor's lanes busy, few enough to stay
+# in its cache.
 BATCH_COLUMNS = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Columns and torque of one run, filtered and decimated: one table a joint, and where it counts.
+    """Columns and torque of one run, filtered and decimated: one table a joint, and where it
+    counts.
 
-    The first `rank` columns are the base parameters', then come the joint's loss parameters. `noise` is what one more
-    draw of the encoder noise adds to each table, or None where none was drawn; its squares count `weight` times.
+    The first `rank` columns are the base parameters', then come the joint's loss parameters.
+    `noise` is what one more draw of the encoder noise adds to each table, or None where none was
+    drawn; its squares count `weight` times.
     """
 
     run: int
@@ -54,22 +62,33 @@ def compute_rows(
     partition: Partition,
     through: Bool[Array, " n"] | None = None,
 ) -> Iterator[Rows]:
-    """Every run's tables, a chunk of runs in memory at a time; of some joints rows near reversals count, too."""
+    """Every run's tables, a chunk of runs in memory at a time; of some joints rows near reversals
+    count, too.
+    """
     everything = range(len(session.runs))
     groups = [group for group in layout.groups if not group.borrows]
     weights = np.ones(len(everything)) if partition.draws is None else partition.draws
     if session.runs[0].motion.state_noise is None:
         weights = np.zeros(len(everything))
     seen = compute_tables(session, baseline, layout, groups, everything)
-    again = compute_tables(session, baseline, layout, groups, [*map(int, np.flatnonzero(weights))], noisier=True)
+    again = compute_tables(
+        session, baseline, layout, groups, [*map(int, np.flatnonzero(weights))], noisier=True
+    )
     for i, run, tables in seen:
-        noise, blocks = None, partition.blocks_of(i, len(tables[0]))
+        noise = None
+        blocks = partition.blocks_of(i, len(tables[0]))
         if weights[i]:  # in half the room: its squares are a small share of the columns'
             pairs = zip(next(again)[2], tables, strict=True)
-            noise = tuple(np.subtract(more, table, out=more).astype(np.float32) for more, table in pairs)
+            noise = tuple(
+                np.subtract(more, table, out=more).astype(np.float32) for more, table in pairs
+            )
             for drawn, smooth in zip(noise, layout.flexible_places, strict=True):
                 drawn[:, smooth] = 0.0
-        counts = run.motion.settled if through is None else np.where(through, run.motion.moving, run.motion.settled)
+        counts = (
+            run.motion.settled
+            if through is None
+            else np.where(through, run.motion.moving, run.motion.settled)
+        )
         yield Rows(i, layout.rank, tuple(tables), counts, blocks, noise, float(weights[i]))
         del run, tables, noise  # before the next are made
 
@@ -82,27 +101,39 @@ def compute_tables(
     runs: Sequence[int],
     noisier: bool = False,
 ) -> Iterator[tuple[int, RunContext, list[Float[Array, "t p"]]]]:
-    """Number, context and tables of some runs; columns of candidates that are not among the groups stay zero.
+    """Number, context and tables of some runs; columns of candidates that are not among the groups
+    stay zero.
 
     With `noisier`, all is made of states with one more draw of the encoder noise in them.
     """
 
-    def of_chunk(chunk: Sequence[int]) -> Iterator[tuple[int, RunContext, list[Float[Array, "t p"]]]]:
+    def of_chunk(
+        chunk: Sequence[int],
+    ) -> Iterator[tuple[int, RunContext, list[Float[Array, "t p"]]]]:
         # Copies, so that what the effects cache with a run goes when its chunk goes.
         fresh = (session.runs[i].copied() for i in chunk)
-        part = replace(session, runs=tuple(noisier_run(baseline, run) if noisier else run for run in fresh))
-        known = _kept_columns(session, baseline, chunk, part.runs, noisier)
-        batches = [_Batch(layout, run, baseline_tables(layout, k)) for run, k in zip(part.runs, known, strict=True)]
+        copies = replace(
+            session, runs=tuple(noisier_run(baseline, run) if noisier else run for run in fresh)
+        )
+        known = _kept_columns(session, baseline, chunk, copies.runs, noisier)
+        batches = [
+            _Batch(layout, run, baseline_tables(layout, k))
+            for run, k in zip(copies.runs, known, strict=True)
+        ]
         for group in groups:
-            for batch, columns in zip(batches, group.effect.columns(part, group.joint, group.variant), strict=True):
+            for batch, columns in zip(
+                batches, group.effect.columns(copies, group.joint, group.variant), strict=True
+            ):
                 batch.add(group, columns)
         # A discrepancy's columns are so smooth that what encoder noise adds to them is nothing.
         for group in () if noisier else (block for blocks in layout.flexible for block in blocks):
-            for batch, columns in zip(batches, group.effect.columns(part, group.joint, group.variant), strict=True):
+            for batch, columns in zip(
+                batches, group.effect.columns(copies, group.joint, group.variant), strict=True
+            ):
                 batch.add(group, columns)
         for batch in batches:
             batch.flush()
-        return zip(chunk, part.runs, [batch.tables for batch in batches], strict=True)
+        return zip(chunk, copies.runs, [batch.tables for batch in batches], strict=True)
 
     for chunk in _chunks(session, runs):
         yield from of_chunk(chunk)  # gone before the next is made
@@ -115,7 +146,8 @@ def _chunks(session: SessionContext, runs: Sequence[int]) -> Iterator[list[int]]
         length = session.runs[i].motion.filtered_length
         if chunk and (held + length) * session.n**2 > CHUNK_SIZE:
             yield chunk
-            chunk, held = [], 0
+            chunk = []
+            held = 0
         chunk.append(i)
         held += length
     if chunk:
@@ -136,7 +168,8 @@ def baseline_tables(layout: Layout, known: BaselineColumns) -> list[Float[Array,
 
 @dataclass(frozen=True, eq=False)
 class BaselineColumns:
-    """The baseline's columns of a run, filtered: which base parameters each joint feels, and what each joint carries.
+    """The baseline's columns of a run, filtered: which base parameters each joint feels, and what
+    each joint carries.
 
     No joint feels links before it: such columns are zero, need no filter, and are left out.
     """
@@ -153,20 +186,27 @@ def baseline_columns(baseline: Baseline, run: RunContext) -> BaselineColumns:
     # Inertias don't enter the regressor: that of the tuned arm is that of the nominal one.
     numbers = np.array(baseline.base.columns)
     felt = tuple(np.flatnonzero(numbers >= PER_LINK * j) for j in range(run.n))
-    flat = np.concatenate([run.regressor.shape[2] * j + numbers[own] for j, own in enumerate(felt)])
+    flat = np.concatenate(
+        [run.regressor.shape[2] * j + numbers[columns] for j, columns in enumerate(felt)]
+    )
     rows = motion.filtered(run.regressor.reshape(len(run.regressor), -1)[:, flat])
-    base = np.split(rows, np.cumsum([len(own) for own in felt])[:-1], axis=1)
+    base = np.split(rows, np.cumsum([len(columns) for columns in felt])[:-1], axis=1)
     losses = motion.filtered(np.stack([motion.ddq, motion.dq, run.direction], axis=-1))
     nominal = baseline.nominal.with_payload(motion.payload).inertial_parameters
     target = motion.tau_filtered - motion.filtered(run.regressor @ nominal)
     # Copies: what is kept must not hold on to signals at the full rate.
-    return BaselineColumns(felt, tuple(part.copy() for part in base), losses.copy(), target)
+    return BaselineColumns(felt, tuple(column.copy() for column in base), losses.copy(), target)
 
 
 def _kept_columns(
-    session: SessionContext, baseline: Baseline, chunk: Sequence[int], runs: Sequence[RunContext], noisier: bool
+    session: SessionContext,
+    baseline: Baseline,
+    chunk: Sequence[int],
+    runs: Sequence[RunContext],
+    noisier: bool,
 ) -> list[BaselineColumns]:
-    """The baseline's columns of some runs: of a session that is held and short, all passes but the first find them.
+    """The baseline's columns of some runs: of a session that is held and short, all passes but the
+    first find them.
 
     Args:
         session: The session.
@@ -178,13 +218,14 @@ def _kept_columns(
     held = session.runs if isinstance(session.runs, tuple) else ()
     if not 0 < sum(run.motion.filtered_length for run in held) * session.n**2 <= KEPT_SIZE:
         return [baseline_columns(baseline, run) for run in runs]
-    found = []
+    columns = []
     for i, run in zip(chunk, runs, strict=True):
-        kept, name = session.runs[i].kept, (baseline, "noisier" if noisier else "baseline")
-        if name not in kept:
-            kept[name] = baseline_columns(baseline, run)
-        found.append(kept[name])
-    return found
+        known = session.runs[i].kept
+        name = (baseline, "noisier" if noisier else "baseline")
+        if name not in known:
+            known[name] = baseline_columns(baseline, run)
+        columns.append(known[name])
+    return columns
 
 
 @dataclass(eq=False)
@@ -216,19 +257,21 @@ class _Batch:
             end = start + columns[0].size
             self._write(group, filtered[:, start:end].reshape(-1, *columns.shape[1:]))
             start = end
-        self.waiting, self.width = [], 0
+        self.waiting = []
+        self.width = 0
 
-    def _write(self, group: Group, found: Float[Array, "t ..."]) -> None:
+    def _write(self, group: Group, columns: Float[Array, "t ..."]) -> None:
         """Writes columns into the tables of the joints that a group acts on."""
         for j in group.acts_on(self.layout.n):
-            at = self.layout.places[j][int(group.columns[0])]
-            own = found if group.effect.rows == "own" else found[:, j]
-            self.tables[j][:, at : at + len(group.columns)] = own
+            place = self.layout.places[j][int(group.columns[0])]
+            of_joint = columns if group.effect.rows == "own" else columns[:, j]
+            self.tables[j][:, place : place + len(group.columns)] = of_joint
 
 
 def column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:
     """Root mean square of each column where it counts; the torque is not scaled."""
-    squares, counts = np.zeros(layout.size + 1), np.zeros(layout.size + 1)
+    squares = np.zeros(layout.size + 1)
+    counts = np.zeros(layout.size + 1)
     for rows in held:
         for j, local in enumerate(layout.local):
             x = rows.tables[j][rows.counts[:, j]]
@@ -240,10 +283,14 @@ def column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:
 
 
 def waiting(layout: Layout, held: Sequence[Rows], rows: Rows) -> Rows:
-    """A run that is held until scale and noise are known: on disk where those before it fill the memory."""
-    if sum(len(one.counts) for one in held) * layout.n**2 < WAITING_SIZE:
+    """A run that is held until scale and noise are known: on disk where those before it fill the
+    memory.
+    """
+    if sum(len(rows.counts) for rows in held) * layout.n**2 < WAITING_SIZE:
         return rows
-    return replace(rows, tables=SpooledArrays(rows.tables), noise=rows.noise and SpooledArrays(rows.noise))
+    return replace(
+        rows, tables=SpooledArrays(rows.tables), noise=rows.noise and SpooledArrays(rows.noise)
+    )
 
 
 def rescale(layout: Layout, held: Sequence[Rows], scale: Array) -> None:

@@ -1,12 +1,14 @@
-"""What blocks of time say: how unsure a model's coefficients are, and how much friction varies from run to run.
+"""What blocks of time say: how unsure a model's coefficients are, and how much friction varies from
+run to run.
 
 The latter is a variance component of each joint, separated from noise.
 
-A stretch's friction s_r, its viscous and its Coulomb level as shares of the model's, is estimated from what the model
-leaves of the stretch, with covariance V_r known from its length and motion. Both vary by themselves, with variance τ²
-about means that the model has; τ is where
+A stretch's friction s_r, its viscous and its Coulomb level as shares of the model's, is estimated
+from what the model leaves of the stretch, with covariance V_r known from its length and motion.
+Both vary by themselves, with variance τ² about means that the model has; τ is where
 
-    −½ Σ (log|Σ_r| + (s_r − s̄)ᵀ Σ_r⁻¹ (s_r − s̄)) − ½ log|Σ Σ_r⁻¹| − ½ ν (log τ² + τ_0² / τ²),    Σ_r = V_r + τ² I,
+    −½ Σ (log|Σ_r| + (s_r − s̄)ᵀ Σ_r⁻¹ (s_r − s̄)) − ½ log|Σ Σ_r⁻¹| − ½ ν (log τ² + τ_0² / τ²),
+    Σ_r = V_r + τ² I,
 
 is greatest: few runs say little of it, and what is usual, τ_0, counts as ν more (`usual_runs`).
 
@@ -31,19 +33,28 @@ GUESS = 4.0
 SPREADS = (1e-3, 0.5, 160)
 # Below this share of the model's variance the variance between blocks is numerically zero.
 LEAST_BLOCK_VARIANCE = 1e-9
-# Columns of a joint that carry less than this share of its largest carry nothing: their scores are no measure of how
-# blocks vary; nor are those of columns of whose scores the model leaves less than the second share.
-LEAST_COLUMN, LEAST_LEFT = 1e-6, 0.05
+# Columns of a joint that carry less than this share of its largest carry nothing: their scores are
+# no measure of how blocks vary; nor are those of columns of whose scores the model leaves less than
+# the second share.
+LEAST_COLUMN = 1e-6
+LEAST_LEFT = 0.05
 
 
 def squares_left(evidence: Evidence, projection: Projection) -> Float[Array, "n B"]:
     """What a model leaves of each joint's rows in each block, in squares of the noise."""
     weights = projection.weights
-    return np.array([evidence.times(j, weights[own]) @ weights[own] for j, own in enumerate(evidence.layout.local)])
+    return np.array(
+        [
+            evidence.times(j, weights[local]) @ weights[local]
+            for j, local in enumerate(evidence.layout.local)
+        ]
+    )
 
 
 def block_sums_left(evidence: Evidence, projection: Projection) -> Float[Array, "B P"]:
-    """Sums over each block of every column, the torque last, times what a model leaves of the rows."""
+    """Sums over each block of every column, the torque last, times what a model leaves of
+    the rows.
+    """
     sums = np.zeros((len(evidence.fold_of_block), evidence.layout.size + 1))
     for j, local in enumerate(evidence.layout.local):
         sums[:, local] += evidence.times(j, projection.weights[local])
@@ -51,26 +62,41 @@ def block_sums_left(evidence: Evidence, projection: Projection) -> Float[Array, 
 
 
 def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
-    """Covariance of a model's coefficients by the block sandwich, with variances not below the model's own."""
-    part = block_sums_left(evidence, projection)[:, projection.inside]
-    blocks = len(part)
-    meat = part.T @ part * blocks / max(blocks - 1, 1)
+    """Covariance of a model's coefficients by the block sandwich, with variances not below the
+    model's own.
+    """
+    left = block_sums_left(evidence, projection)[:, projection.inside]
+    blocks = len(left)
+    meat = left.T @ left * blocks / max(blocks - 1, 1)
     return floor_at_model_variance(projection.spread @ meat @ projection.spread, projection.spread)
 
 
-def floor_at_model_variance(sandwich: Float[Array, "z z"], spread: Float[Array, "z z"]) -> Float[Array, "z z"]:
+def floor_at_model_variance(
+    sandwich: Float[Array, "z z"], spread: Float[Array, "z z"]
+) -> Float[Array, "z z"]:
     """A block sandwich covariance with variances that are not below the model's own, `spread`."""
-    own, between = np.diag(spread), np.diag(sandwich)
+    own_variance = np.diag(spread)
+    between = np.diag(sandwich)
     # A column that is nearly zero in all blocks has no variance between them: the model's holds.
-    silent = between <= LEAST_BLOCK_VARIANCE * own
-    lift = np.where(silent, 0.0, np.sqrt(np.maximum(1.0, own / np.where(silent, own, between))))
-    return np.asarray(sandwich * np.outer(lift, lift) + np.diag(np.where(silent, own, 0.0)))
+    silent = between <= LEAST_BLOCK_VARIANCE * own_variance
+    lift = np.where(
+        silent,
+        0.0,
+        np.sqrt(np.maximum(1.0, own_variance / np.where(silent, own_variance, between))),
+    )
+    return np.asarray(
+        sandwich * np.outer(lift, lift) + np.diag(np.where(silent, own_variance, 0.0))
+    )
 
 
-def measure_inflation(evidence: Evidence, projection: Projection, known: Float[Array, "z z"] | None = None) -> float:
-    """Variance inflation: factor by which block scores vary more than the noise model says; divides log evidence.
+def measure_inflation(
+    evidence: Evidence, projection: Projection, known: Float[Array, "z z"] | None = None
+) -> float:
+    """Variance inflation: factor by which block scores vary more than the noise model says; divides
+    log evidence.
 
-    It is the median ratio of sandwich to model variance over the baseline's coefficients, at least 1.
+    It is the median ratio of sandwich to model variance over the baseline's coefficients, at least
+    1.
 
     Args:
         evidence, projection: Block sums and the solved model.
@@ -83,26 +109,33 @@ def measure_inflation(evidence: Evidence, projection: Projection, known: Float[A
 
 
 def worth_of_rows(evidence: Evidence, projection: Projection) -> Float[Array, " n"]:
-    """How many whitened rows of each joint are worth one independent row of the noise, one at the least.
+    """How many whitened rows of each joint are worth one independent row of the noise, one at the
+    least.
 
-    By what the model leaves of them, or, where that is more, by how much larger the squares of blocks' scores Xᵀr are
-    than those of independent rows, the median over the joint's columns; of the scores the model has taken a part:
-    G − G C G is expected, C the covariance of its coefficients.
+    By what the model leaves of them, or, where that is more, by how much larger the squares of
+    blocks' scores Xᵀr are than those of independent rows, the median over the joint's columns; of
+    the scores the model has taken a part: G − G C G is expected, C the covariance of its
+    coefficients.
     """
-    found = np.ones(evidence.layout.n)
+    worths = np.ones(evidence.layout.n)
     for j, local in enumerate(evidence.layout.local):
-        weights, at = projection.weights[local], np.flatnonzero(np.isin(local, projection.inside))
-        places, gram = projection.places(local[at]), evidence.total[j].over()
-        ratio = [1.0 / evidence.dispersion[j], weights @ gram @ weights / max(float(evidence.samples[j]), 1.0)]
-        gram = gram[np.ix_(at, at)]
+        weights = projection.weights[local]
+        places_of_rows = np.flatnonzero(np.isin(local, projection.inside))
+        places = projection.places(local[places_of_rows])
+        gram = evidence.total[j].over()
+        ratio = [
+            1.0 / evidence.dispersion[j],
+            weights @ gram @ weights / max(float(evidence.samples[j]), 1.0),
+        ]
+        gram = gram[np.ix_(places_of_rows, places_of_rows)]
         alone = np.diag(gram)
         expected = np.diag(gram - gram @ projection.spread[np.ix_(places, places)] @ gram)
         used = (alone > LEAST_COLUMN * alone.max(initial=0.0)) & (expected > LEAST_LEFT * alone)
         if used.any():
-            scores = evidence.times(j, weights)[:, at[used]]
+            scores = evidence.times(j, weights)[:, places_of_rows[used]]
             ratio.append(np.median((scores**2).sum(axis=0) / expected[used]))
-        found[j] = evidence.dispersion[j] * max(ratio)
-    return found
+        worths[j] = evidence.dispersion[j] * max(ratio)
+    return worths
 
 
 def estimate_run_spread(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:
@@ -110,7 +143,8 @@ def estimate_run_spread(evidence: Evidence, weights: Float[Array, " P"]) -> Floa
 
     Args:
         evidence: Sums of the session.
-        weights: What a model leaves of a row is the row's product with these; solved with about this spread or more.
+        weights: What a model leaves of a row is the row's product with these; solved with about
+            this spread or more.
     """
     return np.array([_spread_of_joint(evidence, j, weights) for j in range(evidence.layout.n)])
 
@@ -126,9 +160,14 @@ def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]
 
 
 def _likelihood(
-    levels: Float[Array, "R 2"], noise: Float[Array, "R 2 2"], spreads: Float[Array, " k"], settings: RegressionSettings
+    levels: Float[Array, "R 2"],
+    noise: Float[Array, "R 2 2"],
+    spreads: Float[Array, " k"],
+    settings: RegressionSettings,
 ) -> Float[Array, " k"]:
-    """Restricted log likelihoods of friction levels that vary by so much, times what is known of it beforehand."""
+    """Restricted log likelihoods of friction levels that vary by so much, times what is known of it
+    beforehand.
+    """
     each = np.linalg.inv(noise + spreads[:, None, None, None] ** 2 * np.eye(2))
     total = each.sum(axis=1)
     mean = np.linalg.solve(total, np.einsum("krab,rb->ka", each, levels)[..., None])[..., 0]
@@ -139,11 +178,13 @@ def _likelihood(
     return np.asarray(0.5 * (weight - left - usual))
 
 
-def estimate_held(evidence: Evidence, dwells: Sequence[DwellRows], model: Projection) -> tuple[float, ...]:
+def estimate_held(
+    evidence: Evidence, dwells: Sequence[DwellRows], model: Projection
+) -> tuple[float, ...]:
     """The level of static friction that what a model leaves of each joint's holds speaks for [N m].
 
-    With z the rows' residuals in standard deviations and h the share of each that the model took up, f_s² times
-    (ν + Σ z²) / (ν + Σ (1 − h)): the guess, by the Coulomb level, counts as ν holds.
+    With z the rows' residuals in standard deviations and h the share of each that the model took
+    up, f_s² times (ν + Σ z²) / (ν + Σ (1 − h)): the guess, by the Coulomb level, counts as ν holds.
 
     Args:
         evidence: Sums with the holds in them.
@@ -151,12 +192,14 @@ def estimate_held(evidence: Evidence, dwells: Sequence[DwellRows], model: Projec
         model: A model with all that may act.
     """
     root = np.linalg.cholesky(model.spread)
-    found = []
+    levels = []
     for held, local in zip(dwells, evidence.layout.local, strict=True):
         rows = held.weighted
         used = np.flatnonzero(np.isin(local, model.inside))
         taken = float(np.sum((rows[:, used] @ root[model.places(local[used])]) ** 2))
         holds = len(np.unique(held.hold))
-        factor = (GUESS + float(np.sum((rows @ model.weights[local]) ** 2))) / (GUESS + max(holds - taken, 0.0))
-        found.append(held.friction * float(np.sqrt(factor)))
-    return tuple(found)
+        factor = (GUESS + float(np.sum((rows @ model.weights[local]) ** 2))) / (
+            GUESS + max(holds - taken, 0.0)
+        )
+        levels.append(held.friction * float(np.sqrt(factor)))
+    return tuple(levels)

@@ -14,10 +14,15 @@ from ident.regression.dwells import rested, resting, static_level
 from ident.robot.arm import ArmModel
 
 
-def build_session(baseline: Baseline, motions: Sequence[Motion], common_clock: bool) -> SessionContext:
+def build_session(
+    baseline: Baseline, motions: Sequence[Motion], common_clock: bool
+) -> SessionContext:
     """What the effects know of the runs: modelled torques only, never the measured one."""
     return SessionContext(
-        runs=tuple(_run_of(baseline, one, baseline.arm.with_payload(one.payload)) for one in motions),
+        runs=tuple(
+            _run_of(baseline, motion, baseline.arm.with_payload(motion.payload))
+            for motion in motions
+        ),
         common_clock=common_clock,
         joint_names=baseline.nominal.joint_names,
         gear_ratios=baseline.nominal.gear_ratios,
@@ -27,7 +32,8 @@ def build_session(baseline: Baseline, motions: Sequence[Motion], common_clock: b
 
 
 def _run_of(baseline: Baseline, motion: Motion, arm: ArmModel) -> RunContext:
-    rigid, slip = arm.inverse_dynamics(motion.q, motion.dq, motion.ddq), baseline.sliding.direction(motion)
+    rigid = arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+    slip = baseline.sliding.direction(motion)
     friction = baseline.loss.viscous * motion.dq + baseline.loss.coulomb * slip
     run = RunContext(
         motion=motion,
@@ -49,20 +55,23 @@ def noisier_run(baseline: Baseline, run: RunContext) -> RunContext:
 
 
 def leftover_torque(session: SessionContext) -> Sequence[Float[Array, "t n"]]:
-    """What the tuned model leaves of each run's torque, filtered; NaN at a run's ends, which filters blur [N m].
+    """What the tuned model leaves of each run's torque, filtered; NaN at a run's ends, which
+    filters blur [N m].
 
-    Of a joint at rest it is what goes beyond its static friction: mostly zero. Near a stop or a turn, where friction
-    may have either sign, it is what goes beyond twice as much, and NaN where nothing does: nobody knows.
+    Of a joint at rest it is what goes beyond its static friction: mostly zero. Near a stop or a
+    turn, where friction may have either sign, it is what goes beyond twice as much, and NaN where
+    nothing does: nobody knows.
     """
-    found = []
+    torques = []
     held = static_level(session)
     for run in session.runs:
         left = run.motion.tau_filtered - run.motion.filtered(run.total)
-        rests, settled = resting(run.motion)[run.motion.coarse], run.motion.settled
+        rests = resting(run.motion)[run.motion.coarse]
+        settled = run.motion.settled
         friction = np.where(rests, held, 2.0 * held)
         beyond = left - np.clip(left, -friction, friction)
-        kept = np.where(settled, left, np.where(rests | (beyond != 0.0), beyond, np.nan))
+        torque = np.where(settled, left, np.where(rests | (beyond != 0.0), beyond, np.nan))
         for j, reach in enumerate(run.motion.blurred):
-            kept[: int(reach), j] = kept[len(kept) - int(reach) :, j] = np.nan
-        found.append(kept)
-    return found
+            torque[: int(reach), j] = torque[len(torque) - int(reach) :, j] = np.nan
+        torques.append(torque)
+    return torques

@@ -1,7 +1,7 @@
 """Arrays that wait on disk until they are asked for: sums and tables that would fill the memory.
 
-They go to an unnamed temporary file, which vanishes with the process that made it, and are mapped into memory one by
-one: what is asked for is read, what is let go is gone.
+They go to an unnamed temporary file, which vanishes with the process that made it, and are mapped
+into memory one by one: what is asked for is read, what is let go is gone.
 """
 
 from __future__ import annotations
@@ -18,15 +18,22 @@ from ident.errors import InputError
 
 
 class SpooledArrays(Sequence[Float[Array, "..."]]):
-    """Arrays of any shape and kind in one temporary file, or in that of others; entries are read-only maps, or changed.
+    """Arrays of any shape and kind in one temporary file, or in that of others; entries are
+    read-only maps, or changed.
 
     Attributes:
         change: What is made of an array when it is asked for, by its index; nothing if None.
     """
 
-    def __init__(self, arrays: Iterable[Float[Array, "..."]] = (), beside: SpooledArrays | None = None) -> None:
+    def __init__(
+        self, arrays: Iterable[Float[Array, "..."]] = (), beside: SpooledArrays | None = None
+    ) -> None:
         self.change: Callable[[int, Array], Array] | None = None
-        self._file: IO[bytes] = TemporaryFile(prefix="armgap-") if beside is None else beside._file  # noqa: SIM115
+        self._file: IO[bytes]
+        if beside is None:
+            self._file = TemporaryFile(prefix="armgap-")  # noqa: SIM115
+        else:
+            self._file = beside._file
         self._spots: list[tuple[int, tuple[int, ...], np.dtype[Any]]] = []
         for values in arrays:
             self.append(values)
@@ -45,22 +52,27 @@ class SpooledArrays(Sequence[Float[Array, "..."]]):
         Raises:
             InputError: The disk of temporary files is full.
         """
-        values, (offset, *kind) = np.asarray(values), self._spots[index]
+        values = np.asarray(values)
+        (offset, *kind) = self._spots[index]
         try:
-            where = (offset, os.SEEK_SET) if kind == [values.shape, values.dtype] else (0, os.SEEK_END)
+            where = (
+                (offset, os.SEEK_SET) if kind == [values.shape, values.dtype] else (0, os.SEEK_END)
+            )
             self._spots[index] = self._file.seek(*where), values.shape, values.dtype
             self._file.write(values.tobytes())
             self._file.flush()
         except OSError as error:
             remedy = "free some space there, or name a roomier folder in the variable TMPDIR"
-            raise InputError(gettempdir(), f"can't hold a long session: {error.strerror}", remedy) from None
+            raise InputError(
+                gettempdir(), f"can't hold a long session: {error.strerror}", remedy
+            ) from None
 
     def __getitem__(self, index: Any) -> Any:
-        at = range(len(self))[index]
-        if not isinstance(at, int):
-            return tuple(self[k] for k in at)
-        offset, shape, kind = self._spots[at]
+        number = range(len(self))[index]
+        if not isinstance(number, int):
+            return tuple(self[k] for k in number)
+        offset, shape, kind = self._spots[number]
         if 0 in shape:
             return np.zeros(shape, dtype=kind)
-        found = np.asarray(np.memmap(self._file, dtype=kind, mode="r", offset=offset, shape=shape))
-        return found if self.change is None else self.change(at, found)
+        array = np.asarray(np.memmap(self._file, dtype=kind, mode="r", offset=offset, shape=shape))
+        return array if self.change is None else self.change(number, array)

@@ -1,4 +1,7 @@
-"""ArmModel: a URDF as batched rigid-body dynamics. The only importer of Pinocchio in the identification."""
+"""ArmModel: a URDF as batched rigid-body dynamics.
+
+The only importer of Pinocchio in the identification.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,14 @@ from ident.recordings.recording import Payload
 from ident.robot.chain import Chain, compute_joint_poses, compute_regressor
 from ident.robot.limits import KnownLimits, known_limits
 from ident.robot.names import find_urdf, split_tip
-from ident.robot.urdf import arm_tips, followers, lock_beside, normalise_urdf, parse_urdf, read_reductions
+from ident.robot.urdf import (
+    arm_tips,
+    followers,
+    lock_beside,
+    normalise_urdf,
+    parse_urdf,
+    read_reductions,
+)
 from ident.safe_read import read_text
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # on the base of a URDF, which stands on a floor [m/s²]
@@ -26,7 +36,9 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # on the base of a URDF, which stands on a
 
 @dataclass(frozen=True, eq=False)
 class ArmModel:
-    """A serial arm of n one-axis joints: kinematics, inverse dynamics, regressor and collision geometry."""
+    """A serial arm of n one-axis joints: kinematics, inverse dynamics, regressor and collision
+    geometry.
+    """
 
     __repr__ = in_a_line
 
@@ -41,16 +53,19 @@ class ArmModel:
 
     @classmethod
     def load(cls, robot: str | Path, joints: Sequence[str] | None = None) -> ArmModel:
-        """Loads a URDF or xacro path, or a name (`ident.robot.names`); grippers, heads and wheels are locked at zero.
+        """Loads a URDF or xacro path, or a name (`ident.robot.names`); grippers, heads and wheels
+        are locked at zero.
 
         Args:
-            robot: Path or name; of a robot of several arms with the last joint of one (`baxter:left_w2`).
+            robot: Path or name; of a robot of several arms with the last joint of one
+                (`baxter:left_w2`).
             joints: Joints to keep; the others are locked at their neutral position. All if None.
 
         Raises:
             RobotError: No such robot, not a URDF, no inertia, or not a serial chain.
         """
-        path, (_, tip) = find_urdf(robot), split_tip(robot)
+        path = find_urdf(robot)
+        (_, tip) = split_tip(robot)
         if path.suffix == ".xacro":  # few are
             text = import_module("ident.robot.xacro_files").expand(path)
         else:
@@ -64,7 +79,11 @@ class ArmModel:
 
     @classmethod
     def from_urdf(
-        cls, text: str, source: Path | None = None, locked: dict[str, float] | None = None, tip: str = ""
+        cls,
+        text: str,
+        source: Path | None = None,
+        locked: dict[str, float] | None = None,
+        tip: str = "",
     ) -> ArmModel:
         """Builds the arm from a URDF text.
 
@@ -92,9 +111,14 @@ class ArmModel:
             remedy = f"name the last joint of the arm that is meant behind the robot: {tips}"
             raise RobotError(where, f"not a serial chain: {model.names[fork]} forks off", remedy)
         if coupled := [*followers(parse_urdf(urdf, where))]:
-            what = f"{', '.join(coupled)} move with other joints (<mimic>): as a palletiser's, they make no chain"
+            what = (
+                f"{', '.join(coupled)} move with other joints (<mimic>): as a palletiser's, they "
+                "make no chain"
+            )
             raise RobotError(
-                where, what, "give an arm of free joints; coupled ones that hardly weigh can be made fixed"
+                where,
+                what,
+                "give an arm of free joints; coupled ones that hardly weigh can be made fixed",
             )
         moved = np.cumsum([model.inertias[i].mass for i in range(model.njoints - 1, 0, -1)])[::-1]
         for i, mass in enumerate(moved, start=1):
@@ -106,7 +130,7 @@ class ArmModel:
     @property
     def n(self) -> int:
         """Number of joints."""
-        return self.model.nv
+        return int(self.model.nv)
 
     @property
     def lower(self) -> Float[Array, " n"]:
@@ -135,7 +159,9 @@ class ArmModel:
 
     @property
     def rated_torque(self) -> Float[Array, " n"]:
-        """The torque limits; where the URDF has none, what a joint needs against gravity gives one [N m or N]."""
+        """The torque limits; where the URDF has none, what a joint needs against gravity gives one
+        [N m or N].
+        """
         known = np.isfinite(self.known_limits.effort)
         if known.all():
             return self.effort_limit
@@ -168,7 +194,10 @@ class ArmModel:
     def links(self) -> tuple[str, ...]:
         """Name of the link that each joint moves."""
         bodies = [frame for frame in self.model.frames if frame.type == pin.FrameType.BODY]
-        return tuple(next(body.name for body in bodies if body.parentJoint == i) for i in range(1, self.n + 1))
+        names: dict[int, str] = {}
+        for body in bodies:
+            names.setdefault(int(body.parentJoint), str(body.name))
+        return tuple(names[i] for i in range(1, self.n + 1))
 
     @property
     def digest(self) -> str:
@@ -177,10 +206,12 @@ class ArmModel:
 
     @property
     def content(self) -> str:
-        """SHA-256 of joints, lengths, axes and inertias, to the nine places that numbers through xacro keep."""
+        """SHA-256 of joints, lengths, axes and inertias, to the nine places that numbers through
+        xacro keep.
+        """
         digest = hashlib.sha256("\0".join(self.joint_names).encode())
-        for part in (self.chain.rotations[:, 0], *self.chain[1:4], self.inertial_parameters):
-            digest.update((np.round(np.asarray(part, dtype=float), 9) + 0.0).tobytes())
+        for values in (self.chain.rotations[:, 0], *self.chain[1:4], self.inertial_parameters):
+            digest.update((np.round(np.asarray(values, dtype=float), 9) + 0.0).tobytes())
         return digest.hexdigest()
 
     def is_same(self, other: ArmModel) -> bool:
@@ -203,8 +234,10 @@ class ArmModel:
         states = [np.asfortranarray(np.asarray(values, dtype=float).T) for values in (q, dq, ddq)]
         if states[0].shape[1] == 0:
             return np.zeros((0, self.n))
-        torque = pin.rneaInParallel(1, self._pool, *states)  # a thread more waits busily: twice the processor time
-        return np.ascontiguousarray(np.reshape(torque, states[0].shape).T)  # one state comes back as a vector
+        # a thread more waits busily: twice the processor time
+        torque = pin.rneaInParallel(1, self._pool, *states)
+        # one state comes back as a vector
+        return np.ascontiguousarray(np.reshape(torque, states[0].shape).T)
 
     def gravity(self, q: Float[Array, "T n"]) -> Float[Array, "T n"]:
         """Torque that holds the arm still [N m]."""
@@ -223,16 +256,21 @@ class ArmModel:
     def derivatives(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
     ) -> tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n"]]:
-        """∂τ/∂q, ∂τ/∂dq and ∂τ/∂ddq (the mass matrix) of `inverse_dynamics`; rows are torques, columns are joints.
+        """∂τ/∂q, ∂τ/∂dq and ∂τ/∂ddq (the mass matrix) of `inverse_dynamics`; rows are torques,
+        columns are joints.
 
-        Tuned links may weigh less than nothing. Pinocchio's sums of bodies can't; the derivatives are linear in all
-        inertial parameters, so that masses are added to every link, and taken away again.
+        Tuned links may weigh less than nothing. Pinocchio's sums of bodies can't; the derivatives
+        are linear in all inertial parameters, so that masses are added to every link, and taken
+        away again.
         """
         parameters = self.inertial_parameters
         if np.any(parameters[::10] < 0.0):
             more = np.zeros_like(parameters)
             more[::10] = 1.0 + np.maximum(-parameters[::10], 0.0)
-            pair = (self.with_inertial_parameters(parameters + more), self.with_inertial_parameters(more))
+            pair = (
+                self.with_inertial_parameters(parameters + more),
+                self.with_inertial_parameters(more),
+            )
             heavy, added = (arm.derivatives(q, dq, ddq) for arm in pair)
             return heavy[0] - added[0], heavy[1] - added[1], heavy[2] - added[2]
         data = self.model.createData()
@@ -244,37 +282,56 @@ class ArmModel:
 
     def mean_inertia(self, q: Float[Array, "T n"]) -> Float[Array, " n"]:
         """What each joint moves of the links, on average over some positions [kg m²]."""
-        return np.asarray(np.diagonal(self.derivatives(q, 0.0 * q, 0.0 * q)[2], axis1=1, axis2=2).mean(axis=0))
+        return np.asarray(
+            np.diagonal(self.derivatives(q, 0.0 * q, 0.0 * q)[2], axis1=1, axis2=2).mean(axis=0)
+        )
 
     @property
     def inertial_parameters(self) -> Float[Array, " 10n"]:
-        """Ten numbers a link: m, m c, and inertia about the joint frame as xx, xy, yy, xz, yz, zz [SI]."""
-        return freeze(np.concatenate([self.model.inertias[i].toDynamicParameters() for i in range(1, self.n + 1)]))
+        """Ten numbers a link: m, m c, and inertia about the joint frame as xx, xy, yy, xz, yz, zz
+        [SI].
+        """
+        return freeze(
+            np.concatenate(
+                [self.model.inertias[i].toDynamicParameters() for i in range(1, self.n + 1)]
+            )
+        )
 
     def with_inertial_parameters(self, parameters: Float[Array, " 10n"]) -> ArmModel:
         """The same arm with other link inertias, in the order of `inertial_parameters`."""
         model = pin.Model(self.model)
-        for i, link in enumerate(np.reshape(np.asarray(parameters, dtype=float), (self.n, 10)), start=1):
-            # Set piece by piece: the constructor refuses what least squares may find, an inertia that no body could
-            # have. A zero mass carries its moments about the joint frame.
-            inertia, mass = pin.Inertia.Zero(), float(link[0])
+        for i, link in enumerate(
+            np.reshape(np.asarray(parameters, dtype=float), (self.n, 10)), start=1
+        ):
+            # Set piece by piece: the constructor refuses what least squares may find, an inertia
+            # that no body could have. A zero mass carries its moments about the joint frame.
+            inertia = pin.Inertia.Zero()
+            mass = float(link[0])
             lever = link[1:4] / mass if mass != 0.0 else np.zeros(3)
             about_origin = link[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3)
             cross = pin.skew(lever)
-            inertia.mass, inertia.lever, inertia.inertia = mass, lever, about_origin + mass * cross @ cross
+            inertia.mass = mass
+            inertia.lever = lever
+            inertia.inertia = about_origin + mass * cross @ cross
             model.inertias[i] = inertia
         return replace(self, model=model)
 
     def with_payload(self, payload: Payload | None) -> ArmModel:
-        """The same arm carrying a point mass at the payload's centre of mass, in the last link's frame."""
+        """The same arm carrying a point mass at the payload's centre of mass, in the last link's
+        frame.
+        """
         if payload is None or payload.mass_kg == 0.0:
             return self
-        body = pin.Inertia(float(payload.mass_kg), np.array(payload.com_m, dtype=float), np.zeros((3, 3)))
+        body = pin.Inertia(
+            float(payload.mass_kg), np.array(payload.com_m, dtype=float), np.zeros((3, 3))
+        )
         model = pin.Model(self.model)
         model.inertias[self.n] = model.inertias[self.n] + body
         return replace(self, model=model)
 
-    def with_position_limits(self, lower: Float[Array, " n"], upper: Float[Array, " n"]) -> ArmModel:
+    def with_position_limits(
+        self, lower: Float[Array, " n"], upper: Float[Array, " n"]
+    ) -> ArmModel:
         """The same arm with other limits of its joints' positions [rad or m]."""
         model = pin.Model(self.model)
         model.lowerPositionLimit = np.array(lower, dtype=float)
@@ -288,19 +345,25 @@ class ArmModel:
         return replace(self, model=model)
 
     def with_rotors(self, inertia: Float[Array, " n"]) -> ArmModel:
-        """The same arm with rotors on its joints [kg m²]: inverse and forward dynamics feel them, the regressor not."""
+        """The same arm with rotors on its joints [kg m²]: inverse and forward dynamics feel them,
+        the regressor not.
+        """
         model = pin.Model(self.model)
         model.armature = np.array(inertia, dtype=float)
         return replace(self, model=model)
 
     def forward_dynamics(self, q: Array, dq: Array, tau: Array) -> Float[Array, "*T n"]:
         """Joint accelerations of one state or of T states under joint torques [rad/s²]."""
-        states = [np.asfortranarray(np.atleast_2d(np.asarray(values, dtype=float)).T) for values in (q, dq, tau)]
-        found = np.reshape(pin.abaInParallel(1, self._pool, *states), states[0].shape)
-        return np.ascontiguousarray(found.T).reshape(np.shape(q))
+        states = [
+            np.asfortranarray(np.atleast_2d(np.asarray(values, dtype=float)).T)
+            for values in (q, dq, tau)
+        ]
+        acceleration = np.reshape(pin.abaInParallel(1, self._pool, *states), states[0].shape)
+        return np.ascontiguousarray(acceleration.T).reshape(np.shape(q))
 
     def locked(self, joints: Sequence[str], positions: Sequence[float] | None = None) -> ArmModel:
-        """The arm with some joints fixed, at the given positions or at neutral: the exact reduction.
+        """The arm with some joints fixed, at the given positions or at neutral: the exact
+        reduction.
 
         Inertias changed by `with_inertial_parameters` are carried over.
         """
@@ -308,16 +371,24 @@ class ArmModel:
             return self
         self._require_joints(joints)
         if set(joints) == set(self.joint_names):
-            raise RobotError(self.source or self.name, "every joint would be locked", "keep at least one joint")
-        at = self.neutral[[self.joint_names.index(name) for name in joints]] if positions is None else positions
-        fixed = {name: float(value) for name, value in zip(joints, at, strict=True)}
+            raise RobotError(
+                self.source or self.name, "every joint would be locked", "keep at least one joint"
+            )
+        angles = (
+            self.neutral[[self.joint_names.index(name) for name in joints]]
+            if positions is None
+            else positions
+        )
+        fixed = {name: float(value) for name, value in zip(joints, angles, strict=True)}
         reduced = ArmModel.from_urdf(self.urdf, self.source, fixed, self.tip)
         reduced = reduced.with_inertial_parameters(self._merged_inertias(reduced, fixed))
         reduced = reduced.with_gravity(self.model.gravity.linear)
         return replace(reduced, locked_joints={**self.locked_joints, **fixed})
 
     def keeping(self, joints: Sequence[str]) -> ArmModel:
-        """The arm with all joints but these fixed at neutral; names that it does not have are passed over."""
+        """The arm with all joints but these fixed at neutral; names that it does not have are
+        passed over.
+        """
         return self.locked([name for name in self.joint_names if name not in joints])
 
     def forward_kinematics(self, q: Float[Array, " n"]) -> dict[str, Float[Array, "4 4"]]:
@@ -334,14 +405,19 @@ class ArmModel:
         self, q: Float[Array, "T n"], links: Sequence[str]
     ) -> dict[str, tuple[Float[Array, "T 3 3"], Float[Array, "T 3"]]]:
         """Orientation and place [m] of some links in the base frame, for T positions at once."""
-        frames = {frame.name: frame for frame in self.model.frames if frame.type == pin.FrameType.BODY}
+        frames = {
+            frame.name: frame for frame in self.model.frames if frame.type == pin.FrameType.BODY
+        }
         joints = {name: int(frames[name].parentJoint) for name in links}
-        poses = compute_joint_poses(self.chain, np.asarray(q, dtype=float), sorted(set(joints.values())))
-        found = {}
+        joint_poses = compute_joint_poses(
+            self.chain, np.asarray(q, dtype=float), sorted(set(joints.values()))
+        )
+        poses = {}
         for name, joint in joints.items():
-            (turn, origin), placed = poses[joint], frames[name].placement
-            found[name] = turn @ placed.rotation, origin + turn @ placed.translation
-        return found
+            turn, origin = joint_poses[joint]
+            placed = frames[name].placement
+            poses[name] = turn @ placed.rotation, origin + turn @ placed.translation
+        return poses
 
     @cached_property
     def geometry(self) -> pin.GeometryModel:
@@ -366,7 +442,9 @@ class ArmModel:
             return pin.buildGeomFromUrdfString(self.model, text, kind, package_dirs=["/"])
         except (ValueError, RuntimeError) as error:
             lines = [line.removeprefix("message: ") for line in str(error).splitlines()]
-            reason = next((line for line in lines if "resource" in line or "Mesh" in line), "".join(lines[:1]))
+            reason = next(
+                (line for line in lines if "resource" in line or "Mesh" in line), "".join(lines[:1])
+            )
             what = f"{tag} geometry can't be read ({reason})"
             raise RobotError(where, what, "mend or replace the mesh, or give boxes") from None
 
@@ -377,34 +455,52 @@ class ArmModel:
     @cached_property
     def chain(self) -> Chain:
         """Joint placements, axes, which joints slide, gravity and inertias, as plain arrays."""
-        model, placed, inertias = self.model, list(self.model.jointPlacements)[1:], list(self.model.inertias)[1:]
-        axes, sliding, rotations = np.zeros((self.n, 3)), np.zeros(self.n, dtype=bool), []
+        model = self.model
+        placed = list(self.model.jointPlacements)[1:]
+        inertias = list(self.model.inertias)[1:]
+        axes = np.zeros((self.n, 3))
+        sliding = np.zeros(self.n, dtype=bool)
+        rotations = []
         for i, joint in enumerate(list(model.joints)[1:]):
             data = joint.createData()
             joint.calc(data, np.zeros(1))
             subspace = np.asarray(data.S.matrix if hasattr(data.S, "matrix") else data.S).reshape(6)
             sliding[i] = np.linalg.norm(subspace[:3]) > 0.5
             axes[i] = subspace[:3] if sliding[i] else subspace[3:]
-            first, cross = placed[i].rotation, (not sliding[i]) * pin.skew(axes[i])
+            first = placed[i].rotation
+            cross = (not sliding[i]) * pin.skew(axes[i])
             rotations.append([first, first @ cross, first @ cross @ cross])
         sliding.setflags(write=False)
-        masses = [freeze([getattr(one, name) for one in inertias]) for name in ("mass", "lever", "inertia")]
-        offsets, gravity = freeze([one.translation for one in placed]), freeze(model.gravity.linear)
+        masses = [
+            freeze([getattr(inertia, name) for inertia in inertias])
+            for name in ("mass", "lever", "inertia")
+        ]
+        offsets = freeze([placement.translation for placement in placed])
+        gravity = freeze(model.gravity.linear)
         return Chain(freeze(rotations), offsets, freeze(axes), sliding, gravity, *masses)
 
     def _merged_inertias(self, reduced: ArmModel, fixed: dict[str, float]) -> Float[Array, " 10m"]:
-        """Link inertias of the reduced arm, with this arm's (perhaps changed) inertias of the locked links added."""
+        """Link inertias of the reduced arm, with this arm's (perhaps changed) inertias of the
+        locked links added.
+        """
         q = np.array([fixed.get(name, 0.0) for name in self.joint_names])
         data = self.model.createData()
         pin.forwardKinematics(self.model, data, q)
-        inertias, anchor = {}, 0
+        inertias = {}
+        anchor = 0
         for i, name in enumerate(self.joint_names, start=1):
             if name not in fixed:
-                anchor, held = i, name
-                inertias[name] = pin.Inertia(self.model.inertias[i])  # a copy: Pinocchio hands out references
+                anchor = i
+                held = name
+                # a copy: Pinocchio hands out references
+                inertias[name] = pin.Inertia(self.model.inertias[i])
             elif anchor:
-                inertias[held] = inertias[held] + data.oMi[anchor].actInv(data.oMi[i]).act(self.model.inertias[i])
-        return np.concatenate([inertias[name].toDynamicParameters() for name in reduced.joint_names])
+                inertias[held] = inertias[held] + data.oMi[anchor].actInv(data.oMi[i]).act(
+                    self.model.inertias[i]
+                )
+        return np.concatenate(
+            [inertias[name].toDynamicParameters() for name in reduced.joint_names]
+        )
 
     def _require_joints(self, joints: Sequence[str]) -> None:
         """Raises RobotError unless all are joints of this arm."""

@@ -1,7 +1,7 @@
 """Limits of a URDF as far as they are known.
 
-Exporters write zeros, ones or giants where nobody gave a limit. Such a number says nothing of the arm: taken at its
-word, a joint could neither move nor hold itself.
+Exporters write zeros, ones or giants where nobody gave a limit. Such a number says nothing of the
+arm: taken at its word, a joint could neither move nor hold itself.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class KnownLimits(NamedTuple):
     @property
     def reach(self) -> Float[Array, " n"]:
         """The farthest position to either side [rad or m]."""
-        return np.maximum(np.abs(self.lower), np.abs(self.upper))
+        return np.asarray(np.maximum(np.abs(self.lower), np.abs(self.upper)))
 
 
 def is_placeholder(values: Float[Array, " n"]) -> Bool[Array, " n"]:
@@ -40,15 +40,21 @@ def is_placeholder(values: Float[Array, " n"]) -> Bool[Array, " n"]:
 
 
 def known_limits(
-    lower: Float[Array, " n"], upper: Float[Array, " n"], speed: Float[Array, " n"], effort: Float[Array, " n"]
+    lower: Float[Array, " n"],
+    upper: Float[Array, " n"],
+    speed: Float[Array, " n"],
+    effort: Float[Array, " n"],
 ) -> KnownLimits:
     """The limits as a URDF states them, made infinite where that says nothing.
 
     Args:
-        lower, upper: Positions [rad or m]; unknown where there is no room between them, or more than any joint has.
+        lower, upper: Positions [rad or m]; unknown where there is no room between them, or more
+            than any joint has.
         speed, effort: Unknown where they are placeholders or beyond all measure.
     """
-    lower, upper, speed, effort = (np.asarray(values, dtype=float) for values in (lower, upper, speed, effort))
+    lower, upper, speed, effort = (
+        np.asarray(values, dtype=float) for values in (lower, upper, speed, effort)
+    )
     has_room = (upper > lower) & (upper - lower < LARGEST_POSITION)
     moves = (speed > 0.0) & (speed < LARGEST_SPEED) & ~is_placeholder(speed)
     pulls = (effort > 0.0) & (effort < LARGEST_EFFORT) & ~is_placeholder(effort)

@@ -1,10 +1,12 @@
-"""The paper's three-joint model: links 1 to 3, and the wrist as a point mass m4 at the end of link 3.
+"""The paper's three-joint model: links 1 to 3, and the wrist as a point mass m4 at the end of link
+3.
 
-An `ArmModel` built from the paper's parameters, equal to its equations A5 to A10 with their printed errors mended. The
-exact reduction, with the wrist frozen as it really is, is `ArmModel.locked`.
+An `ArmModel` built from the paper's parameters, equal to its equations A5 to A10 with their printed
+errors mended. The exact reduction, with the wrist frozen as it really is, is `ArmModel.locked`.
 
-What the lumped model leaves out, and the exact reduction keeps: lateral offsets of the links (so M12 = M13 = 0 here),
-products of inertia, the wrist's own inertia and its centre of mass beyond the J4 axis.
+What the lumped model leaves out, and the exact reduction keeps: lateral offsets of the links (so
+M12 = M13 = 0 here), products of inertia, the wrist's own inertia and its centre of mass beyond the
+J4 axis.
 
 Source: Machines 2023, 11, 350, appendix A; (A2), (A8) M33, (A9) C21 and C32, (A10) G2 corrected.
 """
@@ -34,14 +36,15 @@ class LumpedParameters:
     l2: float  # distance of the centres of mass from the J2 and J3 axes, along the link [m]
     l3: float
     I1y: float  # moment of link 1 about the vertical [kg m²]
-    I2x: float  # principal moments about the centres of mass; x along the link, z along the joint axis [kg m²]
+    # principal moments about the centres of mass; x along the link, z along the joint axis [kg m²]
+    I2x: float
     I2y: float
     I2z: float
     I3x: float
     I3y: float
     I3z: float
-    # Angles of the paper from joint positions: θ = sign · q + offset; θ2 = 0 is an upright upper arm, θ3 = 0 a straight
-    # one.
+    # Angles of the paper from joint positions: θ = sign · q + offset; θ2 = 0 is an upright upper
+    # arm, θ3 = 0 a straight one.
     sign: tuple[int, int, int] = (1, 1, 1)
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -50,17 +53,24 @@ def lumped_parameters(arm: ArmModel) -> LumpedParameters:
     """The paper's parameters from an arm's first three joints and the masses beyond them.
 
     Raises:
-        RobotError: The arm is not of the paper's kind: joint 1 vertical, joints 2 and 3 horizontal and parallel.
+        RobotError: The arm is not of the paper's kind: joint 1 vertical, joints 2 and 3 horizontal
+            and parallel.
     """
-    model, n = arm.model, arm.n
+    model = arm.model
+    n = arm.n
     where = str(arm.source or arm.name)
     if n < 4:
-        raise RobotError(where, f"it has {n} joints", "the three-joint model needs an arm with a wrist; use --links 6")
+        raise RobotError(
+            where,
+            f"it has {n} joints",
+            "the three-joint model needs an arm with a wrist; use --links 6",
+        )
     data = model.createData()
     pin.forwardKinematics(model, data, np.zeros(n))
     poses = [data.oMi[i] for i in range(1, n + 1)]
     axes = [pose.rotation @ axis for pose, axis in zip(poses, arm.joint_axes, strict=True)]
-    vertical, horizontal = np.array([0.0, 0.0, 1.0]), axes[1]
+    vertical = np.array([0.0, 0.0, 1.0])
+    horizontal = axes[1]
     parallel = abs(axes[0] @ vertical) > 0.999 and abs(axes[2] @ horizontal) > 0.999
     if not parallel or abs(horizontal @ vertical) >= 1e-3 or np.any(arm.sliding_joints[:3]):
         what = "the first three joints are not vertical, horizontal, parallel"
@@ -74,7 +84,8 @@ def _planar_figures(arm: ArmModel, poses: list[pin.SE3], axes: list[Array]) -> L
     out = np.cross(axes[1], up)  # a positive turn about J2 leans an upright arm this way
     across = np.eye(3) - np.outer(axes[1], axes[1])
     upper, fore = (across @ (poses[k + 1].translation - poses[k].translation) for k in (1, 2))
-    a2, a3 = float(np.linalg.norm(upper)), float(np.linalg.norm(fore))
+    a2 = float(np.linalg.norm(upper))
+    a3 = float(np.linalg.norm(fore))
     turn2 = float(np.arctan2(upper @ out, upper @ up))
     turn3 = float(np.arctan2(fore @ out, fore @ up)) - turn2
     links = [arm.model.inertias[i] for i in range(1, arm.n + 1)]
@@ -82,7 +93,8 @@ def _planar_figures(arm: ArmModel, poses: list[pin.SE3], axes: list[Array]) -> L
     com3, moments3 = _along_link(links[2], poses[2], fore / a3, axes[1])
     first = poses[0].rotation @ links[0].inertia @ poses[0].rotation.T
     same = 1 if axes[2] @ axes[1] > 0 else -1
-    # θ is measured the way in which joint 2 turns, so that sign2 = 1; joint 1 enters by squares only.
+    # θ is measured the way in which joint 2 turns, so that sign2 = 1; joint 1 enters by squares
+    # only.
     return LumpedParameters(
         m2=links[1].mass,
         m3=links[2].mass,
@@ -100,16 +112,24 @@ def _planar_figures(arm: ArmModel, poses: list[pin.SE3], axes: list[Array]) -> L
     )
 
 
-def _along_link(link: pin.Inertia, pose: pin.SE3, direction: Array, axis: Array) -> tuple[float, tuple[float, ...]]:
-    """Distance of the centre of mass along a link, and the moments about it: along the link, across, joint axis."""
+def _along_link(
+    link: pin.Inertia, pose: pin.SE3, direction: Array, axis: Array
+) -> tuple[float, tuple[float, ...]]:
+    """Distance of the centre of mass along a link, and the moments about it: along the link,
+    across, joint axis.
+    """
     frame = np.stack([direction, np.cross(axis, direction), axis])
     moments = np.diag(frame @ pose.rotation @ link.inertia @ pose.rotation.T @ frame.T)
     return float(direction @ pose.rotation @ link.lever), tuple(float(moment) for moment in moments)
 
 
 def build_lumped_arm(arm: ArmModel) -> ArmModel:
-    """The lumped model as an `ArmModel` with the names and limits of the arm's first three joints."""
-    p, half, names = lumped_parameters(arm), np.pi / 2, arm.joint_names[:3]
+    """The lumped model as an `ArmModel` with the names and limits of the arm's first three
+    joints.
+    """
+    p = lumped_parameters(arm)
+    half = np.pi / 2
+    names = arm.joint_names[:3]
     m34 = p.m3 + p.m4
     com34 = (p.m3 * p.l3 + p.m4 * p.a3) / m34
     # Link 3 and the point mass as one body: parallel axes about the common centre of mass.
@@ -126,18 +146,26 @@ def build_lumped_arm(arm: ArmModel) -> ArmModel:
     ]
     limits = zip(arm.lower, arm.upper, arm.velocity_limit, arm.effort_limit, strict=True)
     parts = ['<robot name="' + arm.name + '_lumped">', '  <link name="base"/>']
-    for i, ((mass, com, moments), (xyz, rpy), limit) in enumerate(zip(links, origins, limits, strict=False)):
+    for i, ((mass, com, moments), (xyz, rpy), limit) in enumerate(
+        zip(links, origins, limits, strict=False)
+    ):
         if i == 1:  # turn joint 2's zero within its own plane
             turned = pin.rpy.rpyToMatrix(np.array(rpy)) @ pin.utils.rotate("z", p.offset[1])
             rpy = tuple(pin.rpy.matrixToRpy(turned))
         lower, upper, velocity, effort = (repr(float(value)) for value in limit)
         ixx, iyy, izz = (repr(float(value)) for value in moments)
         turn = " ".join(repr(float(value)) for value in rpy)
+        parent = "base" if i == 0 else f"lumped_{i}"
         parts.append(
-            f'  <joint name="{names[i]}" type="revolute"><parent link="{"base" if i == 0 else f"lumped_{i}"}"/>'
-            f'<child link="lumped_{i + 1}"/><origin xyz="{xyz}" rpy="{turn}"/><axis xyz="0 0 {p.sign[i]}"/>'
-            f'<limit lower="{lower}" upper="{upper}" velocity="{velocity}" effort="{effort}"/></joint>'
-            f'<link name="lumped_{i + 1}"><inertial><origin xyz="{com!r} 0 0"/><mass value="{mass!r}"/>'
-            f'<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/></inertial></link>'
+            f'  <joint name="{names[i]}" type="revolute"><parent link="{parent}"/>'
+            f'<child link="lumped_{i + 1}"/><origin xyz="{xyz}" rpy="{turn}"/>'
+            f'<axis xyz="0 0 {p.sign[i]}"/>'
+            f'<limit lower="{lower}" upper="{upper}" velocity="{velocity}" effort="{effort}"/>'
+            f'</joint><link name="lumped_{i + 1}">'
+            f'<inertial><origin xyz="{com!r} 0 0"/><mass value="{mass!r}"/>'
+            f'<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/>'
+            "</inertial></link>"
         )
-    return ArmModel.from_urdf("\n".join([*parts, "</robot>"]), arm.source).with_gravity(arm.model.gravity.linear)
+    return ArmModel.from_urdf("\n".join([*parts, "</robot>"]), arm.source).with_gravity(
+        arm.model.gravity.linear
+    )

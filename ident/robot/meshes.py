@@ -21,7 +21,8 @@ ELEMENTS = re.compile(rb"(?m)^[ \t]*element[ \t]+\S+[ \t]+(\d+)")
 COUNTS = re.compile(rb"""\bcount\s*=\s*["'](\d+)["']""")
 HEADER_BYTES = 1 << 16
 # Bytes of a binary .stl before its triangles, and of one of them.
-STL_HEAD, STL_TRIANGLE = 84, 50
+STL_HEAD = 84
+STL_TRIANGLE = 50
 LONGEST_COUNT = 20
 # The files in which an .obj's materials stand, which its reader opens, too.
 MATERIALS = re.compile(rb"(?m)^\s*mtllib\s+(\S.*?)\s*$")
@@ -30,13 +31,14 @@ MATERIALS = re.compile(rb"(?m)^\s*mtllib\s+(\S.*?)\s*$")
 def find_mesh(name: str, source: Path | None) -> Path | None:
     """The file of a mesh name, or None.
 
-    `package://P/rest` is looked for in every folder above the URDF, in example-robot-data, and, where no folder is
-    called P, as `rest` beside the URDF and above it.
+    `package://P/rest` is looked for in every folder above the URDF, in example-robot-data, and,
+    where no folder is called P, as `rest` beside the URDF and above it.
     """
     relative = Path(name.removeprefix("file://").removeprefix("package://"))
     here = [] if source is None else list(source.resolve().parents)
     if name.startswith("package://"):
-        packages, rest = example_robots_folder(), Path(*relative.parts[1:])
+        packages = example_robots_folder()
+        rest = Path(*relative.parts[1:])
         tried = [folder / relative for folder in (*here, packages, packages.parent.parent)]
         tried += [folder / rest for folder in here[:3]]
     elif name.startswith("file://") or relative.is_absolute():
@@ -47,9 +49,13 @@ def find_mesh(name: str, source: Path | None) -> Path | None:
 
 
 def require_mesh(path: Path, where: str | Path, place: str, error: type[InputError]) -> None:
-    """Raises for a file that is no mesh, too large, or has its reader open what is no plain file beside it."""
+    """Raises for a file that is no mesh, too large, or has its reader open what is no plain file
+    beside it.
+    """
     if path.suffix.lower() not in READABLE:
-        raise error(where, f"{place}is no mesh that can be read", f"give one of: {', '.join(READABLE)}")
+        raise error(
+            where, f"{place}is no mesh that can be read", f"give one of: {', '.join(READABLE)}"
+        )
     if (size := path.stat().st_size) > LARGEST:
         raise error(where, f"{place}has {size / 1e6:.0f} MB", "give a simplified mesh")
     require_honest_header(path, where, place, error)
@@ -57,14 +63,21 @@ def require_mesh(path: Path, where: str | Path, place: str, error: type[InputErr
         require_sound_ply(path, where, place, error)
     for name in MATERIALS.findall(path.read_bytes()) if path.suffix.lower() == ".obj" else ():
         material = (path.parent / os.fsdecode(name).lstrip("/")).resolve()
-        if material.exists() and not (material.is_file() and material.is_relative_to(path.parent.resolve())):
+        if material.exists() and not (
+            material.is_file() and material.is_relative_to(path.parent.resolve())
+        ):
             what = f"{place}names {os.fsdecode(name)!r}, no plain file beside it"
             raise error(where, what, "take the line mtllib out: a shape needs no materials")
 
 
-def require_honest_header(path: Path, where: str | Path, place: str, error: type[InputError]) -> None:
-    """Raises for a mesh whose header speaks of more than its file can hold: its reader would make room for it."""
-    kind, size = path.suffix.lower(), path.stat().st_size
+def require_honest_header(
+    path: Path, where: str | Path, place: str, error: type[InputError]
+) -> None:
+    """Raises for a mesh whose header speaks of more than its file can hold: its reader would make
+    room for it.
+    """
+    kind = path.suffix.lower()
+    size = path.stat().st_size
     with path.open("rb") as stream:
         head = stream.read() if kind == ".dae" else stream.read(HEADER_BYTES)
     announced = 0
@@ -80,7 +93,9 @@ def require_honest_header(path: Path, where: str | Path, place: str, error: type
 
 
 def require_sound_ply(path: Path, where: str | Path, place: str, error: type[InputError]) -> None:
-    """Raises for a .ply whose triangles name corners that are not there: its reader would read beyond them."""
+    """Raises for a .ply whose triangles name corners that are not there: its reader would read
+    beyond them.
+    """
     from plyfile import PlyData, PlyListProperty  # few meshes are of this kind
 
     try:
@@ -90,9 +105,10 @@ def require_sound_ply(path: Path, where: str | Path, place: str, error: type[Inp
         corners = len(read["vertex"])
         faces = next(element for element in read.elements if element.name == "face")
         lists = [faces[name.name] for name in faces.properties if isinstance(name, PlyListProperty)]
-        named = [np.asarray(one) for column in lists for one in column if len(one)]
+        named = [np.asarray(corners) for column in lists for corners in column if len(corners)]
         numbers = np.concatenate([np.zeros(1), *named])
-    except Exception as failed:  # the package raises its own, and whatever NumPy raises at odd numbers
+    # the package raises its own, and whatever NumPy raises at odd numbers
+    except Exception as failed:
         what = f"{place}is no whole .ply ({first_line(failed)})"
         raise error(where, what, "mend or replace the mesh") from None
     if not np.isfinite(numbers).all() or numbers.min() < 0 or numbers.max() >= max(corners, 1):
@@ -101,12 +117,15 @@ def require_sound_ply(path: Path, where: str | Path, place: str, error: type[Inp
 
 
 def _whole(digits: bytes) -> int:
-    """A count as its header writes it; of very many digits only so many as tell that it is too large."""
+    """A count as its header writes it; of very many digits only so many as tell that it is too
+    large.
+    """
     return int(digits[:LONGEST_COUNT])
 
 
 def with_mesh_paths(urdf: str, tag: str, source: Path | None, where: str) -> str:
-    """The URDF with the meshes of one tag, `collision` or `visual`, named by their paths; the other tag's are left out.
+    """The URDF with the meshes of one tag, `collision` or `visual`, named by their paths; the other
+    tag's are left out.
 
     Raises:
         RobotError: A mesh is missing, or as `require_mesh`.
@@ -118,7 +137,8 @@ def with_mesh_paths(urdf: str, tag: str, source: Path | None, where: str) -> str
             link.remove(element)
         for mesh in link.findall(f"{tag}/geometry/mesh"):
             name = mesh.get("filename", "")
-            path, place = find_mesh(name, source), f"link {link.get('name', '')}: mesh {name!r}"
+            path = find_mesh(name, source)
+            place = f"link {link.get('name', '')}: mesh {name!r}"
             if path is None:
                 remedy = "put the mesh files beside the URDF, under their package's name"
                 raise RobotError(where, f"{place} is not there", remedy)

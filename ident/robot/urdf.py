@@ -18,11 +18,18 @@ from ident.errors import RobotError
 from ident.safe_read import read_xml
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-# Arms on humanoids with all their sensors have some two hundred; a chain of more is deeper than parsers can follow.
+# Arms on humanoids with all their sensors have some two hundred; a chain of more is deeper than
+# parsers can follow.
 MOST_JOINTS = 500
-# Humanoids with both hands have some eighty that move; the room that dynamics need grows with the cube of them.
+# Humanoids with both hands have some eighty that move; the room that dynamics need grows with the
+# cube of them.
 MOST_MOVING = 150
-SHAPES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}, "mesh": {"scale": 3}}
+SHAPES = {
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "mesh": {"scale": 3},
+}
 # Numbers of a joint that may be left out, and what they are then.
 OPTIONAL = {
     "dynamics": {"damping": "0", "friction": "0"},
@@ -38,6 +45,9 @@ OPTIONAL = {
 # As every parser of URDFs reads it.
 PLAIN_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
+MOVING = ("revolute", "continuous", "prismatic")
+# A branch with more joints than a finger has is another arm.
+MOST_FINGER_JOINTS = 4
 
 
 def check_urdf(root: ET.Element, where: str) -> None:
@@ -46,7 +56,12 @@ def check_urdf(root: ET.Element, where: str) -> None:
     joints = root.findall("joint")
     moving = sum(joint.get("type") != "fixed" for joint in joints)
     one_arm = "give the URDF of one arm"
-    _require(len(joints) <= MOST_JOINTS, where, f"it has {len(joints)} joints, fixed ones counted", one_arm)
+    _require(
+        len(joints) <= MOST_JOINTS,
+        where,
+        f"it has {len(joints)} joints, fixed ones counted",
+        one_arm,
+    )
     _require(moving <= MOST_MOVING, where, f"it has {moving} joints that move", one_arm)
     for kind in ("link", "joint"):
         counts = Counter(element.get("name") or "" for element in root.findall(kind))
@@ -66,32 +81,42 @@ def _require(fine: object, where: str, what: str, remedy: str) -> None:
         raise RobotError(where, what, remedy)
 
 
-def _numbers(element: ET.Element | None, key: str, default: str, count: int, place: str, where: str) -> np.ndarray:
+def _numbers(
+    element: ET.Element | None, key: str, default: str, count: int, place: str, where: str
+) -> np.ndarray:
     """The finite numbers of an attribute, which is then written as every parser reads it.
 
-    Blanks around a number are taken away: the parsers' own check of `2.443 ` fails, and the link weighs nothing.
-    Digits of other alphabets, `2_443` and hexadecimals are refused.
+    Blanks around a number are taken away: the parsers' own check of `2.443 ` fails, and the link
+    weighs nothing. Digits of other alphabets, `2_443` and hexadecimals are refused.
     """
     text = default if element is None else element.get(key, default)
     words = text.split()
     plain = len(words) == count and all(PLAIN_NUMBER.fullmatch(word) for word in words)
     values = np.array([float(word) for word in words]) if plain else np.array([np.nan])
     fine = np.all(np.isfinite(values))
-    _require(fine, where, f"{place} is {text!r}", "give a number" if count == 1 else f"give {count} numbers")
+    _require(
+        fine,
+        where,
+        f"{place} is {text!r}",
+        "give a number" if count == 1 else f"give {count} numbers",
+    )
     if element is not None and key in element.attrib:
         element.set(key, " ".join(words))
     return values
 
 
 def _check_inertial(link: ET.Element, where: str) -> None:
-    inertial, name = link.find("inertial"), f"link {link.get('name')!r}"
+    inertial = link.find("inertial")
+    name = f"link {link.get('name')!r}"
     if inertial is None:
         return
     mass, inertia, origin = (inertial.find(tag) for tag in ("mass", "inertia", "origin"))
     if mass is None or inertia is None:
         raise RobotError(where, f"{name}: <inertial> lacks <mass> or <inertia>", "add it")
     weight = _numbers(mass, "value", "", 1, f"{name}: mass", where)[0]
-    _require(weight >= 0, where, f"{name}: mass is {mass.get('value')}", "give a mass of zero or more")
+    _require(
+        weight >= 0, where, f"{name}: mass is {mass.get('value')}", "give a mass of zero or more"
+    )
     for key in MOMENTS:
         _numbers(inertia, key, "", 1, f"{name}: {key}", where)
     for key in ("xyz", "rpy"):
@@ -107,14 +132,20 @@ def _check_shapes(link: ET.Element, where: str) -> None:
                 _numbers(element.find("origin"), key, "0 0 0", 3, f"{name}: origin {key}", where)
             for shape, lengths in SHAPES.items():
                 for key, count in lengths.items():
-                    if (found := element.find(f"geometry/{shape}")) is not None:
+                    if (form := element.find(f"geometry/{shape}")) is not None:
                         default = "1 1 1" if shape == "mesh" else ""
-                        _numbers(found, key, default, count, f"{name}: {shape} {key}", where)
+                        _numbers(form, key, default, count, f"{name}: {shape} {key}", where)
 
 
 def _check_joint(joint: ET.Element, where: str) -> None:
-    name, kind = f"joint {joint.get('name')!r}", joint.get("type")
-    _require(kind in JOINT_TYPES, where, f"{name}: type is {kind!r}", f"use one of: {', '.join(JOINT_TYPES)}")
+    name = f"joint {joint.get('name')!r}"
+    kind = joint.get("type")
+    _require(
+        kind in JOINT_TYPES,
+        where,
+        f"{name}: type is {kind!r}",
+        f"use one of: {', '.join(JOINT_TYPES)}",
+    )
     for key in ("xyz", "rpy"):
         _numbers(joint.find("origin"), key, "0 0 0", 3, f"{name}: origin {key}", where)
     for tag, keys in OPTIONAL.items():
@@ -123,16 +154,29 @@ def _check_joint(joint: ET.Element, where: str) -> None:
                 _numbers(element, key, default, 1, f"{name}: {tag} {key}", where)
     if kind in ("fixed", "floating"):
         return
-    axis, limit = _numbers(joint.find("axis"), "xyz", "1 0 0", 3, f"{name}: axis", where), joint.find("limit")
+    axis = _numbers(joint.find("axis"), "xyz", "1 0 0", 3, f"{name}: axis", where)
+    limit = joint.find("limit")
     _require(np.any(axis), where, f"{name}: axis is zero", "give a direction")
     if limit is None:
         bounded = kind in ("revolute", "prismatic")
-        _require(not bounded, where, f"{name} has no <limit>", "add one, or make a revolute joint continuous")
+        _require(
+            not bounded,
+            where,
+            f"{name} has no <limit>",
+            "add one, or make a revolute joint continuous",
+        )
         return
-    lower, upper = (_numbers(limit, key, "0", 1, f"{name}: limit {key}", where)[0] for key in ("lower", "upper"))
+    lower, upper = (
+        _numbers(limit, key, "0", 1, f"{name}: limit {key}", where)[0] for key in ("lower", "upper")
+    )
     for key in ("effort", "velocity"):
         _numbers(limit, key, "", 1, f"{name}: limit {key}", where)
-    _require(lower <= upper, where, f"{name}: lower limit {lower:g} is above upper limit {upper:g}", "swap them")
+    _require(
+        lower <= upper,
+        where,
+        f"{name}: lower limit {lower:g} is above upper limit {upper:g}",
+        "swap them",
+    )
 
 
 def _check_tree(root: ET.Element, where: str) -> None:
@@ -141,18 +185,36 @@ def _check_tree(root: ET.Element, where: str) -> None:
     children: set[str] = set()
     for joint in root.findall("joint"):
         for tag in ("parent", "child"):
-            link, name = link_of(joint, tag), f"joint {joint.get('name')!r}"
+            link = link_of(joint, tag)
+            name = f"joint {joint.get('name')!r}"
             _require(link, where, f"{name} names no {tag} link", f"add <{tag} link=…/>")
             known = link in links
-            _require(known, where, f"{name}: there is no {tag} link {link!r}", "add the link, or correct the name")
-        _require(link not in children, where, f"link {link!r} hangs from two joints", "an arm has no loops: remove one")
+            _require(
+                known,
+                where,
+                f"{name}: there is no {tag} link {link!r}",
+                "add the link, or correct the name",
+            )
+        _require(
+            link not in children,
+            where,
+            f"link {link!r} hangs from two joints",
+            "an arm has no loops: remove one",
+        )
         children.add(link)
     bases = [link for link in links if link not in children]
-    what = f"it has {len(bases)} base links" + (f" ({', '.join(map(str, bases[:4]))})" if bases else "")
+    what = f"it has {len(bases)} base links" + (
+        f" ({', '.join(map(str, bases[:4]))})" if bases else ""
+    )
     _require(len(bases) == 1, where, what, "join all links to one base")
     reached = _below(root, bases[0])
     lost = next((link for link in links if link not in reached), None)
-    _require(lost is None, where, f"link {lost!r} hangs from itself", "an arm has no loops: correct a parent")
+    _require(
+        lost is None,
+        where,
+        f"link {lost!r} hangs from itself",
+        "an arm has no loops: correct a parent",
+    )
 
 
 def _below(root: ET.Element, base: str | None) -> set[str | None]:
@@ -171,11 +233,6 @@ def _below(root: ET.Element, base: str | None) -> set[str | None]:
     return reached
 
 
-MOVING = ("revolute", "continuous", "prismatic")
-# A branch with more joints than a finger has is another arm.
-MOST_FINGER_JOINTS = 4
-
-
 def parse_urdf(text: str, where: str) -> ET.Element:
     """The `<robot>` element of a URDF text."""
     root = read_xml(text, where, "give a URDF file", RobotError)
@@ -191,11 +248,13 @@ def moving_joints(root: ET.Element) -> list[ET.Element]:
 
 
 def gripper_joints(root: ET.Element) -> list[str]:
-    """Names of the joints beside and beyond the arm: fingers, a head, wheels, by which it is no longer a chain.
+    """Names of the joints beside and beyond the arm: fingers, a head, wheels, by which it is no
+    longer a chain.
 
-    At a fork the arm goes on in the branch that is as long as an arm (more than `MOST_FINGER_JOINTS` joints one after
-    the other). Where no branch is, or the joints before the fork are an arm already, they are fingers. Empty where
-    which branch is the arm can't be known: several are long enough, or none is and they begin at the base.
+    At a fork the arm goes on in the branch that is as long as an arm (more than
+    `MOST_FINGER_JOINTS` joints one after the other). Where no branch is, or the joints before the
+    fork are an arm already, they are fingers. Empty where which branch is the arm can't be known:
+    several are long enough, or none is and they begin at the base.
     """
     children: dict[str, list[ET.Element]] = {}
     for joint in root.findall("joint"):
@@ -205,24 +264,29 @@ def gripper_joints(root: ET.Element) -> list[str]:
         return joint.get("type") in MOVING
 
     def below(joint: ET.Element) -> list[str]:
-        names, coming = [], [joint]
+        names = []
+        coming = [joint]
         while coming:
-            one = coming.pop()
-            names += [one.get("name") or ""] if moves(one) else []
-            coming += reversed(children.get(link_of(one, "child"), []))
+            element = coming.pop()
+            names += [element.get("name") or ""] if moves(element) else []
+            coming += reversed(children.get(link_of(element, "child"), []))
         return names
 
     def length(joint: ET.Element) -> int:
-        longest, coming = 0, [(joint, 0)]
+        longest = 0
+        coming = [(joint, 0)]
         while coming:
-            one, so_far = coming.pop()
-            so_far += moves(one)
+            element, so_far = coming.pop()
+            so_far += moves(element)
             longest = max(longest, so_far)
-            coming += [(child, so_far) for child in children.get(link_of(one, "child"), [])]
+            coming += [(child, so_far) for child in children.get(link_of(element, "child"), [])]
         return longest
 
     child_links = {link_of(joint, "child") for joint in root.findall("joint")}
-    link = next((item.get("name") for item in root.findall("link") if item.get("name") not in child_links), None)
+    link = next(
+        (item.get("name") for item in root.findall("link") if item.get("name") not in child_links),
+        None,
+    )
     beside: list[str] = []
     arm_joints = 0
     while link is not None:
@@ -241,7 +305,8 @@ def gripper_joints(root: ET.Element) -> list[str]:
 
 
 def lock_beside(text: str, tip: str, where: str) -> tuple[str, dict[str, float]]:
-    """A URDF with every joint locked at zero that is not on the way from the base to one joint, and these joints.
+    """A URDF with every joint locked at zero that is not on the way from the base to one joint, and
+    these joints.
 
     Returns:
         The URDF, and the joints that were locked, with their positions [rad or m].
@@ -254,14 +319,18 @@ def lock_beside(text: str, tip: str, where: str) -> tuple[str, dict[str, float]]
     if tip not in names:
         near = difflib.get_close_matches(tip, names, n=3) or names
         raise RobotError(where, f"no moving joint {tip!r}", f"its joints are: {', '.join(near)}")
-    on_the_way = set(_way(root, next(one for one in moving_joints(root) if one.get("name") == tip)))
+    on_the_way = set(
+        _way(root, next(element for element in moving_joints(root) if element.get("name") == tip))
+    )
     beside = {name: 0.0 for name in names if name not in on_the_way}
     lock_joints(root, beside)
     return ET.tostring(root, encoding="unicode"), beside
 
 
 def arm_tips(text: str) -> list[str]:
-    """The last joint of each arm of a robot of several, longest first; fingers at an arm's end are none of it."""
+    """The last joint of each arm of a robot of several, longest first; fingers at an arm's end are
+    none of it.
+    """
     root = ET.fromstring(text)
     chains = [_way(root, joint) for joint in moving_joints(root)]
     branches = Counter(names[1] for names in chains if len(names) > 1)
@@ -279,17 +348,19 @@ def arm_tips(text: str) -> list[str]:
 
 def _way(root: ET.Element, joint: ET.Element) -> list[str]:
     """Names of the moving joints from one of them back to the base."""
-    above = {link_of(one, "child"): one for one in root.findall("joint")}
-    found: list[str] = []
-    at: ET.Element | None = joint
-    while at is not None:
-        found += [at.get("name") or ""] if at.get("type") in MOVING else []
-        at = above.get(link_of(at, "parent"))
-    return found
+    above = {link_of(element, "child"): element for element in root.findall("joint")}
+    names: list[str] = []
+    current: ET.Element | None = joint
+    while current is not None:
+        names += [current.get("name") or ""] if current.get("type") in MOVING else []
+        current = above.get(link_of(current, "parent"))
+    return names
 
 
 def link_of(joint: ET.Element, end: str) -> str:
-    """Name of a joint's parent or child link; empty where there is none, which `parse_urdf` refuses."""
+    """Name of a joint's parent or child link; empty where there is none, which `parse_urdf`
+    refuses.
+    """
     element = joint.find(end)
     return "" if element is None else element.get("link", "")
 
@@ -298,13 +369,17 @@ def rotation_about(axis: np.ndarray, angle: float) -> np.ndarray:
     """Rotation matrix by Rodrigues' formula, shape (3, 3)."""
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return np.asarray(turn)
 
 
 def rpy_to_matrix(rpy: np.ndarray) -> np.ndarray:
     """Rotation of URDF's fixed-axis roll, pitch and yaw [rad]."""
     unit = np.eye(3)
-    return rotation_about(unit[2], rpy[2]) @ rotation_about(unit[1], rpy[1]) @ rotation_about(unit[0], rpy[0])
+    roll = rotation_about(unit[0], rpy[0])
+    pitch = rotation_about(unit[1], rpy[1])
+    yaw = rotation_about(unit[2], rpy[2])
+    return np.asarray(yaw @ pitch @ roll)
 
 
 def matrix_to_rpy(rotation: np.ndarray) -> np.ndarray:
@@ -318,14 +393,14 @@ def matrix_to_rpy(rotation: np.ndarray) -> np.ndarray:
 
 def read_vector(element: ET.Element | None, key: str, default: str = "0 0 0") -> np.ndarray:
     text = default if element is None else element.get(key, default)
-    return np.array([float(part) for part in text.split()])
+    return np.array([float(number) for number in text.split()])
 
 
 def lock_joints(root: ET.Element, positions: Mapping[str, float]) -> None:
     """Turns joints into fixed ones at the given positions [rad or m], in place.
 
-    Done in the URDF, not with Pinocchio's `buildReducedModel`, so that every later reader of the text (Pinocchio,
-    Coal, MuJoCo) sees the same arm.
+    Done in the URDF, not with Pinocchio's `buildReducedModel`, so that every later reader of the
+    text (Pinocchio, Coal, MuJoCo) sees the same arm.
     """
     for joint in moving_joints(root):
         name = joint.get("name") or ""
@@ -334,7 +409,8 @@ def lock_joints(root: ET.Element, positions: Mapping[str, float]) -> None:
         origin = joint.find("origin")
         if origin is None:
             origin = ET.SubElement(joint, "origin")
-        xyz, rotation = read_vector(origin, "xyz"), rpy_to_matrix(read_vector(origin, "rpy"))
+        xyz = read_vector(origin, "xyz")
+        rotation = rpy_to_matrix(read_vector(origin, "rpy"))
         axis = read_vector(joint.find("axis"), "xyz", "1 0 0")
         if joint.get("type") == "prismatic":
             xyz = xyz + rotation @ (axis / np.linalg.norm(axis)) * positions[name]
@@ -348,17 +424,22 @@ def lock_joints(root: ET.Element, positions: Mapping[str, float]) -> None:
                 joint.remove(element)
 
 
-def normalise_urdf(text: str, where: str, locked: Mapping[str, float]) -> tuple[str, dict[str, float]]:
+def normalise_urdf(
+    text: str, where: str, locked: Mapping[str, float]
+) -> tuple[str, dict[str, float]]:
     """Locks joints and makes continuous joints revolute without limits, so that nq = nv = n.
 
     Returns:
-        The URDF, and the joints that are locked in it: those given, and a gripper's at zero [rad or m].
+        The URDF, and the joints that are locked in it: those given, and a gripper's at zero [rad or
+            m].
     """
     root = parse_urdf(text, where)
     names = [joint.get("name") or "" for joint in moving_joints(root)]
     unknown = [name for name in locked if name not in names]
     if unknown:
-        raise RobotError(where, f"no moving joint {unknown[0]!r}", f"its joints are: {', '.join(names)}")
+        raise RobotError(
+            where, f"no moving joint {unknown[0]!r}", f"its joints are: {', '.join(names)}"
+        )
     fixed = _with_followers(root, {**dict.fromkeys(gripper_joints(root), 0.0), **locked}, where)
     lock_joints(root, fixed)
     for joint in moving_joints(root):
@@ -373,14 +454,19 @@ def normalise_urdf(text: str, where: str, locked: Mapping[str, float]) -> tuple[
 
 
 def _with_followers(root: ET.Element, fixed: Mapping[str, float], where: str) -> dict[str, float]:
-    """Fixed joints, with those that follow one of them (`<mimic>`), at the positions where it holds them [rad or m]."""
-    found, leaders = dict(fixed), followers(root)
+    """Fixed joints, with those that follow one of them (`<mimic>`), at the positions where it holds
+    them [rad or m].
+    """
+    values = dict(fixed)
+    leaders = followers(root)
     for _ in leaders:  # one may follow another that follows
         for name, mimic in leaders.items():
-            if name not in found and (leader := mimic.get("joint", "")) in found:
-                size, offset = (float(mimic.get(key, default)) for key, default in OPTIONAL["mimic"].items())
-                found[name] = float(size * found[leader] + offset)
-    return found
+            if name not in values and (leader := mimic.get("joint", "")) in values:
+                size, offset = (
+                    float(mimic.get(key, default)) for key, default in OPTIONAL["mimic"].items()
+                )
+                values[name] = float(size * values[leader] + offset)
+    return values
 
 
 def followers(root: ET.Element) -> dict[str, ET.Element]:
@@ -390,11 +476,14 @@ def followers(root: ET.Element) -> dict[str, ET.Element]:
 
 
 def read_reductions(text: str) -> dict[str, float]:
-    """Gear ratio of each joint that a URDF's `<transmission>` elements name; what is no ratio is not known."""
-    found = {}
+    """Gear ratio of each joint that a URDF's `<transmission>` elements name; what is no ratio is
+    not known.
+    """
+    ratios = {}
     for transmission in ET.fromstring(text).findall("transmission"):
-        joint, reduction = transmission.find("joint"), transmission.findtext("actuator/mechanicalReduction", "")
+        joint = transmission.find("joint")
+        reduction = transmission.findtext("actuator/mechanicalReduction", "")
         with suppress(ValueError):
             if joint is not None and np.isfinite(ratio := abs(float(reduction))) and ratio > 0.0:
-                found[joint.get("name", "")] = ratio
-    return found
+                ratios[joint.get("name", "")] = ratio
+    return ratios

@@ -1,8 +1,8 @@
-"""xacro files: the package of the same name walks through macros, conditions and includes; what it would evaluate or
-open is worked out here.
+"""xacro files: the package of the same name walks through macros, conditions and includes; what it
+would evaluate or open is worked out here.
 
-Expressions go to our own evaluator (`ident.robot.xacro_expressions`). Files are read where the description's package
-is and nowhere else. What would take for ever is stopped.
+Expressions go to our own evaluator (`ident.robot.xacro_expressions`). Files are read where the
+description's package is and nowhere else. What would take for ever is stopped.
 """
 
 from __future__ import annotations
@@ -25,17 +25,21 @@ from ident.safe_read import DEEPEST, read_text, read_xml, require_no_entities
 
 # Processor time in which the largest descriptions are expanded many times over [s].
 LONGEST_S = 5.0
-# Size of all files of a description together, and of one of numbers; real ones have a tenth of it [bytes].
-LARGEST, LARGEST_YAML = 1 << 22, 1 << 17
+# Size of all files of a description together, and of one of numbers; real ones have a tenth of it
+# [bytes].
+LARGEST = 1 << 22
+LARGEST_YAML = 1 << 17
 # Kinds of files that descriptions are made of.
 INCLUDED = (".xacro", ".urdf", ".xml", ".yaml", ".yml")
 # Where packages are installed, and where below it.
 INSTALLED = {"AMENT_PREFIX_PATH": "share", "ROS_PACKAGE_PATH": ""}
-# Folders that lie beside the others of a package (`urdf/` beside `config/`) where no package.xml marks it.
+# Folders that lie beside the others of a package (`urdf/` beside `config/`) where no package.xml
+# marks it.
 BESIDE = ("urdf", "xacro", "robots")
 # The parameters of a macro, as the package reads them, in time that grows with their length.
 PARAMETER = re.compile(
-    r"""^\s*+([^\s:=]++)\s*+:?=\s*+(\^\|?)?(\$\{.*?\}|\$\(.*?\)|(?:'[^']*+'|"[^"]*+"|[^\s'"]++)++|)(?:\s+|$)(.*)"""
+    r"^\s*+([^\s:=]++)\s*+:?=\s*+(\^\|?)?"
+    r"""(\$\{.*?\}|\$\(.*?\)|(?:'[^']*+'|"[^"]*+"|[^\s'"]++)++|)(?:\s+|$)(.*)"""
 )
 # Lengths and angles of YAML files with their unit.
 UNITS = {"radians": 1.0, "degrees": 0.017453292519943295, "meters": 1.0, "millimeters": 1e-3}
@@ -50,25 +54,33 @@ def expand(path: Path) -> str:
     """The URDF text of a xacro file, its arguments at their defaults.
 
     Raises:
-        RobotError: It can't be expanded: damaged, an argument without a default, a package that is not installed, an
-            expression that reaches beyond numbers and texts or takes too long, or a file from elsewhere.
+        RobotError: It can't be expanded: damaged, an argument without a default, a package that is
+            not installed, an expression that reaches beyond numbers and texts or takes too long, or
+            a file from elsewhere.
     """
     try:
         with _ONE_AT_A_TIME:
             return str(_Expansion(path).text())
     except ImportError:
         raise  # of an extra: reported where all of them are
-    except Exception as error:  # the XML parser, the expressions and the package each raise their own
-        reason = f"{error.where}: {error.what}" if isinstance(error, InputError) else str(error).strip()
+    # the XML parser, the expressions and the package each raise their own
+    except Exception as error:
+        reason = (
+            f"{error.where}: {error.what}" if isinstance(error, InputError) else str(error).strip()
+        )
         reason = (reason.splitlines() or [type(error).__name__])[0]
         raise RobotError(
-            path, f"can't be expanded ({reason})", f"expand it where its packages are: xacro {path.name} > arm.urdf"
+            path,
+            f"can't be expanded ({reason})",
+            f"expand it where its packages are: xacro {path.name} > arm.urdf",
         ) from None
 
 
 @cache
 def _package() -> tuple[Any, dict[str, Any]]:
-    """A copy of the package xacro of our own, so that nobody else meets what is put into it; and its own `WALKED`."""
+    """A copy of the package xacro of our own, so that nobody else meets what is put into it; and
+    its own `WALKED`.
+    """
     spec = importlib.util.find_spec("xacro")
     if spec is None or spec.loader is None:
         raise ModuleNotFoundError("No module named 'xacro'", name="xacro")
@@ -86,15 +98,20 @@ class _Expansion:
         # The package that it belongs to; without one, its folder, or the one above `urdf/`.
         place = path.resolve()
         beside = place.parent.parent if place.parent.name in BESIDE else place.parent
-        self.own = next((folder for folder in place.parents if (folder / "package.xml").is_file()), beside)
-        self.end, self.left = time.thread_time() + LONGEST_S, LARGEST
+        self.own = next(
+            (folder for folder in place.parents if (folder / "package.xml").is_file()), beside
+        )
+        self.end = time.thread_time() + LONGEST_S
+        self.left = LARGEST
 
     def text(self) -> str:
         def bounded(call: Any) -> Any:
             def checked(first: Any, *others: Any, **options: Any) -> Any:
                 self.check_time()
-                found = call(require_plain(first) if isinstance(first, str) else first, *others, **options)
-                return require_plain(found) if call.__name__ == "eval_text" else found
+                result = call(
+                    require_plain(first) if isinstance(first, str) else first, *others, **options
+                )
+                return require_plain(result) if call.__name__ == "eval_text" else result
 
             return checked
 
@@ -107,7 +124,9 @@ class _Expansion:
             get_include_files=self.included,
             is_valid_name=lambda name: str(name).isidentifier(),
             re_macro_arg=PARAMETER,
-            **dict.fromkeys(("warning", "message", "error", "print_location"), lambda *words, **options: None),
+            **dict.fromkeys(
+                ("warning", "message", "error", "print_location"), lambda *words, **options: None
+            ),
         )
         return str(self.xacro.process_file(str(self.path)).toxml())
 
@@ -119,17 +138,17 @@ class _Expansion:
         """The value of `${text}` among the properties of its place."""
 
         def lookup(name: str) -> Any:
-            found = symbols
-            for part in name.split("."):
-                table = found
+            value = symbols
+            for piece in name.split("."):
+                table = value
                 if not isinstance(table, self.xacro.Table):
-                    raise KeyError(part)
-                while isinstance(table, self.xacro.Table) and not dict.__contains__(table, part):
+                    raise KeyError(piece)
+                while isinstance(table, self.xacro.Table) and not dict.__contains__(table, piece):
                     table = table.parent
                 if not isinstance(table, self.xacro.Table) or table is self.xacro._global_symbols:
-                    raise KeyError(part)
-                found = table[part]
-            return found
+                    raise KeyError(piece)
+                value = table[piece]
+            return value
 
         return evaluate(text, lookup, self.functions(), self.check_time)
 
@@ -144,7 +163,9 @@ class _Expansion:
         }
 
     def substitute(self, text: str) -> str:
-        """`$(arg name)`, `$(find package)`, `$(eval expression)`; `$(optenv name default)` is its default."""
+        """`$(arg name)`, `$(find package)`, `$(eval expression)`; `$(optenv name default)` is its
+        default.
+        """
         command, _, rest = text[2:-1].strip().partition(" ")
         arguments = self.xacro.substitution_args_context["arg"]
         if command == "eval":
@@ -167,11 +188,14 @@ class _Expansion:
         """The folder of a package: the description's own, or one that is installed."""
         if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
             raise HarmfulExpression(f"{name!r} is no name of a package")
-        path, named = self.own / "package.xml", None
+        path = self.own / "package.xml"
+        named = None
         with suppress(InputError):
-            named = read_xml(read_text(path, "", largest=LARGEST_YAML), path, "", RobotError).findtext("name")
-        own = [self.own] if name in (self.own.name, named) else []
-        for folder in [*own, *(home / name for home in _installed())]:
+            named = read_xml(
+                read_text(path, "", largest=LARGEST_YAML), path, "", RobotError
+            ).findtext("name")
+        own_folder = [self.own] if name in (self.own.name, named) else []
+        for folder in [*own_folder, *(home / name for home in _installed())]:
             if folder.is_dir():
                 return str(folder)
         raise HarmfulExpression(f"the package {name!r} is not installed")
@@ -182,7 +206,9 @@ class _Expansion:
         homes = (self.own, self.path.resolve().parent, *_installed())
         inside = any(place.is_relative_to(home) for home in homes)
         if place != self.path.resolve() and (place.suffix.lower() not in INCLUDED or not inside):
-            raise HarmfulExpression(f"{name} is no part of the description: it lies outside of its package")
+            raise HarmfulExpression(
+                f"{name} is no part of the description: it lies outside of its package"
+            )
         if not place.exists():
             raise self.xacro.XacroException(f"{name} is not there", exc=FileNotFoundError())
         text = read_text(place, "give a plain file", largest=min(largest, self.left))
@@ -202,9 +228,11 @@ class _Expansion:
         return xml.dom.minidom.parseString(text)
 
     def included(self, name: str, symbols: Any) -> Iterator[str]:
-        """The files that an `<xacro:include>` names, which may have `*` in the last part of its path."""
+        """The files that an `<xacro:include>` names, which may have `*` in the last part of its
+        path.
+        """
         path = Path(self.xacro.abs_filename_spec(str(self.xacro.eval_text(name, symbols))))
-        if not any(one in path.name for one in "*?["):
+        if not any(mark in path.name for mark in "*?["):
             yield str(path)
             return
         if not path.parent.resolve().is_relative_to(self.own):
@@ -223,12 +251,15 @@ class _Expansion:
 
         def with_unit(scale: float) -> Any:
             return lambda loader, node: (
-                scale * float(evaluate(loader.construct_scalar(node), NO_NAMES, {}, self.check_time))
+                scale
+                * float(evaluate(loader.construct_scalar(node), NO_NAMES, {}, self.check_time))
             )
 
         for unit, scale in UNITS.items():
             Loader.add_constructor(f"!{unit}", with_unit(scale))
-        return require_plain(yaml.load(self.read(self.xacro.abs_filename_spec(name), LARGEST_YAML), Loader))
+        return require_plain(
+            yaml.load(self.read(self.xacro.abs_filename_spec(name), LARGEST_YAML), Loader)
+        )
 
 
 def _typed(value: str) -> Any:
@@ -244,8 +275,8 @@ def _typed(value: str) -> Any:
 def _installed() -> list[Path]:
     """The folders of installed packages."""
     return [
-        Path(one).resolve() / below
+        Path(folder).resolve() / below
         for name, below in INSTALLED.items()
-        for one in os.environ.get(name, "").split(os.pathsep)
-        if one
+        for folder in os.environ.get(name, "").split(os.pathsep)
+        if folder
     ]

@@ -21,8 +21,8 @@ from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int, least_squares
 from ident.errors import RecordingError
-from ident.motion.filter import USUAL_MOTION
 from ident.motion.motion import Motion, prepare_run, session_noise
+from ident.motion.settings import USUAL_MOTION
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.records import read_group

@@ -14,6 +14,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.simulation.laws import (
+    Column,
     Contact,
     Law,
     change_law,
@@ -27,6 +28,19 @@ from ident.simulation.sensing import ReadOnly, Sensing
 
 Point = Sequence[float] | Array
 """Three coordinates [m]."""
+DECOYS = {
+    "inertia": "masses and inertias of all links off by up to ten per cent, up or down alike",
+    "geometry": "joint frames up to a millimetre from where the URDF puts them",
+    "friction": (
+        "friction half or twice of what an arm of this size has: start values from a data sheet "
+        "are wrong"
+    ),
+    "controller": (
+        "a controller of half to one and a half times the bandwidth, with another damping"
+    ),
+}
+"""Differences from the data sheet that are no effect of the catalogue and must not be named as one.
+"""
 
 
 @dataclass(frozen=True)
@@ -39,27 +53,34 @@ class AddedBody:
     radius: float = 0.0  # radius of gyration, the same about every axis [m]
 
     def fix_to(self, body: Any) -> None:
-        """Adds it to a link's body in MuJoCo, or takes it away: masses, first and second moments add."""
+        """Adds it to a link's body in MuJoCo, or takes it away: masses, first and second moments
+        add.
+        """
         mass = body.mass + self.mass
-        old, com = np.array(body.ipos), np.array(self.com)
+        old = np.array(body.ipos)
+        com = np.array(self.com)
         centre = (body.mass * old + self.mass * com) / mass
         axes = np.zeros(9)
         mujoco.mju_quat2Mat(axes, np.array(body.iquat))
         turn = axes.reshape(3, 3)
         inertia = turn @ np.diag(body.inertia) @ turn.T + self.mass * self.radius**2 * np.eye(3)
-        for part, place in ((body.mass, old - centre), (self.mass, com - centre)):
-            inertia += part * (place @ place * np.eye(3) - np.outer(place, place))
-        body.mass, body.ipos = mass, centre
+        for weight, place in ((body.mass, old - centre), (self.mass, com - centre)):
+            inertia += weight * (place @ place * np.eye(3) - np.outer(place, place))
+        body.mass = mass
+        body.ipos = centre
         values, vectors = np.linalg.eigh(inertia)
         vectors[:, 0] *= np.sign(np.linalg.det(vectors))
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(vectors).reshape(9))
-        body.iquat, body.inertia = quaternion, values
+        body.iquat = quaternion
+        body.inertia = values
 
 
 @dataclass(frozen=True)
 class Slosh:
-    """Liquid in a vessel on the last link: a mass on springs, free in three directions (outside the catalogue)."""
+    """Liquid in a vessel on the last link: a mass on springs, free in three directions (outside the
+    catalogue).
+    """
 
     mass: float  # moving mass [kg]
     place: Point  # its rest in the last link's frame [m]
@@ -68,22 +89,29 @@ class Slosh:
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies(ReadOnly):
+class RealBodies(ReadOnly):
     """How the real links differ from the URDF's; the n joints' arrays are read-only."""
 
     mass_scale: Float[Array, " n"]  # factor on each link's mass and inertia
     inertia_scale: Float[Array, " n"]  # further factor on the inertia about the centre of mass
     com_shift: Float[Array, "n 3"]  # shift of the centres of mass [m]
     geometry_shift: Float[Array, "n 3"]  # shift of the joint frames in their parents [m]
-    joint_inertia: Float[Array, " n"]  # that the joint itself adds (its rotor, where it is rigid) [kg m²]
+    # that the joint itself adds (its rotor, where it is rigid) [kg m²]
+    joint_inertia: Float[Array, " n"]
     gravity: Float[Array, " 3"]  # in the base's frame [m/s²]
     added: tuple[AddedBody, ...] = ()  # bodies fixed to links
     slosh: Slosh | None = None  # a swinging load
-    tied: tuple[tuple[str, str, float, float], ...] = ()  # rotors of two joints: joint, other, ratio, inertia [kg m²]
+    # rotors of two joints: joint, other, ratio, inertia [kg m²]
+    tied: tuple[tuple[str, str, float, float], ...] = ()
 
 
 def build_model(
-    urdf: str, joints: tuple[str, ...], links: tuple[str, ...], bodies: Bodies, step: float, first_order: bool = False
+    urdf: str,
+    joints: tuple[str, ...],
+    links: tuple[str, ...],
+    bodies: RealBodies,
+    step: float,
+    first_order: bool = False,
 ) -> Any:
     """Compiles the arm.
 
@@ -93,22 +121,28 @@ def build_model(
         links: The link that each joint moves.
         bodies: How the links differ from it.
         step: Step of the simulation [s].
-        first_order: Whether to integrate by symplectic Euler steps, as stiff springs from outside MuJoCo need it.
+        first_order: Whether to integrate by symplectic Euler steps, as stiff springs from outside
+            MuJoCo need it.
 
     Returns:
         mujoco.MjModel, the n joints first, then those of a swinging load.
     """
-    # Fixed links (tool mounts, cameras) become part of the link that carries them; the perturbations then act on all.
+    # Fixed links (tool mounts, cameras) become part of the link that carries them; the
+    # perturbations then act on all.
     spec = _as_chain(mujoco.MjSpec.from_string(without_geometry(urdf)).compile(), joints, bodies)
     for body in bodies.added:
         body.fix_to(spec.body(joints[links.index(body.link)]))
     if (slosh := bodies.slosh) is not None:
-        pulse, liquid = 2.0 * np.pi * slosh.frequency, spec.body(joints[-1]).add_body(name="slosh", pos=slosh.place)
-        spring, damper = slosh.mass * pulse**2, 2.0 * slosh.damping_ratio * slosh.mass * pulse
+        pulse = 2.0 * np.pi * slosh.frequency
+        liquid = spec.body(joints[-1]).add_body(name="slosh", pos=slosh.place)
+        spring = slosh.mass * pulse**2
+        damper = 2.0 * slosh.damping_ratio * slosh.mass * pulse
         for axis in np.eye(3):
             more = {"stiffness": [spring, 0.0, 0.0], "damping": [damper, 0.0, 0.0]}
             liquid.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, **more)
-        liquid.mass, liquid.ipos, liquid.inertia = slosh.mass, np.zeros(3), np.full(3, 4e-4 * slosh.mass)
+        liquid.mass = slosh.mass
+        liquid.ipos = np.zeros(3)
+        liquid.inertia = np.full(3, 4e-4 * slosh.mass)
         liquid.explicitinertial = True
     for joint, other, ratio, inertia in bodies.tied:
         tendon = spec.add_tendon(name=f"{joint}+{other}")
@@ -118,12 +152,20 @@ def build_model(
     model = spec.compile()
     model.opt.timestep = step
     model.opt.gravity[:] = bodies.gravity
-    # Fourth order where it can be: a first-order step shifts velocity by half a step against position. Where springs
-    # join two bodies, the symplectic first-order step is the one that neither feeds nor damps their oscillation.
-    kinds, off = mujoco.mjtIntegrator, mujoco.mjtDisableBit
+    # Fourth order where it can be: a first-order step shifts velocity by half a step against
+    # position. Where springs join two bodies, the symplectic first-order step is the one that
+    # neither feeds nor damps their oscillation.
+    kinds = mujoco.mjtIntegrator
+    off = mujoco.mjtDisableBit
     model.opt.integrator = kinds.mjINT_EULER if first_order else kinds.mjINT_RK4
-    # No constraint is left to solve: motions stay within limits, friction and drives are the plant's own.
-    for bit in (off.mjDSBL_CONSTRAINT, off.mjDSBL_SENSOR, off.mjDSBL_ACTUATION, off.mjDSBL_AUTORESET):
+    # No constraint is left to solve: motions stay within limits, friction and drives are the
+    # plant's own.
+    for bit in (
+        off.mjDSBL_CONSTRAINT,
+        off.mjDSBL_SENSOR,
+        off.mjDSBL_ACTUATION,
+        off.mjDSBL_AUTORESET,
+    ):
         model.opt.disableflags |= int(bit)
     return model
 
@@ -138,8 +180,10 @@ def without_geometry(urdf: str) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def _as_chain(fixed: Any, joints: tuple[str, ...], bodies: Bodies) -> Any:
-    """A fresh spec with one body a joint, named after the joint, the changes of `bodies` applied."""
+def _as_chain(fixed: Any, joints: tuple[str, ...], bodies: RealBodies) -> Any:
+    """A fresh spec with one body a joint, named after the joint, the changes of `bodies`
+    applied.
+    """
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     parent = spec.worldbody
@@ -169,10 +213,12 @@ def _as_chain(fixed: Any, joints: tuple[str, ...], bodies: Bodies) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Hardware:
-    """One individual arm with all that the URDF does not say: inertias, friction, drives and sensors."""
+    """One individual arm with all that the URDF does not say: inertias, friction, drives and
+    sensors.
+    """
 
     arm: ArmModel  # the nominal model, known to everybody
-    bodies: Bodies  # its real links
+    bodies: RealBodies  # its real links
     friction: Law  # its laws
     drive: Law
     heat: Law
@@ -183,9 +229,12 @@ class Hardware:
     damping_ratio: float = 0.8
     friction_spread: float = 0.01  # relative change of the friction from run to run
     contact_run: int = -1  # number of the run in which the contact happens; -1 for all
-    friction_path: Array | None = None  # factors on dry and viscous friction of each run, (R, 2, n); else the spread
-    feed_forward: str = "rigid"  # what its controller adds: gravity (`none`), the `rigid` model, or that and `friction`
-    loop_noise: float | None = None  # share of rated torque that encoder noise becomes in the loop at most
+    # factors on dry and viscous friction of each run, (R, 2, n); else the spread
+    friction_path: Array | None = None
+    # what its controller adds: gravity (`none`), the `rigid` model, or that and `friction`
+    feed_forward: str = "rigid"
+    # share of rated torque that encoder noise becomes in the loop at most
+    loop_noise: float | None = None
 
     @property
     def n(self) -> int:
@@ -194,30 +243,36 @@ class Hardware:
     def replace(self, **changes: Any) -> Hardware:
         return replace(self, **changes)
 
-    def with_laws(self, part: str, joint: int | None = None, **values: Any) -> Hardware:
-        """A copy with columns of one of its laws changed: at one joint, or as a whole where joint is None."""
-        return self.replace(**{part: change_law(getattr(self, part), joint, **values)})
+    def with_laws(self, group: str, joint: int | None = None, **values: Column) -> Hardware:
+        """A copy with columns of one of its laws changed: at one joint, or as a whole where joint
+        is None.
+        """
+        return self.replace(**{group: change_law(getattr(self, group), joint, **values)})
 
 
 def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float = 0.03) -> Hardware:
-    """Draws an individual arm: no effect of the catalogue, but nothing exactly as in the data sheet.
+    """Draws an individual arm: no effect of the catalogue, but nothing exactly as in the data
+    sheet.
 
-    Friction and rotor scale with the rated torque, as gear size does: for 157 N m about 12 N m dry and
-    10 N m s/rad viscous with 1 kg m² of rotor, for 43 N m about 2.6 N m, 1.7 N m s/rad and 0.13 kg m².
-    Measured on a UR10e of like size: 20 and 2.7 N m dry, 27 and 3.4 N m s/rad viscous.
+    Friction and rotor scale with the rated torque, as gear size does: for 157 N m about 12 N m dry
+    and 10 N m s/rad viscous with 1 kg m² of rotor, for 43 N m about 2.6 N m, 1.7 N m s/rad and 0.13
+    kg m². Measured on a UR10e of like size: 20 and 2.7 N m dry, 27 and 3.4 N m s/rad viscous.
     """
-    n, scale = arm.n, arm.rated_torque
-    relative, none = scale / 157.0, np.zeros((n, 3))
-    own = rng.standard_normal((3, n))
-    coulomb = 12.0 * relative**1.15 * np.exp(0.25 * own[0])
-    viscous = 10.0 * relative**1.35 * np.exp(0.25 * own[1])
-    rotor = 1.0 * relative**1.55 * np.exp(0.15 * own[2])
+    n = arm.n
+    scale = arm.rated_torque
+    relative = scale / 157.0
+    none = np.zeros((n, 3))
+    scatter = rng.standard_normal((3, n))
+    coulomb = 12.0 * relative**1.15 * np.exp(0.25 * scatter[0])
+    viscous = 10.0 * relative**1.35 * np.exp(0.25 * scatter[1])
+    rotor = 1.0 * relative**1.55 * np.exp(0.15 * scatter[2])
     size = np.linalg.norm([arm.model.inertias[i].lever for i in range(1, n + 1)], axis=1)
     mass, inertia = (1.0 + inertia_error * rng.standard_normal(n) for _ in range(2))
     shift = inertia_error * size[:, None] * rng.standard_normal((n, 3))
-    bodies = Bodies(mass, inertia, shift, none, np.zeros(n), np.array(arm.model.gravity.linear))
+    bodies = RealBodies(mass, inertia, shift, none, np.zeros(n), np.array(arm.model.gravity.linear))
     rated_loss = coulomb * 0.6 + viscous * 0.6**2
-    # Gear ratios: 100 at the strong joints, 80 at the weak ones, as strain-wave gears of these sizes have.
+    # Gear ratios: 100 at the strong joints, 80 at the weak ones, as strain-wave gears of these
+    # sizes have.
     ratio = np.where(scale > 0.5 * scale.max(), 100.0, 80.0)
     drive = make_law("drive", n, rotor_inertia=rotor, effort_limit=scale, ripple_order=2.0 * ratio)
     return Hardware(
@@ -232,26 +287,21 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
     )
 
 
-DECOYS = {
-    "inertia": "masses and inertias of all links off by up to ten per cent, up or down alike",
-    "geometry": "joint frames up to a millimetre from where the URDF puts them",
-    "friction": "friction half or twice of what an arm of this size has: start values from a data sheet are wrong",
-    "controller": "a controller of half to one and a half times the bandwidth, with another damping",
-}
-"""Differences from the data sheet that are no effect of the catalogue and must not be named as one."""
-
-
 def add_decoy(hardware: Hardware, name: str, rng: np.random.Generator) -> Hardware:
     """The hardware with a decoy.
 
     Raises:
         InputError: No such decoy.
     """
-    n, bodies = hardware.n, hardware.bodies
+    n = hardware.n
+    bodies = hardware.bodies
     if name == "inertia":
         mass, inertia = 1.0 + rng.uniform(-0.1, 0.1, (2, n))
-        own = {"mass_scale": bodies.mass_scale * mass, "inertia_scale": bodies.inertia_scale * inertia}
-        return hardware.replace(bodies=bodies.replace(**own))
+        shifted = {
+            "mass_scale": bodies.mass_scale * mass,
+            "inertia_scale": bodies.inertia_scale * inertia,
+        }
+        return hardware.replace(bodies=bodies.replace(**shifted))
     if name == "geometry":
         shift = bodies.geometry_shift + rng.uniform(-1e-3, 1e-3, (n, 3))
         return hardware.replace(bodies=bodies.replace(geometry_shift=shift))

@@ -1,6 +1,7 @@
 """The closed loop, compiled: controller, friction, drives, heat and MuJoCo's step, tick after tick.
 
-MuJoCo's step is a C call from the compiled loop: a Python call a step would cost more than the dynamics.
+MuJoCo's step is a C call from the compiled loop: a Python call a step would cost more than the
+dynamics.
 """
 
 from __future__ import annotations
@@ -34,10 +35,15 @@ from ident.simulation.laws import (
     warm_up,
 )
 
+STATE = np.dtype([(name, float) for name in COLUMNS["state"]])
+"""What the plant remembers of each joint, beside MuJoCo's state."""
+
 
 @cache
 def step_address() -> int:
-    """Address of `mj_step(const mjModel*, mjData*)` in the library that the mujoco package has loaded."""
+    """Address of `mj_step(const mjModel*, mjData*)` in the library that the mujoco package has
+    loaded.
+    """
     folder = Path(mujoco.__file__).parent
     names = ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
     library = next(path for name in names for path in sorted(folder.glob(name)))
@@ -50,7 +56,8 @@ def step_address() -> int:
 def call_step(_context: Any, function: Any, model: Any, data: Any) -> Any:
     """Calls the function at an address with two pointers.
 
-    Addresses are arguments, not constants, so that compiled code may be cached from process to process.
+    Addresses are arguments, not constants, so that compiled code may be cached from process to
+    process.
     """
     signature = types.void(types.intp, types.intp, types.intp)
 
@@ -64,7 +71,9 @@ def call_step(_context: Any, function: Any, model: Any, data: Any) -> Any:
     return signature, generate
 
 
-Engine = namedtuple("Engine", "function model data dt qpos qvel qacc qfrc_applied xfrc_applied xpos xmat xipos")
+Engine = namedtuple(
+    "Engine", "function model data dt qpos qvel qacc qfrc_applied xfrc_applied xpos xmat xipos"
+)
 """MuJoCo's model and data, as addresses and views."""
 
 
@@ -78,11 +87,7 @@ class Laws(NamedTuple):
     contact: Contact
 
 
-STATE = np.dtype([(name, float) for name in COLUMNS["state"]])
-"""What the plant remembers of each joint, beside MuJoCo's state."""
-
-
-class Log(NamedTuple):
+class TickLog(NamedTuple):
     """What is recorded at each of K ticks; arrays of shape (K, n)."""
 
     angle: Array
@@ -96,7 +101,9 @@ class Log(NamedTuple):
 def engine(model: Any, data: Any) -> Engine:
     """Addresses and views of a MuJoCo model and its data, which must outlive it."""
     addresses = step_address(), model._address, data._address
-    return Engine(*addresses, float(model.opt.timestep), *(getattr(data, name) for name in Engine._fields[4:]))
+    return Engine(
+        *addresses, float(model.opt.timestep), *(getattr(data, name) for name in Engine._fields[4:])
+    )
 
 
 def fresh_state(n: int) -> Array:
@@ -104,24 +111,29 @@ def fresh_state(n: int) -> Array:
     return np.zeros(n, dtype=STATE)
 
 
-def fresh_log(ticks: int, n: int) -> Log:
-    return Log(*(np.zeros((ticks, n)) for _ in Log._fields))
+def fresh_log(ticks: int, n: int) -> TickLog:
+    return TickLog(*(np.zeros((ticks, n)) for _ in TickLog._fields))
 
 
 @compiled()
-def friction_torque(joint: Any, state: Any, dt: float) -> float:
+def friction_torque(joint: np.record, state: np.record, dt: float) -> float:
     """Torque of all friction in a joint's drive, against its motion [N m]; bends the bristles."""
-    v, warm = state.motor_speed, state.lubricant_rise
+    v = state.motor_speed
+    warm = state.lubricant_rise
     level = sliding_level(joint, v, state.motor_angle, state.transmitted, state.acceleration, warm)
-    state.bent, torque = bristle(state.bent, v, level, joint.bristle_stiffness, joint.bristle_damping, dt)
+    state.bent, torque = bristle(
+        state.bent, v, level, joint.bristle_stiffness, joint.bristle_damping, dt
+    )
     if joint.soft != 0.0:
-        state.bent_soft, more = bristle(state.bent_soft, v, joint.soft, joint.soft_stiffness, 0.0, dt)
+        state.bent_soft, more = bristle(
+            state.bent_soft, v, joint.soft, joint.soft_stiffness, 0.0, dt
+        )
         torque += more
     return torque + viscous_drag(joint, v, warm)
 
 
 @compiled()
-def coupled_torque(joint: Any, state: Any, other_speed: float, dt: float) -> float:
+def coupled_torque(joint: np.record, state: np.record, other_speed: float, dt: float) -> float:
     """Friction in the motion of a motor that two joints turn [N m]."""
     both = state.motor_speed + joint.couple_ratio * other_speed
     level = max(joint.couple_coulomb, 1e-6)
@@ -143,16 +155,27 @@ def motor_motion(engine: Engine, drive: Array, state: Array) -> None:
 @compiled()
 def apply_torques(engine: Engine, laws: Laws, state: Array, elapsed: float) -> None:
     """Works out all torques of a step and hands MuJoCo those on the links."""
-    n, dt = len(state), engine.dt
+    n = len(state)
+    dt = engine.dt
     for j in range(n):
-        own, drive = state[j], laws.drive[j]
-        rubbing = friction_torque(laws.friction[j], own, dt)
-        own.net = own.torque - rubbing - ripple_torque(drive, own.motor_angle, own.transmitted)
-        own.link = hose_torque(drive, engine.qpos[j])
-        own.link += outside_torque(laws.outside[j], j, engine.qpos, engine.qvel, elapsed)
-        own.link += remembered_torque(laws.outside[j], own, engine.qpos[j], engine.qvel[j], dt)
-        loss = max(rubbing * own.motor_speed, 0.0) + laws.heat[j].copper * own.torque**2
-        warm_up(laws.heat[j], own, loss, dt)
+        joint_state = state[j]
+        drive = laws.drive[j]
+        rubbing = friction_torque(laws.friction[j], joint_state, dt)
+        joint_state.net = (
+            joint_state.torque
+            - rubbing
+            - ripple_torque(drive, joint_state.motor_angle, joint_state.transmitted)
+        )
+        joint_state.link = hose_torque(drive, engine.qpos[j])
+        joint_state.link += outside_torque(laws.outside[j], j, engine.qpos, engine.qvel, elapsed)
+        joint_state.link += remembered_torque(
+            laws.outside[j], joint_state, engine.qpos[j], engine.qvel[j], dt
+        )
+        loss = (
+            max(rubbing * joint_state.motor_speed, 0.0)
+            + laws.heat[j].copper * joint_state.torque**2
+        )
+        warm_up(laws.heat[j], joint_state, loss, dt)
     for j in range(n):
         joint = laws.friction[j]
         if joint.couple_to >= 0:
@@ -160,31 +183,39 @@ def apply_torques(engine: Engine, laws: Laws, state: Array, elapsed: float) -> N
             state[j].net -= shared
             state[joint.couple_to].net -= joint.couple_ratio * shared
     for j in range(n):
-        own, drive = state[j], laws.drive[j]
+        joint_state = state[j]
+        drive = laws.drive[j]
         if drive.elastic:
-            twist = own.motor_angle - engine.qpos[j]
-            own.spring = spring_torque(drive, twist, own.motor_speed - engine.qvel[j])
-            engine.qfrc_applied[j] = own.spring + own.link
+            twist = joint_state.motor_angle - engine.qpos[j]
+            joint_state.spring = spring_torque(
+                drive, twist, joint_state.motor_speed - engine.qvel[j]
+            )
+            engine.qfrc_applied[j] = joint_state.spring + joint_state.link
         else:
-            engine.qfrc_applied[j] = own.net + own.link
+            engine.qfrc_applied[j] = joint_state.net + joint_state.link
 
 
 @compiled()
 def turn_motors(engine: Engine, drives: Array, state: Array) -> None:
-    """After a step: moves the motors that are bodies of their own, and notes what mesh and bearings feel."""
+    """After a step: moves the motors that are bodies of their own, and notes what mesh and bearings
+    feel.
+    """
     dt = engine.dt
     for j in range(len(state)):
-        own, drive = state[j], drives[j]
+        joint_state = state[j]
+        drive = drives[j]
         if drive.elastic:
-            rate, carried = (own.net - own.spring) / drive.rotor_inertia, own.spring
-            own.motor_speed += dt * rate
-            own.motor_angle += dt * own.motor_speed
+            rate = (joint_state.net - joint_state.spring) / drive.rotor_inertia
+            carried = joint_state.spring
+            joint_state.motor_speed += dt * rate
+            joint_state.motor_angle += dt * joint_state.motor_speed
         else:
             rate = engine.qacc[j]
-            carried = own.net - drive.rotor_inertia * rate
-        # The mesh and the balls feel load and acceleration over a few milliseconds, not step by step.
-        own.transmitted += min(dt / 2e-3, 1.0) * (carried - own.transmitted)
-        own.acceleration += min(dt / 5e-3, 1.0) * (rate - own.acceleration)
+            carried = joint_state.net - drive.rotor_inertia * rate
+        # The mesh and the balls feel load and acceleration over a few milliseconds, not step by
+        # step.
+        joint_state.transmitted += min(dt / 2e-3, 1.0) * (carried - joint_state.transmitted)
+        joint_state.acceleration += min(dt / 5e-3, 1.0) * (rate - joint_state.acceleration)
 
 
 @compiled()
@@ -199,28 +230,36 @@ def advance(engine: Engine, laws: Laws, state: Array, elapsed: float) -> None:
 
 
 @compiled()
-def command(control: Array, state: Array, q: Array, dq: Array, feed: Array, noise: Array, tick: float) -> None:
+def command(
+    control: Array, state: Array, q: Array, dq: Array, feed: Array, noise: Array, tick: float
+) -> None:
     """Reads the encoders and sets the motor torques [N m]."""
     for j in range(len(state)):
-        joint, own = control[j], state[j]
+        joint = control[j]
+        joint_state = state[j]
         count = joint.resolution
-        reading = np.round((own.motor_angle + joint.offset) / count + noise[j]) * count
-        rate = (reading - own.reading) / tick
-        own.reading = reading
-        own.speed_estimate += joint.smoothing * (rate - own.speed_estimate)
-        torque = feed[j] + joint.stiffness * (q[j] - reading) + joint.damping * (dq[j] - own.speed_estimate)
-        own.before = own.torque
-        own.torque = min(max(torque, -joint.limit), joint.limit)
+        reading = np.round((joint_state.motor_angle + joint.offset) / count + noise[j]) * count
+        rate = (reading - joint_state.reading) / tick
+        joint_state.reading = reading
+        joint_state.speed_estimate += joint.smoothing * (rate - joint_state.speed_estimate)
+        torque = (
+            feed[j]
+            + joint.stiffness * (q[j] - reading)
+            + joint.damping * (dq[j] - joint_state.speed_estimate)
+        )
+        joint_state.before = joint_state.torque
+        joint_state.torque = min(max(torque, -joint.limit), joint.limit)
 
 
 @compiled()
-def note(log: Log, k: int, engine: Engine, state: Array) -> None:
+def note(log: TickLog, k: int, engine: Engine, state: Array) -> None:
     """Writes one tick of the log."""
     for j in range(len(state)):
         log.angle[k, j] = state[j].motor_angle
         log.speed[k, j] = state[j].motor_speed
         log.speed_estimate[k, j] = state[j].speed_estimate
-        # The drive reports the mean of the current before and after the instant: no delay of its own.
+        # The drive reports the mean of the current before and after the instant: no delay of its
+        # own.
         log.torque[k, j] = 0.5 * (state[j].before + state[j].torque)
         log.link_angle[k, j] = engine.qpos[j]
         log.temperature[k, j] = state[j].housing_rise
@@ -238,7 +277,7 @@ def run_loop(
     feed: Array,
     noise: Array,
     start: float,
-    log: Log,
+    log: TickLog,
 ) -> None:
     """Follows a reference from tick to tick.
 
@@ -261,7 +300,7 @@ def run_loop(
             advance(engine, laws, state, start + k * tick + i * engine.dt)
 
 
-def check_finite(log: Log, data: Any) -> bool:
+def check_finite(log: TickLog, data: Any) -> bool:
     """Whether the simulation stayed finite."""
     warned = data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number > 0
     return not warned and bool(np.isfinite(log.angle).all() and np.isfinite(log.torque).all())

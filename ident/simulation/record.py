@@ -17,6 +17,15 @@ from ident.simulation.simulator import Simulator, Trace
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 Progress = Callable[[], None]
+# A log's resolution: far below the sensors' own, so that files stay small.
+_DECIMALS = {
+    "position": 7,
+    "effort": 4,
+    "velocity": 6,
+    "position_command": 7,
+    "velocity_command": 6,
+    "temperature": 1,
+}
 
 
 def no_progress() -> None:
@@ -31,10 +40,12 @@ class Channels:
     velocity: bool = True  # whether the drives' velocities are logged
     commands: bool = True  # whether commanded positions and velocities are
     temperature: bool = False  # whether housing temperatures are
-    # `differenced` readings of the position, the `true` one, the controller's estimate `filtered` again, or as it is.
+    # `differenced` readings of the position, the `true` one, the controller's estimate `filtered`
+    # again, or as it is.
     velocity_kind: str = "estimate"
     velocity_delay: float = 0.0  # how late the filter is [s]
-    jitter: float = 0.0  # largest deviation of a sample's instant from the even grid, as a share of the interval
+    # largest deviation of a sample's instant from the even grid, as a share of the interval
+    jitter: float = 0.0
     lost: float = 0.0  # share of samples that are missing
 
 
@@ -58,7 +69,8 @@ def record_runs(
         hardware: The hidden arm.
         motions: What it is asked to do.
         channels: What is logged, how often.
-        rng: Source of chance: plant and sensors have streams of their own, so that one does not shift the other.
+        rng: Source of chance: plant and sensors have streams of their own, so that one does not
+            shift the other.
         pauses: Standstill before each run [s].
         progress: Called after each run.
         feeds: Feed-forward torque of each motion [N m], if it is known already.
@@ -71,22 +83,29 @@ def record_runs(
     traces = simulator.run(motions, pauses, progress, feeds)
     width = max(len(str(len(motions))), 2)
     names = [f"{i:0{width}d}_{motion.name}" for i, motion in enumerate(motions, start=1)]
-    runs = [record_one(hardware, one, name, channels, sensor_rng) for one, name in zip(traces, names, strict=True)]
+    runs = [
+        record_one(hardware, run, name, channels, sensor_rng)
+        for run, name in zip(traces, names, strict=True)
+    ]
     return runs, traces
 
 
-def record_one(hardware: Hardware, trace: Trace, name: str, channels: Channels, rng: np.random.Generator) -> Recording:
+def record_one(
+    hardware: Hardware, trace: Trace, name: str, channels: Channels, rng: np.random.Generator
+) -> Recording:
     """One run as the log shows it."""
-    ticks, sensing, log = trace.times, hardware.sensing, trace.log
+    ticks = trace.times
+    sensing = hardware.sensing
+    log = trace.log
     end = float(ticks[-1])
     times = np.arange(int(np.floor(end * channels.rate + 1e-9)) + 1) / channels.rate
     if channels.jitter > 0.0:
         away = channels.jitter / channels.rate * rng.uniform(-1.0, 1.0, len(times))
         times = np.clip(times + away, 0.0, end)
     if channels.lost > 0.0:
-        kept = rng.random(len(times)) >= channels.lost
-        kept[[0, -1]] = True  # the first and the last sample are never missing
-        times = times[kept]
+        received = rng.random(len(times)) >= channels.lost
+        received[[0, -1]] = True  # the first and the last sample are never missing
+        times = times[received]
     angle = log.link_angle if sensing.link_side else log.angle
     position = read_encoder(sensing, ticks, angle, times, rng)
     effort = read_torque(sensing, ticks, log.torque, log.speed, times, trace.start, rng)
@@ -105,9 +124,7 @@ def record_one(hardware: Hardware, trace: Trace, name: str, channels: Channels, 
         logged["velocity_command"] = sample(ticks, trace.motion.dq, times)
     if channels.temperature:
         logged["temperature"] = read_temperature(ticks, log.temperature, times, rng)
-    rounded: dict[str, Any] = {key: np.round(values, _DECIMALS[key]) for key, values in logged.items()}
+    rounded: dict[str, Any] = {
+        key: np.round(values, _DECIMALS[key]) for key, values in logged.items()
+    }
     return Recording(name, hardware.arm.joint_names, np.round(trace.start + times, 6), **rounded)
-
-
-# A log's resolution: far below the sensors' own, so that files stay small.
-_DECIMALS = dict(position=7, effort=4, velocity=6, position_command=7, velocity_command=6, temperature=1)  # noqa: C408

@@ -1,8 +1,10 @@
-"""What the user asks of the simulated arm, checked before anything runs, and its answer, open or sealed.
+"""What the user asks of the simulated arm, checked before anything runs, and its answer, open or
+sealed.
 
-A sealed envelope holds the answer encrypted; the folder tells nothing without the key, and the SHA-256 of the envelope,
-printed when it was made, shows later that nobody changed it. The cipher is a stream of HMAC-SHA-256 blocks with a
-separate authentication tag, all from the standard library: it keeps an answer from a reader, not a state secret.
+A sealed envelope holds the answer encrypted; the folder tells nothing without the key, and the
+SHA-256 of the envelope, printed when it was made, shows later that nobody changed it. The cipher is
+a stream of HMAC-SHA-256 blocks with a separate authentication tag, all from the standard library:
+it keeps an answer from a reader, not a state secret.
 """
 
 from __future__ import annotations
@@ -37,8 +39,14 @@ class TrueEffect(Record):
     joints: tuple[str, ...]  # the joint, or none for the whole arm
     size: float  # in the unit of `parameter`
     parameter: str  # name of the size
-    parameters: dict[str, float | str]  # true parameters, by the contract's names where they exist there
-    visible_Nm: dict[str, float] = field(default_factory=dict)  # visible amplitude at each joint; empty if not measured
+    # true parameters, by the contract's names where they exist there
+    parameters: dict[str, float | str]
+    # visible amplitude at each joint; empty if not measured
+    visible_Nm: dict[str, float] = field(default_factory=dict)
+
+
+WHOLE_ARM = ("", "arm", "all", "-")
+_SIZE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?x?")
 
 
 @dataclass(frozen=True)
@@ -58,14 +66,19 @@ class Answer(Record):
     def to_dict(self) -> dict[str, Any]:
         # Answers of sessions without a world say nothing of one: sealed ones must stay as they are.
         unsaid = {name for name in ("world", "losses") if not getattr(self, name)}
-        return {"schema": "ident.answer/1", **{k: v for k, v in super().to_dict().items() if k not in unsaid}}
+        return {
+            "schema": "ident.answer/1",
+            **{k: v for k, v in super().to_dict().items() if k not in unsaid},
+        }
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Answer:
         """Inverse of `to_dict` after a passage through JSON."""
-        effects = tuple(TrueEffect(**{**one, "joints": tuple(one["joints"])}) for one in values["effects"])
-        own = {key: value for key, value in values.items() if key != "schema"}
-        return cls(**{**own, "effects": effects, "decoys": tuple(values["decoys"])})
+        effects = tuple(
+            TrueEffect(**{**entry, "joints": tuple(entry["joints"])}) for entry in values["effects"]
+        )
+        fields = {key: value for key, value in values.items() if key != "schema"}
+        return cls(**{**fields, "effects": effects, "decoys": tuple(values["decoys"])})
 
 
 def seal(answer: Answer, folder: Path, key: bytes) -> str:
@@ -84,7 +97,8 @@ def seal(answer: Answer, folder: Path, key: bytes) -> str:
 
 
 def open_envelope(path: Path, key: bytes) -> Answer:
-    """Opens an envelope (the file, or the session's folder that holds it) with the key that it was sealed with.
+    """Opens an envelope (the file, or the session's folder that holds it) with the key that it was
+    sealed with.
 
     Raises:
         InputError: Not an envelope, changed since it was sealed, or another key.
@@ -92,12 +106,19 @@ def open_envelope(path: Path, key: bytes) -> Answer:
     path = path / ENVELOPE_NAME if path.is_dir() else path
     try:
         envelope = read_json(path, "give the folder of a sealed session")
-        text, tag = bytes.fromhex(envelope["text"]), str(envelope["tag"])
+        text = bytes.fromhex(envelope["text"])
+        tag = str(envelope["tag"])
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(path, f"no envelope ({error})", "give the folder of a sealed session") from None
+        raise InputError(
+            path, f"no envelope ({error})", "give the folder of a sealed session"
+        ) from None
     wanted = hmac.new(_derive(key, b"tag"), text, hashlib.sha256).hexdigest()
     if not hmac.compare_digest(tag.encode("utf-8", "replace"), wanted.encode()):
-        raise InputError(path, "the key does not fit, or the envelope was changed", "give the key printed at sealing")
+        raise InputError(
+            path,
+            "the key does not fit, or the envelope was changed",
+            "give the key printed at sealing",
+        )
     return Answer.from_dict(json.loads(_cipher(text, key)))
 
 
@@ -109,12 +130,10 @@ def _cipher(text: bytes, key: bytes) -> bytes:
     """Adds the key stream; its own inverse."""
     stream_key = _derive(key, b"text")
     blocks = range(-(-len(text) // 32))
-    stream = b"".join(hmac.new(stream_key, i.to_bytes(8, "big"), hashlib.sha256).digest() for i in blocks)
+    stream = b"".join(
+        hmac.new(stream_key, i.to_bytes(8, "big"), hashlib.sha256).digest() for i in blocks
+    )
     return bytes(a ^ b for a, b in zip(text, stream, strict=False))
-
-
-WHOLE_ARM = ("", "arm", "all", "-")
-_SIZE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?x?")
 
 
 @dataclass(frozen=True)
@@ -124,7 +143,8 @@ class EffectRequest:
     effect: str  # id, of the catalogue or outside it
     joint: str = ""  # joint's name or number from 1; empty for an effect of the whole arm
     size: float | None = None  # physical size in the effect's unit; None for a typical one
-    amplitude: float | None = None  # visible amplitude in multiples of the noise floor instead of a size
+    # visible amplitude in multiples of the noise floor instead of a size
+    amplitude: float | None = None
 
     @property
     def cause(self) -> Cause:
@@ -132,12 +152,13 @@ class EffectRequest:
 
 
 def parse_effect(text: str) -> EffectRequest:
-    """Reads ID:JOINT:SIZE. SIZE is a number in the effect's unit, `3x` for three times the noise floor, or missing.
+    """Reads ID:JOINT:SIZE. SIZE is a number in the effect's unit, `3x` for three times the noise
+    floor, or missing.
 
     Raises:
         InputError: Not of that form, or an unknown id.
     """
-    parts = [part.strip() for part in text.split(":")]
+    parts = [piece.strip() for piece in text.split(":")]
     cause = find_cause(parts[0])
     if len(parts) > 3:
         raise InputError("--effect", f"{text!r} has {len(parts)} parts", "write ID:JOINT:SIZE")
@@ -153,7 +174,9 @@ def parse_effect(text: str) -> EffectRequest:
     if not size.endswith("x"):
         return EffectRequest(cause.id, joint, float(size))
     if float(size[:-1]) <= 0.0:
-        raise InputError("--effect", f"{text!r}: a visible amplitude of {size}", "choose more than 0x")
+        raise InputError(
+            "--effect", f"{text!r}: a visible amplitude of {size}", "choose more than 0x"
+        )
     return EffectRequest(cause.id, joint, amplitude=float(size[:-1]))
 
 
@@ -165,11 +188,13 @@ def parse_payload(text: str) -> Payload:
     """
     mass, _, place = text.partition("@")
     try:
-        numbers = [float(mass), *(float(part) for part in place.split(",") if place)]
+        numbers = [float(mass), *(float(number) for number in place.split(",") if place)]
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 4):
-        raise InputError("--payload", f"{text!r} is not a payload", "write MASS or MASS@X,Y,Z in kg and m")
+        raise InputError(
+            "--payload", f"{text!r} is not a payload", "write MASS or MASS@X,Y,Z in kg and m"
+        )
     x, y, z = numbers[1:] or (0.0, 0.0, 0.0)
     return Payload(numbers[0], (x, y, z))
 

@@ -1,6 +1,7 @@
 """What the recording sees of the plant: encoders that count, drives that report their current.
 
-torque_measured(t) = sat(gain · τ(t - delay)) + offset + drift · t + noise, the noise coloured and growing with load.
+torque_measured(t) = sat(gain · τ(t - delay)) + offset + drift · t + noise, the noise coloured and
+growing with load.
 """
 
 from __future__ import annotations
@@ -45,18 +46,22 @@ class Sensing(ReadOnly):
     count_noise: float | Float[Array, " n"]  # standard deviation of the encoder's reading [counts]
     encoder_offset: Float[Array, " n"]  # what the encoder reads at zero [rad]
     gain: Float[Array, " n"]  # torque reading's gain, 1 for true
-    offset: Float[Array, " n"]  # its offset [N m], its trend [N m/s], standard deviation of its wandering in a minute
+    # its offset [N m], its trend [N m/s], standard deviation of its wandering in a minute
+    offset: Float[Array, " n"]
     drift: Float[Array, " n"]
     wander: Float[Array, " n"]
     delay: float  # age of the torque reading [s]
     limit: Float[Array, " n"]  # torque that the reading can't exceed [N m]
-    sag: Float[Array, " n"]  # relative rise of the reading when all drives draw `sag_power` (outside the catalogue)
+    # relative rise of the reading when all drives draw `sag_power` (outside the catalogue)
+    sag: Float[Array, " n"]
     sag_power: float = 150.0  # [W]
     link_side: bool = False  # whether the logged position is that of the link, not of the motor
 
     @classmethod
     def typical(cls, rated: Float[Array, " n"], ratio: Float[Array, " n"]) -> Sensing:
-        """Sensors of a healthy drive: noise of a quarter per cent of the rated torque, white and coloured alike."""
+        """Sensors of a healthy drive: noise of a quarter per cent of the rated torque, white and
+        coloured alike.
+        """
         return ideal_sensing(len(rated)).replace(
             white=1.5e-3 * rated,
             coloured=2.0e-3 * rated,
@@ -73,25 +78,38 @@ class Sensing(ReadOnly):
 
     def set(self, joint: int, **values: float) -> Sensing:
         """A copy with values of one joint changed."""
-        at = np.arange(len(self.white)) == joint
-        return self.replace(**{name: np.where(at, value, getattr(self, name)) for name, value in values.items()})
+        chosen = np.arange(len(self.white)) == joint
+        return self.replace(
+            **{name: np.where(chosen, value, getattr(self, name)) for name, value in values.items()}
+        )
 
     def silent(self) -> Sensing:
-        """The same sensors without chance: what the visible amplitude of an effect is measured with."""
+        """The same sensors without chance: what the visible amplitude of an effect is measured
+        with.
+        """
         zero = np.zeros(len(self.white))
-        return self.replace(white=zero, coloured=zero, count_noise=0.0, wander=zero, count=np.full_like(zero, 1e-12))
+        return self.replace(
+            white=zero, coloured=zero, count_noise=0.0, wander=zero, count=np.full_like(zero, 1e-12)
+        )
 
 
 def ideal_sensing(n: int) -> Sensing:
     """Sensors that read the truth."""
-    one = np.ones(n)
+    ones = np.ones(n)
     names = ("white", "coloured", "encoder_offset", "offset", "drift", "wander", "sag")
-    own: dict[str, Any] = {"rated": one, "gain": one, "count": 1e-12 * one, "limit": np.inf * one}
-    own |= dict.fromkeys(names, np.zeros(n))
-    return Sensing(corner_hz=15.0, load_growth=0.0, count_noise=0.0, delay=0.0, **own)
+    values: dict[str, Any] = {
+        "rated": ones,
+        "gain": ones,
+        "count": 1e-12 * ones,
+        "limit": np.inf * ones,
+    }
+    values |= dict.fromkeys(names, np.zeros(n))
+    return Sensing(corner_hz=15.0, load_growth=0.0, count_noise=0.0, delay=0.0, **values)
 
 
-def sample(ticks: Float[Array, " K"], values: Float[Array, "K n"], times: Float[Array, " T"]) -> Float[Array, "T n"]:
+def sample(
+    ticks: Float[Array, " K"], values: Float[Array, "K n"], times: Float[Array, " T"]
+) -> Float[Array, "T n"]:
     """Values at other times, linear between ticks."""
     return np.column_stack([np.interp(times, ticks, column) for column in values.T])
 
@@ -105,14 +123,18 @@ def read_torque(
     clock: float,
     rng: np.random.Generator,
 ) -> Float[Array, "T n"]:
-    """The drives' torque readings at times in a run, from the motors' torque [N m] and speed [rad/s] at its ticks.
+    """The drives' torque readings at times in a run, from the motors' torque [N m] and speed
+    [rad/s] at its ticks.
 
     `clock` is the session time at the start of the run [s].
     """
     true = sample(ticks, torque, times - sensing.delay)
     reading = true * sensing.gain
     if np.any(sensing.sag):
-        power = np.abs(sample(ticks, (torque * speed).sum(axis=1, keepdims=True), times)) / sensing.sag_power
+        power = (
+            np.abs(sample(ticks, (torque * speed).sum(axis=1, keepdims=True), times))
+            / sensing.sag_power
+        )
         reading = reading * (1.0 + sensing.sag * power)
     # A soft knee: the reading bends within a few per cent of its limit.
     reading = reading / (1.0 + np.abs(reading / sensing.limit) ** 16) ** (1.0 / 16.0)
@@ -121,8 +143,12 @@ def read_torque(
     return reading + noise * (1.0 + sensing.load_growth * np.abs(true) / sensing.rated)
 
 
-def torque_noise(sensing: Sensing, samples: int, interval: float, rng: np.random.Generator) -> Float[Array, "T n"]:
-    """White and coloured (Ornstein-Uhlenbeck) noise of an unloaded joint, and the offset's wandering [N m]."""
+def torque_noise(
+    sensing: Sensing, samples: int, interval: float, rng: np.random.Generator
+) -> Float[Array, "T n"]:
+    """White and coloured (Ornstein-Uhlenbeck) noise of an unloaded joint, and the offset's
+    wandering [N m].
+    """
     n = len(sensing.white)
     white = rng.standard_normal((samples, n)) * sensing.white
     keep = np.exp(-2.0 * np.pi * sensing.corner_hz * interval)
@@ -134,11 +160,17 @@ def torque_noise(sensing: Sensing, samples: int, interval: float, rng: np.random
 
 
 def read_encoder(
-    sensing: Sensing, ticks: Array, angle: Float[Array, "K n"], times: Array, rng: np.random.Generator
+    sensing: Sensing,
+    ticks: Array,
+    angle: Float[Array, "K n"],
+    times: Array,
+    rng: np.random.Generator,
 ) -> Float[Array, "T n"]:
     """Encoder readings at the joint [rad]: whole counts of the motor's angle."""
     counts = (sample(ticks, angle, times) + sensing.encoder_offset) / sensing.count
-    return np.round(counts + sensing.count_noise * rng.standard_normal(counts.shape)) * sensing.count
+    return (
+        np.round(counts + sensing.count_noise * rng.standard_normal(counts.shape)) * sensing.count
+    )
 
 
 def read_temperature(
@@ -146,4 +178,7 @@ def read_temperature(
 ) -> Float[Array, "T n"]:
     """Housing temperatures [degC] with a tenth of a degree of noise and resolution."""
     true = LAB_DEGC + sample(ticks, rise, times)
-    return np.round((true + 0.05 * rng.standard_normal(true.shape)) / TEMPERATURE_STEP_K) * TEMPERATURE_STEP_K
+    return (
+        np.round((true + 0.05 * rng.standard_normal(true.shape)) / TEMPERATURE_STEP_K)
+        * TEMPERATURE_STEP_K
+    )

@@ -1,14 +1,17 @@
-"""How much of an effect shows: what is left of it after a fit of the ordinary model, against the noise floor.
+"""How much of an effect shows: what is left of it after a fit of the ordinary model, against the
+noise floor.
 
-The arm runs with and without the effect, both without sensor noise and with the same chance. From each torque, within
-the band that encoder noise leaves, the best rigid body and linear friction is taken away; the root mean square of the
-difference is the visible amplitude. A size with which a joint no longer follows its motion shows without limit.
+The arm runs with and without the effect, both without sensor noise and with the same chance. From
+each torque, within the band that encoder noise leaves, the best rigid body and linear friction is
+taken away; the root mean square of the difference is the visible amplitude. A size with which a
+joint no longer follows its motion shows without limit.
 
-The size that shows as much as is wanted is found by regula falsi on logarithmic scales. Most causes show in proportion
-to a power of their size, a straight line there, so that two or three trials find it; one that sets in at a threshold
-(play, saturation) is bracketed.
+The size that shows as much as is wanted is found by regula falsi on logarithmic scales. Most causes
+show in proportion to a power of their size, a straight line there, so that two or three trials find
+it; one that sets in at a threshold (play, saturation) is bracketed.
 
-Source: Frisch and Waugh 1933, Lovell 1963 (partial regression); Dowell and Jarratt 1971 (the Illinois method).
+Source: Frisch and Waugh 1933, Lovell 1963 (partial regression); Dowell and Jarratt 1971 (the
+Illinois method).
 """
 
 from __future__ import annotations
@@ -33,15 +36,37 @@ MOST_TRIALS = 12
 # A first step goes no further than by this factor: far from a trial the power law is a guess.
 LONGEST_STEP = 30.0
 # Exponents of the power law that two trials on one side may suggest.
-LEAST_POWER, GREATEST_POWER = 0.3, 4.0
+LEAST_POWER = 0.3
+GREATEST_POWER = 4.0
 # Relative difference below which two sizes are one: they are reported with four digits.
 SAME = 1e-3
 # Logarithms of a size, and of how much it shows as a multiple of what is wanted.
 Trial = tuple[float, float]
+STRIDE_S = 0.02
+# Slower than this a joint counts as standing still: it may hold any torque [rad/s].
+STILL_RAD_S = 0.02
+# A joint that moves for a smaller share of the time than this, of the time without the effect, is
+# stuck.
+FOLLOWS_SHARE = 0.9
+TOLERANCE = 0.04
+# A size that shows so much less or more than is wanted is still taken where none comes nearer.
+ACCEPTED = 0.8, 1.25
+# What is quicker than this is nothing that a diagnosis sees, and at the stride would pass for
+# something slower: it is taken out of every signal [Hz]. Where a joint's band is narrower, pieces
+# shorter than three times this many samples stay as they are.
+WHOLE_BAND_HZ = 20.0
+LEAST_FILTERED = 15
+# Length of motion on which most causes are measured, where the simulation is fine [s].
+ENOUGH_S = 40.0
+_SLOW = butter(4, WHOLE_BAND_HZ, fs=1.0 / TICK_S, output="sos")
 
 
 def find_size(
-    shown: Callable[[float], float], wanted: float, start: float, ends: tuple[float, float], tolerance: float
+    shown: Callable[[float], float],
+    wanted: float,
+    start: float,
+    ends: tuple[float, float],
+    tolerance: float,
 ) -> tuple[float, float]:
     """Tries sizes until one shows what is wanted, or a bound shows too little or too much.
 
@@ -49,13 +74,16 @@ def find_size(
         shown: How much a size shows; called with sizes of four digits, as they are reported.
         wanted: How much is wanted.
         start: Size to begin with.
-        ends: The sizes that show least and most; the first is the larger where a smaller size shows more.
+        ends: The sizes that show least and most; the first is the larger where a smaller size shows
+            more.
         tolerance: Relative error of what is shown at which to stop.
 
     Returns:
         The best size that was tried, and what it shows.
     """
-    best, off, size = (np.nan, np.nan), np.inf, start
+    best = (np.nan, np.nan)
+    off = np.inf
+    size = start
     below: Trial | None = None
     above: Trial | None = None
     last: Trial | None = None
@@ -65,16 +93,19 @@ def find_size(
         with np.errstate(divide="ignore"):
             trial = float(np.log(size)), float(np.log(seen / wanted))
         if abs(trial[1]) <= off:
-            best, off = (size, seen), abs(trial[1])
+            best = (size, seen)
+            off = abs(trial[1])
         too_little = seen / wanted < 1.0
         at_end = np.isclose(trial[0], np.log(ends[too_little]), rtol=0.0, atol=SAME)
         if off < tolerance or at_end:
             break
         # The far side counts as half as far off where the near side moved twice running.
         if too_little:
-            below, above = trial, (above[0], 0.5 * above[1]) if above and last is below else above
+            above = (above[0], 0.5 * above[1]) if above and last is below else above
+            below = trial
         else:
-            above, below = trial, (below[0], 0.5 * below[1]) if below and last is above else below
+            below = (below[0], 0.5 * below[1]) if below and last is above else below
+            above = trial
         if below and above:
             finite = np.isfinite(below[1]) and np.isfinite(above[1])
             share = below[1] / (below[1] - above[1]) if finite else 0.5
@@ -83,31 +114,19 @@ def find_size(
             # One side only is known: a step along the power law of the last two trials.
             power = 1.0
             if last and np.isfinite(last[1]) and np.isfinite(trial[1]):
-                power = np.clip(abs((trial[1] - last[1]) / (trial[0] - last[0])), LEAST_POWER, GREATEST_POWER)
+                power = np.clip(
+                    abs((trial[1] - last[1]) / (trial[0] - last[0])), LEAST_POWER, GREATEST_POWER
+                )
             longest = np.log(LONGEST_STEP)
-            step = float(np.clip(-trial[1], -longest, longest) / (power if ends[0] <= ends[1] else -power))
+            step = float(
+                np.clip(-trial[1], -longest, longest) / (power if ends[0] <= ends[1] else -power)
+            )
             guess = float(np.clip(trial[0] + step, *sorted(np.log(ends))))
-        last, size = trial, float(np.exp(guess))
+        last = trial
+        size = float(np.exp(guess))
         if abs(guess - trial[0]) <= SAME:
             break
     return best
-
-
-STRIDE_S = 0.02
-# Slower than this a joint counts as standing still: it may hold any torque [rad/s].
-STILL_RAD_S = 0.02
-# A joint that moves for a smaller share of the time than this, of the time without the effect, is stuck.
-FOLLOWS_SHARE = 0.9
-TOLERANCE = 0.04
-# A size that shows so much less or more than is wanted is still taken where none comes nearer.
-ACCEPTED = 0.8, 1.25
-# What is quicker than this is nothing that a diagnosis sees, and at the stride would pass for something slower: it is
-# taken out of every signal [Hz]. Where a joint's band is narrower, pieces shorter than three times this many samples
-# stay as they are.
-WHOLE_BAND_HZ, LEAST_FILTERED = 20.0, 15
-# Length of motion on which most causes are measured, where the simulation is fine [s].
-ENOUGH_S = 40.0
-_SLOW = butter(4, WHOLE_BAND_HZ, fs=1.0 / TICK_S, output="sos")
 
 
 class VisibleRows(NamedTuple):
@@ -129,24 +148,30 @@ def gather(
 
     Args:
         hardware, traces, view: The arm, its runs, and which model is to explain them.
-        band: Frequency up to which each joint's torque and columns are taken [Hz]; `WHOLE_BAND_HZ` if None.
+        band: Frequency up to which each joint's torque and columns are taken [Hz]; `WHOLE_BAND_HZ`
+            if None.
     """
-    parts, arm = [], hardware.arm
+    parts = []
+    arm = hardware.arm
     for number, trace in enumerate(traces):
-        ticks, times, log = trace.times, _sample_times(trace), trace.log
+        ticks = trace.times
+        times = _sample_times(trace)
+        log = trace.log
         speed = _slow(log.speed)
         q = sample(ticks, log.angle + hardware.sensing.encoder_offset, times)
         dq = sample(ticks, speed, times)
         ddq = sample(ticks, np.gradient(speed, TICK_S, axis=0), times)
-        direction = sample(ticks, _slow(np.sign(log.speed)), times)  # filtered like the torque that turns with it
-        own = [ddq, dq, direction] + ([] if view == "raw" else [np.ones_like(q)])
-        columns = [value[:, :, None] * np.eye(arm.n) for value in own]
+        # filtered like the torque that turns with it
+        direction = sample(ticks, _slow(np.sign(log.speed)), times)
+        states = [ddq, dq, direction] + ([] if view == "raw" else [np.ones_like(q)])
+        columns = [value[:, :, None] * np.eye(arm.n) for value in states]
         if view == "refit":
             columns.insert(0, arm.regressor(q, dq, ddq))
         known = np.zeros_like(q) if view == "refit" else arm.inverse_dynamics(q, dq, ddq)
-        moving, torques = np.abs(dq) > STILL_RAD_S, (np.concatenate(columns, axis=2), _reading(hardware, trace), known)
+        moving = np.abs(dq) > STILL_RAD_S
+        torques = (np.concatenate(columns, axis=2), _reading(hardware, trace), known)
         where = moving, dq, np.full(len(times), number), times
-        parts.append((*(_in_band(one, moving, band) for one in torques), *where))
+        parts.append((*(_in_band(torque, moving, band) for torque in torques), *where))
     return VisibleRows(*map(np.concatenate, zip(*parts, strict=True)))
 
 
@@ -156,32 +181,43 @@ def _sample_times(trace: Trace) -> Float[Array, " T"]:
 
 def _reading(hardware: Hardware, trace: Trace) -> Float[Array, "T n"]:
     """Torque of one run as drives without noise read it [N m]."""
-    log, sensing, ticks = trace.log, hardware.sensing.silent(), trace.times
-    read = read_torque(sensing, ticks, log.torque, log.speed, ticks, trace.start, np.random.default_rng(0))
+    log = trace.log
+    sensing = hardware.sensing.silent()
+    ticks = trace.times
+    read = read_torque(
+        sensing, ticks, log.torque, log.speed, ticks, trace.start, np.random.default_rng(0)
+    )
     return sample(ticks, _slow(read), _sample_times(trace))
 
 
 def _slow(values: Float[Array, "K n"]) -> Float[Array, "K n"]:
-    """Values at the controller's ticks without what their samples at the stride could only misread."""
+    """Values at the controller's ticks without what their samples at the stride could only
+    misread.
+    """
     return np.asarray(sosfiltfilt(_SLOW, values, axis=0, padlen=min(150, len(values) - 1)))
 
 
-def moves_alike(one: Hardware, other: Hardware) -> bool:
-    """Whether two arms differ in nothing but how their drives read the torque: then they move alike."""
-    parts = [part.name for part in fields(Hardware) if part.name != "sensing"]
-    same = all(getattr(one, name) is getattr(other, name) for name in parts)
-    return same and np.array_equal(one.sensing.encoder_offset, other.sensing.encoder_offset)
+def moves_alike(first: Hardware, other: Hardware) -> bool:
+    """Whether two arms differ in nothing but how their drives read the torque: then they move
+    alike.
+    """
+    parts = [group.name for group in fields(Hardware) if group.name != "sensing"]
+    same = all(getattr(first, name) is getattr(other, name) for name in parts)
+    return same and np.array_equal(first.sensing.encoder_offset, other.sensing.encoder_offset)
 
 
 def remainder(rows: VisibleRows) -> Float[Array, "T n"]:
     """Torque that no ordinary model explains [N m]; zero where a joint stands still."""
     mask = rows.moving.ravel()
     flat = rows.columns.reshape(-1, rows.columns.shape[2])
-    used, torque = flat[mask], (rows.torque - rows.known).ravel()
+    used = flat[mask]
+    torque = (rows.torque - rows.known).ravel()
     normal = used.T @ used
     scale = np.sqrt(np.diag(normal)) + 1e-9
     # A touch of ridge: rigid-body columns are dependent.
-    solved = np.linalg.solve(normal / np.outer(scale, scale) + 1e-8 * np.eye(len(scale)), used.T @ torque[mask] / scale)
+    solved = np.linalg.solve(
+        normal / np.outer(scale, scale) + 1e-8 * np.eye(len(scale)), used.T @ torque[mask] / scale
+    )
     rest = np.where(mask, torque - flat @ (solved / scale), 0.0)
     return rest.reshape(rows.torque.shape)
 
@@ -203,11 +239,15 @@ class Shown:
 
 
 def compare(after: VisibleRows, before: VisibleRows, window: Array | None = None) -> Shown:
-    """Difference of two remainders, with a cause and without, where both move; in a window of samples if given."""
+    """Difference of two remainders, with a cause and without, where both move; in a window of
+    samples if given.
+    """
     both = after.moving & before.moving
     if window is not None:
         both = both & window[:, None]
-    return Shown(np.where(both, remainder(after) - remainder(before), 0.0), both, before.run, before.speed)
+    return Shown(
+        np.where(both, remainder(after) - remainder(before), 0.0), both, before.run, before.speed
+    )
 
 
 def _in_band(
@@ -219,12 +259,12 @@ def _in_band(
     """
     if band is None or len(values) <= 3 * LEAST_FILTERED:
         return values
-    kept = np.array(values)
+    banded = np.array(values)
     for j in np.flatnonzero(band < WHOLE_BAND_HZ):
         filter_sos = butter(2, band[j], fs=1.0 / STRIDE_S, output="sos")
-        kept[~moving[:, j], j] = 0.0
-        kept[:, j] = sosfiltfilt(filter_sos, kept[:, j], axis=0, padlen=LEAST_FILTERED)
-    return kept
+        banded[~moving[:, j], j] = 0.0
+        banded[:, j] = sosfiltfilt(filter_sos, banded[:, j], axis=0, padlen=LEAST_FILTERED)
+    return banded
 
 
 class Way(NamedTuple):
@@ -237,8 +277,8 @@ class Way(NamedTuple):
 class VisibilityMeter:
     """Measures and sets the visible amplitude of causes on one arm and session.
 
-    A fine meter takes some of the runs at the full rate of the simulation; a coarse one takes all of them in longer
-    steps, which is quicker, and truer to the session where its runs differ.
+    A fine meter takes some of the runs at the full rate of the simulation; a coarse one takes all
+    of them in longer steps, which is quicker, and truer to the session where its runs differ.
 
     Args:
         hardware: The arm without them.
@@ -246,7 +286,8 @@ class VisibilityMeter:
         seed: Of the chance that runs with and without a cause share.
         coarse: Whether to measure the whole session coarsely.
         floor: Noise floor of each joint [N m]; that of the torque readings if None.
-        band: Frequency up to which encoder noise lets each joint be seen [Hz]; without bound if None.
+        band: Frequency up to which encoder noise lets each joint be seen [Hz]; without bound if
+            None.
     """
 
     def __init__(
@@ -259,45 +300,79 @@ class VisibilityMeter:
         floor: Float[Array, " n"] | None = None,
         band: Float[Array, " n"] | None = None,
     ) -> None:
-        self.band, self.coarse = band, coarse
+        self.band = band
+        self.coarse = coarse
         self.floor = hardware.sensing.noise_floor if floor is None else floor
-        self.hardware, self.motions, self.pauses, self.seed = hardware, motions, pauses, seed
-        # Feed-forward torque of each motion [N m], worked out once for all simulations of the session.
+        self.hardware = hardware
+        self.motions = motions
+        self.pauses = pauses
+        self.seed = seed
+        # Feed-forward torque of each motion [N m], worked out once for all simulations of the
+        # session.
         self.feeds = [feed_forward(hardware, motion) for motion in motions]
         self._plain_traces: dict[Way, list[Trace]] = {}
         # What causes are compared with: the arm as it is, or an arm of the cause's own at a joint.
         self._rows: dict[tuple[str, int, Way, View], VisibleRows] = {}
         self._seen: dict[tuple[str, int, float, int], tuple[Float[Array, " n"], bool]] = {}
 
-    def measure(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> Float[Array, " n"]:
-        """Visible amplitude of a cause of a size at each joint [N m]; the seed is of its other parameters."""
+    def measure(
+        self, cause: Cause, scene: Circumstances, size: float, seed: int
+    ) -> Float[Array, " n"]:
+        """Visible amplitude of a cause of a size at each joint [N m]; the seed is of its other
+        parameters.
+        """
         return self._measured(cause, scene, size, seed)[0]
 
-    def _measured(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> tuple[Float[Array, " n"], bool]:
-        """Visible amplitude at each joint [N m], and whether the cause's joint still follows its motion."""
+    def _measured(
+        self, cause: Cause, scene: Circumstances, size: float, seed: int
+    ) -> tuple[Float[Array, " n"], bool]:
+        """Visible amplitude at each joint [N m], and whether the cause's joint still follows its
+        motion.
+        """
         key = cause.id, scene.joint, size, seed
         if key not in self._seen:
             hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
-            way = Way(cause.needs_all or self.coarse, choose_step(hardware, coarse=True) if self.coarse else None)
+            way = Way(
+                cause.needs_all or self.coarse,
+                choose_step(hardware, coarse=True) if self.coarse else None,
+            )
             before = self._without(cause, scene, way, cause.view)
             after = self._with(hardware, way, cause.view)
-            push, window = hardware.contact, None
-            if push.body:  # a burst would drown in the mean over the session: the samples during it alone
-                window = (after.run == hardware.contact_run) & (after.time > push.start) & (after.time < push.end)
+            push = hardware.contact
+            window = None
+            # a burst would drown in the mean over the session: the samples during it alone
+            if push.body:
+                window = (
+                    (after.run == hardware.contact_run)
+                    & (after.time > push.start)
+                    & (after.time < push.end)
+                )
             shown = compare(after, before, window)
             moved, usual = (int(rows.moving[:, scene.joint].sum()) for rows in (after, before))
             self._seen[key] = freeze(shown.rms), moved >= FOLLOWS_SHARE * usual
         return self._seen[key]
 
-    def show(self, cause: Cause, scene: Circumstances, size: float, seed: int, view: View, all_runs: bool) -> Shown:
-        """What a cause leaves over time, in a coarse simulation of all runs or of evenly chosen ones."""
+    def show(
+        self, cause: Cause, scene: Circumstances, size: float, seed: int, view: View, all_runs: bool
+    ) -> Shown:
+        """What a cause leaves over time, in a coarse simulation of all runs or of evenly chosen
+        ones.
+        """
         hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
-        way = Way(all_runs, choose_step(hardware if hardware.drive.elastic.any() else self.hardware, coarse=True))
-        before, after = self._without(cause, scene, way, view), self._with(hardware, way, view)
-        return replace(compare(after, before), share=len(self.motions[:: self._skip(way)]) / len(self.motions))
+        way = Way(
+            all_runs,
+            choose_step(hardware if hardware.drive.elastic.any() else self.hardware, coarse=True),
+        )
+        before = self._without(cause, scene, way, view)
+        after = self._with(hardware, way, view)
+        return replace(
+            compare(after, before), share=len(self.motions[:: self._skip(way)]) / len(self.motions)
+        )
 
     def _without(self, cause: Cause, scene: Circumstances, way: Way, view: View) -> VisibleRows:
-        """What a cause is compared with: the arm as it is, or, where the cause has one, an arm of its own."""
+        """What a cause is compared with: the arm as it is, or, where the cause has one, an arm of
+        its own.
+        """
         key = ("", 0, way, view) if cause.beside is None else (cause.id, scene.joint, way, view)
         if key not in self._rows:
             other = self.hardware if cause.beside is None else cause.apply(scene, cause.beside)[0]
@@ -305,9 +380,12 @@ class VisibilityMeter:
         return self._rows[key]
 
     def _with(self, hardware: Hardware, way: Way, view: View) -> VisibleRows:
-        """The arm with a cause; where only the reading of the torque differs, nothing need be simulated anew."""
+        """The arm with a cause; where only the reading of the torque differs, nothing need be
+        simulated anew.
+        """
         if ("", 0, way, view) in self._rows and moves_alike(hardware, self.hardware):
-            rows, traces = self._rows["", 0, way, view], self._traces(self.hardware, way)
+            rows = self._rows["", 0, way, view]
+            traces = self._traces(self.hardware, way)
             readings = [
                 _in_band(_reading(hardware, trace), rows.moving[rows.run == number], self.band)
                 for number, trace in enumerate(traces)
@@ -322,7 +400,9 @@ class VisibilityMeter:
         skip = self._skip(way)
         silent = hardware.replace(sensing=hardware.sensing.silent())
         simulator = Simulator(silent, np.random.default_rng(self.seed), way.coarse_step)
-        traces = simulator.run(self.motions[::skip], self.pauses[::skip], lambda: None, self.feeds[::skip])
+        traces = simulator.run(
+            self.motions[::skip], self.pauses[::skip], lambda: None, self.feeds[::skip]
+        )
         if hardware is self.hardware:
             self._plain_traces[way] = traces
         return traces
@@ -333,7 +413,9 @@ class VisibilityMeter:
         return 1 if way.all_runs else max(int(total / ENOUGH_S), 1)
 
     def share(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> float:
-        """Visible amplitude over the noise floor: at the cause's joint, or where it shows most; infinite if stuck."""
+        """Visible amplitude over the noise floor: at the cause's joint, or where it shows most;
+        infinite if stuck.
+        """
         amplitude, follows = self._measured(cause, scene, size, seed)
         seen = amplitude / self.floor
         return float(seen.max() if cause.whole_arm else seen[scene.joint]) if follows else np.inf
@@ -345,7 +427,8 @@ class VisibilityMeter:
             InputError: No physical size shows that much.
         """
         low, high = cause.bounds(scene)
-        low, high = max(low, 1e-6 * high) * (1.0 + SAME), high * (1.0 - SAME)
+        low = max(low, 1e-6 * high) * (1.0 + SAME)
+        high = high * (1.0 - SAME)
 
         def shown(size: float) -> float:
             try:
@@ -353,10 +436,16 @@ class VisibilityMeter:
             except InputError:  # a size at which the arm can't move any more shows without limit
                 return np.inf
 
-        start, ends = float(np.clip(cause.typical(scene), low, high)), (high, low) if cause.inverse else (low, high)
+        start = float(np.clip(cause.typical(scene), low, high))
+        ends = (high, low) if cause.inverse else (low, high)
         size, seen = find_size(shown, wanted, start, ends, TOLERANCE)
         least, most = ACCEPTED
         if not least * wanted <= seen <= most * wanted:
-            what = f"{wanted:g} times the noise floor can't be reached: {cause.parameter} = {size:.4g} shows {seen:.3g}"
-            raise InputError(f"--effect {cause.id}", what, "choose another amplitude, joint or motion")
+            what = (
+                f"{wanted:g} times the noise floor can't be reached: {cause.parameter} = "
+                f"{size:.4g} shows {seen:.3g}"
+            )
+            raise InputError(
+                f"--effect {cause.id}", what, "choose another amplitude, joint or motion"
+            )
         return size

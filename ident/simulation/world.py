@@ -1,8 +1,10 @@
-"""A world: what a diagnosis has no right to know of the arm and sensors that made its recordings; and its arms.
+"""A world: what a diagnosis has no right to know of the arm and sensors that made its recordings;
+and its arms.
 
-A world holds one value of every property below; a `WorldRange` holds bounds or choices, from which worlds are drawn:
-uniformly, or uniformly in the logarithm where the bounds lie far apart. Ranges are rows of `worlds.toml`. An individual
-arm of a world has its friction, drives, sensors and controller, and the noise floor that they leave.
+A world holds one value of every property below; a `WorldRange` holds bounds or choices, from which
+worlds are drawn: uniformly, or uniformly in the logarithm where the bounds lie far apart. Ranges
+are rows of `worlds.toml`. An individual arm of a world has its friction, drives, sensors and
+controller, and the noise floor that they leave.
 """
 
 from __future__ import annotations
@@ -31,6 +33,28 @@ EncoderSide = Literal["motor", "link"]
 VelocityChannel = Literal["none", "differenced", "filtered", "true"]
 FeedForward = Literal["none", "rigid", "friction"]
 ReferenceShape = Literal["smooth", "jerk", "acceleration"]
+SHORTEST_RUN_S = 3.0
+# Log rates that controllers and drivers really have [Hz]; a drawn rate is the nearest of them.
+RATES_HZ = (30.0, 50.0, 62.5, 100.0, 125.0, 200.0, 240.0, 250.0, 333.0, 500.0, 1000.0)
+_TABLES = tomllib.loads(Path(__file__).with_name("worlds.toml").read_text(encoding="utf-8"))
+FULL: dict[str, tuple[Any, ...]] = {key: tuple(values) for key, values in _TABLES["full"].items()}
+"""Bounds of all that is a number, and choices of the rest: a world outside them is none that an arm
+lives in.
+"""
+GROUPS: dict[str, tuple[str, ...]] = {name: tuple(some) for name, some in _TABLES["groups"].items()}
+"""Lists by name; a check takes the worlds of a list in turn."""
+# Counts of a sliding joint: its encoder turns once in this travel over two pi [m].
+SLIDE_LEVER_M = 0.1
+# Largest errors of a mass, whatever is drawn: a link can't weigh nothing.
+LEAST_MASS = 0.4
+GREATEST_MASS = 2.5
+# Share of rated torque that encoder noise may become in the loop: a drive's observer smooths what
+# it feeds back.
+LOOP_NOISE = 0.002
+# Bandwidths between which a diagnosis can choose [Hz]; the upper is below any structure's
+# resonance.
+LEAST_BAND_HZ = 2.0
+GREATEST_BAND_HZ = 25.0
 
 
 @dataclass(frozen=True)
@@ -39,23 +63,30 @@ class World(Record):
 
     name: str  # of the range that it was drawn from
     robot: str  # URDF path or name
-    encoder_noise_rad: float  # standard deviation of a position reading before it is rounded [rad at the joint]
+    # standard deviation of a position reading before it is rounded [rad at the joint]
+    encoder_noise_rad: float
     encoder_bits: int  # a turn of the encoder has two to this many counts
     encoder_at: EncoderSide  # whether the encoder that is logged sits on the motor or on the link
     rate_hz: float  # log rate [Hz]
-    jitter: float  # largest deviation of a sample's instant from the even grid, as a share of the interval
+    # largest deviation of a sample's instant from the even grid, as a share of the interval
+    jitter: float
     lost: float  # share of samples that are missing
-    torque_noise: float  # standard deviation of an unloaded joint's torque reading, as a share of rated torque
+    # standard deviation of an unloaded joint's torque reading, as a share of rated torque
+    torque_noise: float
     coloured_share: float  # share of that variance which is coloured; the rest is white
     corner_hz: float  # corner frequency of the coloured part [Hz]
     load_growth: float  # relative growth of the noise from no torque to rated torque
     friction_spread: float  # standard deviation of the relative change of friction from run to run
-    friction_drift: float  # standard deviation of its relative change that has gathered by the session's end
-    velocity: VelocityChannel  # none, differences of the logged positions, the firmware's filter, or the truth
+    # standard deviation of its relative change that has gathered by the session's end
+    friction_drift: float
+    # none, differences of the logged positions, the firmware's filter, or the truth
+    velocity: VelocityChannel
     velocity_delay_s: float  # how late the firmware's filter is [s]
     bandwidth_hz: float  # of the position loop [Hz]
-    feed_forward: FeedForward  # what the controller adds: gravity alone (`none`), the rigid model, or that and friction
-    reference: ReferenceShape  # whether the reference is smooth, or has steps of jerk or of acceleration
+    # what the controller adds: gravity alone (`none`), the rigid model, or that and friction
+    feed_forward: FeedForward
+    # whether the reference is smooth, or has steps of jerk or of acceleration
+    reference: ReferenceShape
     friction_scale: float  # factors on what an arm of this size usually has
     rotor_scale: float
     gear_scale: float
@@ -71,25 +102,20 @@ class World(Record):
         return max(self.duration_s / max(self.runs, 1), SHORTEST_RUN_S)
 
 
-SHORTEST_RUN_S = 3.0
-# Log rates that controllers and drivers really have [Hz]; a drawn rate is the nearest of them.
-RATES_HZ = (30.0, 50.0, 62.5, 100.0, 125.0, 200.0, 240.0, 250.0, 333.0, 500.0, 1000.0)
-
-_TABLES = tomllib.loads(Path(__file__).with_name("worlds.toml").read_text(encoding="utf-8"))
-FULL: dict[str, tuple[Any, ...]] = {key: tuple(values) for key, values in _TABLES["full"].items()}
-"""Bounds of all that is a number, and choices of the rest: a world outside them is none that an arm lives in."""
-
-
 @dataclass(frozen=True)
 class WorldRange:
     """Where worlds are drawn from."""
 
     name: str
     about: str  # one line for a person
-    values: Mapping[str, tuple[Any, ...]]  # by field of `World`, two bounds of a number or what is chosen from
+    # by field of `World`, two bounds of a number or what is chosen from
+    values: Mapping[str, tuple[Any, ...]]
 
     def draw(self, rng: np.random.Generator) -> World:
-        """Draws a world. The same generator draws the same place of every range, whatever the others."""
+        """Draws a world.
+
+        The same generator draws the same place of every range, whatever the others.
+        """
         places = {field.name: float(rng.random()) for field in fields(World)}
         drawn = {key: draw_value(key, options, places[key]) for key, options in self.values.items()}
         return World(**{**drawn, "name": self.name})
@@ -105,14 +131,25 @@ class WorldRange:
             if key not in ("robot", *FULL):
                 known = ", ".join(["preset", "robot", *FULL])
                 raise InputError(where, f"a world has no {key!r}", f"choose from: {known}")
-            options, allowed, remedy = tuple(value) if isinstance(value, list) else (value,), FULL.get(key), ""
+            options = tuple(value) if isinstance(value, list) else (value,)
+            allowed = FULL.get(key)
+            remedy = ""
             if _is_choice(key):
-                if not options or any(one not in allowed if allowed else not isinstance(one, str) for one in options):
-                    remedy = f"choose from: {', '.join(map(str, allowed)) if allowed else 'names of robots'}"
+                if not options or any(
+                    option not in allowed if allowed else not isinstance(option, str)
+                    for option in options
+                ):
+                    remedy = (
+                        "choose from: "
+                        f"{', '.join(map(str, allowed)) if allowed else 'names of robots'}"
+                    )
             else:
                 low, high = FULL[key]
                 options = options if isinstance(value, list) else options * 2
-                numeric = all(isinstance(one, int | float) and not isinstance(one, bool) for one in options)
+                numeric = all(
+                    isinstance(option, int | float) and not isinstance(option, bool)
+                    for option in options
+                )
                 if len(options) != 2 or not numeric or not options[0] <= options[1]:
                     remedy = "give a number, or two in order: [low, high]"
                 elif options[0] < low or options[1] > high:
@@ -120,7 +157,12 @@ class WorldRange:
             if remedy:
                 raise InputError(where, f"{key} = {value!r}", remedy)
             checked[key] = options
-        return replace(self, name=name, about=f"from {Path(str(where)).name}", values={**self.values, **checked})
+        return replace(
+            self,
+            name=name,
+            about=f"from {Path(str(where)).name}",
+            values={**self.values, **checked},
+        )
 
 
 def _is_choice(name: str) -> bool:
@@ -145,26 +187,36 @@ def draw_value(name: str, options: tuple[Any, ...], place: float) -> Any:
 PRESETS: dict[str, WorldRange] = {}
 for _name, _row in _TABLES["presets"].items():  # a row changes what it starts from
     _own = {key: value for key, value in _row.items() if key not in ("about", "sound")}
-    _from = {**_TABLES["full"], **_TABLES["start"], **(_TABLES["sound"] if _row.get("sound") else {}), **_own}
-    PRESETS[_name] = WorldRange(_name, _row["about"], {key: tuple(one) for key, one in _from.items()})
+    _from = {
+        **_TABLES["full"],
+        **_TABLES["start"],
+        **(_TABLES["sound"] if _row.get("sound") else {}),
+        **_own,
+    }
+    PRESETS[_name] = WorldRange(
+        _name, _row["about"], {key: tuple(bounds) for key, bounds in _from.items()}
+    )
 """Ranges by name: what goes together in real cells, and `any`, where nothing does."""
-GROUPS: dict[str, tuple[str, ...]] = {name: tuple(some) for name, some in _TABLES["groups"].items()}
-"""Lists by name; a check takes the worlds of a list in turn."""
 
 
 def find_world(name: str | Path) -> WorldRange:
-    """A range by its preset's name, or from a TOML file: fields of `World`, and `preset`, which it starts from.
+    """A range by its preset's name, or from a TOML file: fields of `World`, and `preset`, which it
+    starts from.
 
     In a file a list of two numbers is a pair of bounds; a list of words is a choice.
 
     Raises:
-        InputError: Neither, not a readable TOML file, an unknown preset or field, or a value out of bounds.
+        InputError: Neither, not a readable TOML file, an unknown preset or field, or a value out of
+            bounds.
     """
-    path, listed = Path(name), ", ".join(PRESETS)
+    path = Path(name)
+    listed = ", ".join(PRESETS)
     if str(name) in PRESETS:
         return PRESETS[str(name)]
     if path.suffix != ".toml" and not path.is_file():
-        raise InputError("--world", f"unknown world {str(name)!r}", f"give a TOML file or one of: {listed}")
+        raise InputError(
+            "--world", f"unknown world {str(name)!r}", f"give a TOML file or one of: {listed}"
+        )
     values = read_toml(path, "give a TOML file of a world")
     preset = values.pop("preset", "any")
     if not isinstance(preset, str) or preset not in PRESETS:
@@ -173,31 +225,37 @@ def find_world(name: str | Path) -> WorldRange:
 
 
 def find_worlds(text: str) -> tuple[WorldRange, ...]:
-    """Ranges of a comma-separated list of presets, files and groups; `-NAME` takes one out of what stands before.
+    """Ranges of a comma-separated list of presets, files and groups; `-NAME` takes one out of what
+    stands before.
 
     Raises:
         InputError: An unknown name, or nothing left.
     """
     chosen: list[WorldRange] = []
-    for part in filter(None, (part.strip() for part in text.split(","))):
-        if part.startswith("-"):
-            gone = find_world(part[1:]).name
-            chosen = [one for one in chosen if one.name != gone]
+    for word in filter(None, (word.strip() for word in text.split(","))):
+        if word.startswith("-"):
+            gone = find_world(word[1:]).name
+            chosen = [world for world in chosen if world.name != gone]
         else:
-            chosen += [find_world(name) for name in GROUPS.get(part, (part,))]
+            chosen += [find_world(name) for name in GROUPS.get(word, (word,))]
     if not chosen:
-        raise InputError("--worlds", f"{text!r} names no world", f"choose from: {', '.join([*GROUPS, *PRESETS])}")
+        raise InputError(
+            "--worlds", f"{text!r} names no world", f"choose from: {', '.join([*GROUPS, *PRESETS])}"
+        )
     return tuple(chosen)
 
 
 def settle(worlds: WorldRange, seed: int, **asked: Any) -> World:
-    """Draws the world of one session; what the user asks for beside it holds: the `robot`, the number of `runs`, their
-    rough `duration` [s], the log `rate` [Hz], and whether there is a `velocity` channel.
+    """Draws the world of one session; what the user asks for beside it holds: the `robot`, the
+    number of `runs`, their rough `duration` [s], the log `rate` [Hz], and whether there is a
+    `velocity` channel.
     """
     world = worlds.draw(np.random.default_rng([seed, 6]))
     asked = {key: value for key, value in asked.items() if value is not None}
     given = {
-        key: asked[own] for key, own in (("robot", "robot"), ("runs", "runs"), ("rate_hz", "rate")) if own in asked
+        key: asked[name]
+        for key, name in (("robot", "robot"), ("runs", "runs"), ("rate_hz", "rate"))
+        if name in asked
     }
     if "duration" in asked:
         given["duration_s"] = asked["duration"] * asked.get("runs", world.runs)
@@ -206,28 +264,22 @@ def settle(worlds: WorldRange, seed: int, **asked: Any) -> World:
     return replace(world, **given)
 
 
-# Counts of a sliding joint: its encoder turns once in this travel over two pi [m].
-SLIDE_LEVER_M = 0.1
-# Largest errors of a mass, whatever is drawn: a link can't weigh nothing.
-LEAST_MASS, GREATEST_MASS = 0.4, 2.5
-# Share of rated torque that encoder noise may become in the loop: a drive's observer smooths what it feeds back.
-LOOP_NOISE = 0.002
-# Bandwidths between which a diagnosis can choose [Hz]; the upper is below any structure's resonance.
-LEAST_BAND_HZ, GREATEST_BAND_HZ = 2.0, 25.0
-
-
 def draw_world_arm(arm: ArmModel, world: World, rng: np.random.Generator) -> Hardware:
     """Draws an individual arm of a world, before anything of the catalogue is wrong."""
     usual = draw_hardware(arm, rng, world.link_error)
-    n, own, bodies = usual.n, usual.friction, usual.bodies
+    n = usual.n
+    friction = usual.friction
+    bodies = usual.bodies
     mass = np.array(bodies.mass_scale)
     if world.copied_link and n > 1:
         masses = np.array([body.mass for body in arm.model.inertias])[1:]
         link = int(rng.integers(1, n))
         mass[link] *= masses[link - 1] / max(masses[link], 1e-3)
-    coulomb, viscous = world.friction_scale * own.coulomb, world.friction_scale * own.viscous
+    coulomb = world.friction_scale * friction.coulomb
+    viscous = world.friction_scale * friction.viscous
     rotor = world.rotor_scale * usual.drive.rotor_inertia
-    ratio, rated = world.gear_scale * usual.drive.ripple_order / 2.0, usual.sensing.rated
+    ratio = world.gear_scale * usual.drive.ripple_order / 2.0
+    rated = usual.sensing.rated
     lever = np.where(arm.sliding_joints, SLIDE_LEVER_M, 1.0)
     turns = ratio if world.encoder_at == "motor" else np.ones_like(ratio)
     count = 2.0 * np.pi * lever / (2.0**world.encoder_bits * turns)
@@ -261,27 +313,43 @@ def draw_world_arm(arm: ArmModel, world: World, rng: np.random.Generator) -> Har
 def channels_of(world: World, commands: bool = True, temperature: bool = False) -> Channels:
     """What a world's log holds."""
     shown = world.velocity != "none", commands, temperature
-    return Channels(world.rate_hz, *shown, world.velocity, world.velocity_delay_s, world.jitter, world.lost)
+    return Channels(
+        world.rate_hz, *shown, world.velocity, world.velocity_delay_s, world.jitter, world.lost
+    )
 
 
 def friction_path(
-    world: World, n: int, motions: Sequence[ReferenceMotion], pauses: Sequence[float], rng: np.random.Generator
+    world: World,
+    n: int,
+    motions: Sequence[ReferenceMotion],
+    pauses: Sequence[float],
+    rng: np.random.Generator,
 ) -> Float[Array, "R 2 n"]:
-    """Factors on dry and viscous friction of each run: its own change, and a drift that gathers as a random walk."""
-    spans = np.array([pause + motion.duration for pause, motion in zip(pauses, motions, strict=True)])
+    """Factors on dry and viscous friction of each run: its own change, and a drift that gathers as
+    a random walk.
+    """
+    spans = np.array(
+        [pause + motion.duration for pause, motion in zip(pauses, motions, strict=True)]
+    )
     gathered = spans / spans.sum()
-    walk = np.cumsum(rng.standard_normal((len(spans), 1, n)) * np.sqrt(gathered)[:, None, None], axis=0)
-    own = rng.standard_normal((len(spans), 2, n))
-    return np.exp(world.friction_spread * own + world.friction_drift * walk)
+    walk = np.cumsum(
+        rng.standard_normal((len(spans), 1, n)) * np.sqrt(gathered)[:, None, None], axis=0
+    )
+    scatter = rng.standard_normal((len(spans), 2, n))
+    return np.exp(world.friction_spread * scatter + world.friction_drift * walk)
 
 
-def noise_floor(hardware: Hardware, world: World, motions: Sequence[ReferenceMotion]) -> Float[Array, " n"]:
+def noise_floor(
+    hardware: Hardware, world: World, motions: Sequence[ReferenceMotion]
+) -> Float[Array, " n"]:
     """What the best model leaves at each joint in this world [N m].
 
-    Three parts: the noise of the torque reading; encoder noise, differentiated twice and multiplied by the joint's
-    inertia, in the band in which it is smaller than the torque's noise; and friction that changes from run to run.
+    Three parts: the noise of the torque reading; encoder noise, differentiated twice and multiplied
+    by the joint's inertia, in the band in which it is smaller than the torque's noise; and friction
+    that changes from run to run.
     """
-    disturbance, band = _disturbance(hardware), usable_band(hardware, world)
+    disturbance = _disturbance(hardware)
+    band = usable_band(hardware, world)
     accelerating = 2.0 * disturbance**2 / world.rate_hz * (2.0 * np.pi) ** 4 * band**5 / 5.0
     speed = np.sqrt(np.mean([np.mean(motion.dq**2, axis=0) for motion in motions], axis=0))
     change = np.hypot(world.friction_spread, world.friction_drift / np.sqrt(2.0))
@@ -290,14 +358,18 @@ def noise_floor(hardware: Hardware, world: World, motions: Sequence[ReferenceMot
 
 
 def _disturbance(hardware: Hardware) -> Float[Array, " n"]:
-    """Inertia of each joint at a middling pose times the deviation of its encoder's reading, rounded [N m s²]."""
+    """Inertia of each joint at a middling pose times the deviation of its encoder's reading,
+    rounded [N m s²].
+    """
     count = hardware.sensing.count
     noise = np.hypot(hardware.sensing.count_noise * count, count / np.sqrt(12.0))
     return np.asarray(middling_inertia(hardware) * noise)
 
 
 def usable_band(hardware: Hardware, world: World) -> Float[Array, " n"]:
-    """Frequency at each joint where encoder noise, as torque, becomes as strong as the torque's noise [Hz]."""
+    """Frequency at each joint where encoder noise, as torque, becomes as strong as the torque's
+    noise [Hz].
+    """
     highest = max(min(GREATEST_BAND_HZ, 0.4 * world.rate_hz), LEAST_BAND_HZ)
     f = np.geomspace(LEAST_BAND_HZ, highest, 200)
     torque, encoder = _densities(hardware, world, f)
@@ -305,17 +377,24 @@ def usable_band(hardware: Hardware, world: World) -> Float[Array, " n"]:
     return f[np.clip(below - 1, 0, len(f) - 1)]
 
 
-def _densities(hardware: Hardware, world: World, frequencies: Float[Array, " F"]) -> tuple[Array, Array]:
-    """Spectral densities, one-sided, of an unloaded joint's torque noise, and of what encoder noise becomes as torque
-    of inertia [(N m)²/Hz]; shape (F, n) each.
+def _densities(
+    hardware: Hardware, world: World, frequencies: Float[Array, " F"]
+) -> tuple[Array, Array]:
+    """Spectral densities, one-sided, of an unloaded joint's torque noise, and of what encoder noise
+    becomes as torque of inertia [(N m)²/Hz]; shape (F, n) each.
     """
-    f, sensing = frequencies[:, None], hardware.sensing
-    coloured = sensing.coloured**2 * (2.0 / np.pi) * sensing.corner_hz / (sensing.corner_hz**2 + f**2)
+    f = frequencies[:, None]
+    sensing = hardware.sensing
+    coloured = (
+        sensing.coloured**2 * (2.0 / np.pi) * sensing.corner_hz / (sensing.corner_hz**2 + f**2)
+    )
     encoder = 2.0 * _disturbance(hardware) ** 2 / world.rate_hz * (2.0 * np.pi * f) ** 4
     return 2.0 * sensing.white**2 / world.rate_hz + coloured, encoder
 
 
-def noise_density(hardware: Hardware, world: World, frequencies: Float[Array, " F"]) -> Float[Array, "F n"]:
+def noise_density(
+    hardware: Hardware, world: World, frequencies: Float[Array, " F"]
+) -> Float[Array, "F n"]:
     """Spectral density, one-sided, of all noise in a torque residual [(N m)²/Hz].
 
     Above half of the log rate nothing is seen: the density there is without bound.

@@ -16,9 +16,11 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from ident.arrays import Array, Float, Int, freeze
+from ident.effects import optional
 from ident.effects.base import Effect, SessionContext, Variant
-from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
+from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.regression.baseline import Baseline, fit_baseline
 from ident.regression.design import layout_of
 from ident.regression.partition import build_partition
@@ -230,9 +232,10 @@ def size_effect(
         width: Number of its columns there.
         reported: Parameters of the diagnosis by name, if it found this effect.
     """
-    typical, beta = effect.typical, effect.typical_coefficients(session, joint, variant, width)
+    typical = effect.typical
+    beta = optional.typical_coefficients(effect, session, joint, variant, width)
     if typical.figure not in reported:
         return beta, "typical"
-    usual = max(effect.size_of(session, joint, variant, beta), 1e-12)
+    usual = max(optional.size_of(effect, session, joint, variant, beta), 1e-12)
     ratio = max(abs(reported[typical.figure]) / usual, 1e-12) ** (-1 if typical.inverse else 1)
     return beta * float(np.clip(ratio, 1.0 / LARGEST_CHANGE, LARGEST_CHANGE)), "diagnosis"

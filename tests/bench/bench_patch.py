@@ -35,8 +35,8 @@ from ident.export.write import write_export, write_patch
 from ident.fitting.fit import fit_hybrid, read_named_laws
 from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
-from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import Motion, prepare
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.columns import match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Payload, Recording, Session

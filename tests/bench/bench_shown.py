@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from ident.arrays import Array
+from ident.effects import optional
 from ident.effects.base import RunContext
 from ident.effects.catalogue import CATALOGUE
 from ident.export.identified import Change, IdentifiedArm, untuned
@@ -31,7 +32,7 @@ def in_mjcf(run: RunContext, change: Change, wanted: Array) -> tuple[Array, Arra
     """What the file does with a motion or a command, or a number in it, and what the law does; empty if it has none."""
     part, p, some = change.part("mjcf"), change.values, slice(None, None, 40)
     arm = IdentifiedArm.tuned_to(run.arm, untuned(run.n), (change,))
-    own = change.kind.expressed("mjcf", p) if change.kind else None
+    own = optional.expressed(change.kind, "mjcf", p) if change.kind else None
     if own is None or not own.part or arm.links.missed > CLOSE / 10.0:  # the file itself says so
         return np.zeros(0), np.zeros(0)
     model = mujoco.MjModel.from_xml_string(write_mjcf(arm))

@@ -18,7 +18,7 @@ from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
 from ident.fitting.fit import fit_hybrid
 from ident.motion import stretches
-from ident.motion.filter import USUAL_MOTION
+from ident.motion.settings import USUAL_MOTION
 from ident.recordings.load import load_parts, load_session
 from ident.recordings.recording import Recording, Session
 from ident.recordings.save import write_session

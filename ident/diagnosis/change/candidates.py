@@ -14,6 +14,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.change.laws import FrictionChange, UnlistedChange
 from ident.diagnosis.change.settings import CHANGE
+from ident.effects import optional
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import Range
@@ -71,7 +72,7 @@ def finer_grids(changes: Sequence[Group], session: SessionContext, later: Sessio
     for group in changes:
         effect = group.effect.effect if isinstance(group.effect, ChangeOf) else group.effect
         runs = later if effect.as_change.later_alone else session
-        finer = effect.refined(runs, group.joint, group.variant)
+        finer = optional.refined(effect, runs, group.joint, group.variant)
         if len(finer) > 1 and not effect.as_change.body:
             found.append((effect, group.joint, tuple(finer)))
     return found
@@ -117,7 +118,7 @@ class ChangeOf(Effect):
         return {name: one for name, one in found.items() if name in outside or not np.isfinite(estimates[name].value)}
 
     def parts(self, variant: Variant) -> Sequence[tuple[Variant, Sequence[int]]]:
-        return self.effect.parts(variant)
+        return optional.parts(self.effect, variant)
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"] | None:
         return self.effect.prior_scale(session, joint, variant)

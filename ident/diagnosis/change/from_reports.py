@@ -11,8 +11,9 @@ from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.settings import CHANGE
 from ident.errors import RecordingError
-from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
+from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion, no_motion
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.motion.stretches import choose_runs, within_band
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue

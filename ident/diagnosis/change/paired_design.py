@@ -22,6 +22,7 @@ from ident.diagnosis.change.paired_sums import PairedSums, Sides, pair_sums, par
 from ident.diagnosis.change.permuted_sets import PermutedSets
 from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.change.static_joints import StaticJoint
+from ident.effects import optional
 from ident.effects.base import Effect, SessionContext
 from ident.effects.session_context import rated_torque
 from ident.model.linearisation import LEAST_MOVING
@@ -148,7 +149,7 @@ def build_design(
     own = replace(own, common_clock=one_clock)
     if effects is None:
         unusual = unusual_torque(own, leftover_torque(own))
-        effects = tuple(one.screened(own, unusual) if one.as_change.later_alone else one for one in CHANGES)
+        effects = tuple(optional.screened(one, own, unusual) if one.as_change.later_alone else one for one in CHANGES)
     untestable, grids = find_grids(effects, lambda effect: own if effect.as_change.later_alone else session, points)
     grids += finer
     grids += find_grids((HeldFriction(),), lambda _: session, points)[1]

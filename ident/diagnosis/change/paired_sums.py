@@ -14,6 +14,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Int
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
 from ident.diagnosis.change.settings import CHANGE
+from ident.effects import optional
 from ident.effects.base import SessionContext, Variant
 from ident.regression.block_sums import SymmetricSums
 from ident.regression.design import LOSS_PARAMETERS, Group, Layout
@@ -120,7 +121,7 @@ def pair_sums(evidence: Evidence, sides: Sides, finer: Sequence[Variant] = ()) -
         at += len(columns)
         change = ChangeOf(group.effect)
         groups.append(Group(change, group.joint, group.variant, columns))
-        for part, some in change.parts(group.variant):
+        for part, some in optional.parts(change, group.variant):
             groups.append(Group(change, group.joint, part, columns[list(some)], borrows=True))
         always[columns] = where[group.columns]
     new = np.arange(start, len(origin) - 1)  # each belongs to the joint of its source

@@ -15,6 +15,15 @@ from ident.simulation.causes import mechanisms
 from ident.simulation.causes.mechanisms import Circumstances, Parameters, Size, View
 from ident.simulation.hardware import Hardware
 
+_ROWS = tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))
+EVENTS = frozenset({"external_contact"})
+"""Effects that no simulator of the arm can hold: a push that came once."""
+ALIKE = (
+    frozenset({"torque_offset", "asymmetric_friction"}),
+    frozenset({"torque_gain_error", "payload", "link_inertial_error"}),
+)
+"""Effects whose torques are one and the same: with both, no truth could be told from another."""
+
 
 @dataclass(frozen=True)
 class Cause:
@@ -36,9 +45,9 @@ class Cause:
     beside: float | None = None
 
     @classmethod
-    def of_row(cls, name: str, typical: Size, bounds: Sequence[Size], **own: Any) -> Cause:
+    def of_row(cls, name: str, typical: Size, bounds: Sequence[Size], **fields: Any) -> Cause:
         """The cause of a row of the table."""
-        return cls(name, own.pop("parameter"), typical, bounds[0], tuple(bounds[1:]), **own)
+        return cls(name, fields.pop("parameter"), typical, bounds[0], tuple(bounds[1:]), **fields)
 
     def typical(self, scene: Circumstances) -> float:
         """A typical size."""
@@ -55,9 +64,15 @@ class Cause:
         if self.law == "sensing":
             sensing = scene.hardware.sensing.set(scene.joint, **{self.column: self.healthy + size})
             return scene.hardware.replace(sensing=sensing), {self.parameter: size}
-        values = {column: _draw(scene.rng, how, low, high) for column, (_, how, low, high) in self.drawn.items()}
+        values = {
+            column: _draw(scene.rng, how, low, high)
+            for column, (_, how, low, high) in self.drawn.items()
+        }
         true = {self.drawn[column][0]: value for column, value in values.items()}
-        return scene.with_laws(self.law, **{self.column: size}, **values), {self.parameter: size, **true}
+        return scene.with_laws(self.law, **{self.column: size}, **values), {
+            self.parameter: size,
+            **true,
+        }
 
     def checked(self, scene: Circumstances, size: float) -> float:
         """The size, if it is physical.
@@ -68,7 +83,9 @@ class Cause:
         low, high = self.bounds(scene)
         if not low <= size <= high:
             what = f"{self.parameter} = {size:g} is outside physics"
-            raise InputError(f"--effect {self.id}", what, f"choose between {low:.4g} and {high:.4g}")
+            raise InputError(
+                f"--effect {self.id}", what, f"choose between {low:.4g} and {high:.4g}"
+            )
         return size
 
 
@@ -79,22 +96,16 @@ def _draw(rng: np.random.Generator, how: str, low: float, high: float) -> float:
     return float(rng.integers(int(low), int(high)) if how == "whole" else rng.uniform(low, high))
 
 
-_ROWS = tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))
-
-CATALOGUE: dict[str, Cause] = {name: Cause.of_row(name, **row) for name, row in _ROWS["catalogue"].items()}
+CATALOGUE: dict[str, Cause] = {
+    name: Cause.of_row(name, **row) for name, row in _ROWS["catalogue"].items()
+}
 """The 21 effects of the catalogue."""
 
-OUTSIDE: dict[str, Cause] = {name: Cause.of_row(name, **row) for name, row in _ROWS["outside"].items()}
+OUTSIDE: dict[str, Cause] = {
+    name: Cause.of_row(name, **row) for name, row in _ROWS["outside"].items()
+}
 """Causes outside the catalogue."""
 
-EVENTS = frozenset({"external_contact"})
-"""Effects that no simulator of the arm can hold: a push that came once."""
-
-ALIKE = (
-    frozenset({"torque_offset", "asymmetric_friction"}),
-    frozenset({"torque_gain_error", "payload", "link_inertial_error"}),
-)
-"""Effects whose torques are one and the same: with both, no truth could be told from another."""
 
 __all__ = ["ALIKE", "CATALOGUE", "EVENTS", "OUTSIDE", "Cause", "Circumstances", "find_cause"]
 

@@ -1,31 +1,35 @@
 """What the causes do that are not one column of a law: each function has the name of its cause.
 
-Friction, teeth and springs of one joint; bodies, gravity and pushes; sensors; and what no catalogue lists, of which a
-diagnosis must say *none of these*, not name the nearest.
+Friction, teeth and springs of one joint; bodies, gravity and pushes; sensors; and what no catalogue
+lists, of which a diagnosis must say *none of these*, not name the nearest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Float
-from ident.records import read_group
+from ident.simulation.causes.settings import GEAR, LUBRICANT
 from ident.simulation.hardware import AddedBody, Hardware, Slosh
-from ident.simulation.laws import Contact, heat_law
+from ident.simulation.laws import Column, Contact, heat_law
 from ident.trajectories.reference import ReferenceMotion
 
-GEAR, LUBRICANT = read_group(__file__, "gear"), read_group(__file__, "lubricant")
 
-
-def _sprung(scene: Circumstances, stiffness: float, ratio: float, **more: float) -> tuple[Hardware, float]:
+def _sprung(
+    scene: Circumstances, stiffness: float, ratio: float, **more: float
+) -> tuple[Hardware, float]:
     """The hardware with motor and link as two bodies, and the spring's damping [N m s/rad]."""
-    damping = float(2.0 * ratio * np.sqrt(stiffness * scene.hardware.drive.rotor_inertia[scene.joint]))
-    return scene.with_laws("drive", elastic=True, stiffness=stiffness, damping=damping, **more), damping
+    damping = float(
+        2.0 * ratio * np.sqrt(stiffness * scene.hardware.drive.rotor_inertia[scene.joint])
+    )
+    return scene.with_laws(
+        "drive", elastic=True, stiffness=stiffness, damping=damping, **more
+    ), damping
 
 
 def joint_elasticity(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -57,16 +61,24 @@ def nonlinear_viscous_friction(scene: Circumstances, size: float) -> tuple[Hardw
 
 
 def thermal_friction(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    """The joint's own heat network; its lubricant loses a share of its viscosity at the rated rise."""
-    h, j = scene.hardware, scene.joint
+    """The joint's own heat network; its lubricant loses a share of its viscosity at the
+    rated rise.
+    """
+    h = scene.hardware
+    j = scene.joint
     time_constant = float(np.exp(scene.rng.uniform(np.log(40.0), np.log(240.0))))
     loss = h.friction.coulomb * 0.6 + h.friction.viscous * 0.36
     network = heat_law(loss, LUBRICANT.rated_rise, time_constant)
     heat = {name: network[name][j] for name in ("lubricant", "housing", "inner", "outer")}
     decay = -np.log1p(-size) / LUBRICANT.rated_rise
     dry = 0.25 * decay  # dry friction depends far less on temperature
-    hardware = h.with_laws("heat", j, **heat).with_laws("friction", j, thermal_viscous=decay, thermal_coulomb=dry)
-    changes = {"viscous_change": -size, "coulomb_change": float(np.expm1(-dry * LUBRICANT.rated_rise))}
+    hardware = h.with_laws("heat", j, **heat).with_laws(
+        "friction", j, thermal_viscous=decay, thermal_coulomb=dry
+    )
+    changes = {
+        "viscous_change": -size,
+        "coulomb_change": float(np.expm1(-dry * LUBRICANT.rated_rise)),
+    }
     return hardware, {**changes, "time_constant_s": time_constant}
 
 
@@ -77,20 +89,32 @@ def presliding_hysteresis(scene: Circumstances, size: float) -> tuple[Hardware, 
 
 
 def position_dependent_friction(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    order, phase = int(scene.rng.integers(1, 3)), float(scene.rng.uniform(-np.pi, np.pi))
-    hardware = scene.with_laws("friction", seat=size / scene.coulomb, seat_order=order, seat_phase=phase)
+    order = int(scene.rng.integers(1, 3))
+    phase = float(scene.rng.uniform(-np.pi, np.pi))
+    hardware = scene.with_laws(
+        "friction", seat=size / scene.coulomb, seat_order=order, seat_phase=phase
+    )
     return hardware, {"amplitude_Nm": size, "order": order, "phase_rad": phase}
 
 
 def asymmetric_friction(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    viscous = float(scene.rng.uniform(0.3, 0.8) * size / scene.coulomb * scene.hardware.friction.viscous[scene.joint])
+    viscous = float(
+        scene.rng.uniform(0.3, 0.8)
+        * size
+        / scene.coulomb
+        * scene.hardware.friction.viscous[scene.joint]
+    )
     hardware = scene.with_laws("friction", coulomb_skew=size, viscous_skew=viscous)
     return hardware, {"coulomb_difference_Nm": size, "viscous_difference_Nms_rad": viscous}
 
 
 def joint_coupling(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    """The joint's motor is also turned by its neighbour: friction and rotor of the combined motion."""
-    h, j, other = scene.hardware, scene.joint, scene.neighbour
+    """The joint's motor is also turned by its neighbour: friction and rotor of the combined
+    motion.
+    """
+    h = scene.hardware
+    j = scene.joint
+    other = scene.neighbour
     ratio = float(scene.rng.choice([-1.0, 1.0]))
     viscous = float(0.4 * size * h.friction.viscous[j] / h.friction.coulomb[j])
     inertia = float(0.1 * size * h.drive.rotor_inertia[j] / h.friction.coulomb[j])
@@ -104,10 +128,14 @@ def joint_coupling(scene: Circumstances, size: float) -> tuple[Hardware, Paramet
 
 def vector(name: str, values: Float[Array, " 3"], unit: str) -> Parameters:
     """A parameter for each axis."""
-    return {f"{name}_{axis}_{unit}": float(value) for axis, value in zip("xyz", values, strict=True)}
+    return {
+        f"{name}_{axis}_{unit}": float(value) for axis, value in zip("xyz", values, strict=True)
+    }
 
 
-def tilted(gravity: Float[Array, " 3"], axis: Float[Array, " 3"], angle: float) -> Float[Array, " 3"]:
+def tilted(
+    gravity: Float[Array, " 3"], axis: Float[Array, " 3"], angle: float
+) -> Float[Array, " 3"]:
     """Gravity, turned about an axis of the base (Rodrigues)."""
     turned = gravity * np.cos(angle) + np.cross(axis, gravity) * np.sin(angle)
     return turned + axis * (axis @ gravity) * (1.0 - np.cos(angle))
@@ -127,13 +155,17 @@ def payload(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
 
 
 def link_inertial_error(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    """Something is mounted on the link, or missing from it: mass, first and second moments change together."""
+    """Something is mounted on the link, or missing from it: mass, first and second moments change
+    together.
+    """
     nominal = scene.hardware.arm.model.inertias[scene.joint + 1]
     mass = float(size * nominal.mass)
     place = np.array(nominal.lever) + 0.08 * scene.reach * scene.rng.uniform(-1.0, 1.0, 3)
     # Taken away where it is: off-centre gaps could leave a link that no body can have.
     place = place if size > 0.0 else np.array(nominal.lever) * scene.rng.uniform(0.9, 1.1)
-    hardware = _carrying(scene.hardware, scene.joint, mass, place, 0.02 * scene.reach * (size > 0.0))
+    hardware = _carrying(
+        scene.hardware, scene.joint, mass, place, 0.02 * scene.reach * (size > 0.0)
+    )
     return hardware, {"mass_change_kg": mass, **vector("moment_change", mass * place, "kgm")}
 
 
@@ -144,13 +176,18 @@ def gravity_misalignment(scene: Circumstances, size: float) -> tuple[Hardware, P
     tilt = size * np.array([np.cos(heading), np.sin(heading)])
     axis = np.array([tilt[0], tilt[1], 0.0]) / size if size > 0.0 else np.array([1.0, 0.0, 0.0])
     bodies = bodies.replace(gravity=tilted(np.array(bodies.gravity), axis, size))
-    true: Parameters = {"tilt_x_rad": float(tilt[0]), "tilt_y_rad": float(tilt[1]), "tilt_rad": size}
+    true: Parameters = {
+        "tilt_x_rad": float(tilt[0]),
+        "tilt_y_rad": float(tilt[1]),
+        "tilt_rad": size,
+    }
     return scene.hardware.replace(bodies=bodies), true
 
 
 def external_contact(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """Somebody pushes against a link for a while, in one run."""
-    h, rng = scene.hardware, scene.rng
+    h = scene.hardware
+    rng = scene.rng
     run = int(rng.integers(len(scene.motions)))
     duration = scene.motions[run].duration
     length = min(float(rng.uniform(0.5, 1.5)), 0.4 * duration)
@@ -166,16 +203,21 @@ def external_contact(scene: Circumstances, size: float) -> tuple[Hardware, Param
 def torque_offset(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """An offset that drifts by about a tenth of itself in a minute, and wanders a little."""
     drift = float(size * scene.rng.uniform(-0.1, 0.1) / 60.0)
-    sensing = scene.hardware.sensing.set(scene.joint, offset=size, drift=drift, wander=0.03 * abs(size))
+    sensing = scene.hardware.sensing.set(
+        scene.joint, offset=size, drift=drift, wander=0.03 * abs(size)
+    )
     return scene.hardware.replace(sensing=sensing), {"offset_Nm": size, "drift_Nm_s": drift}
 
 
 def torque_delay(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    return scene.hardware.replace(sensing=scene.hardware.sensing.replace(delay=size)), {"delay_s": size}
+    return scene.hardware.replace(sensing=scene.hardware.sensing.replace(delay=size)), {
+        "delay_s": size
+    }
 
 
 def cable_drag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    centre, width = float(scene.rng.uniform(-0.5, 0.5)), float(scene.rng.uniform(0.3, 0.7))
+    centre = float(scene.rng.uniform(-0.5, 0.5))
+    width = float(scene.rng.uniform(0.3, 0.7))
     share = float(scene.rng.choice([-1.0, 1.0]) * scene.rng.uniform(0.5, 1.0))
     band = {"cable_share": share, "cable_centre": centre, "cable_width": width}
     hardware = scene.with_laws("outside", cable=size, cable_other=scene.neighbour, **band)
@@ -205,10 +247,18 @@ def supply_sag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]
 
 
 def kinematic_error(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    """A strain-wave gear's kinematic error shakes the link, hardest where it meets the drive's resonance."""
-    drive, j = scene.hardware.drive, scene.joint
-    order, resonance = float(drive.ripple_order[j]), float(2.0 * np.pi * scene.rng.uniform(6.0, 14.0))
-    shaken = {"wobble_order": order, "wobble_inertia": drive.rotor_inertia[j], "wobble_resonance": resonance}
+    """A strain-wave gear's kinematic error shakes the link, hardest where it meets the drive's
+    resonance.
+    """
+    drive = scene.hardware.drive
+    j = scene.joint
+    order = float(drive.ripple_order[j])
+    resonance = float(2.0 * np.pi * scene.rng.uniform(6.0, 14.0))
+    shaken = {
+        "wobble_order": order,
+        "wobble_inertia": drive.rotor_inertia[j],
+        "wobble_resonance": resonance,
+    }
     hardware = scene.with_laws("outside", wobble=size, **shaken)
     return hardware, {"error_rad": size, "order": order, "resonance_Hz": resonance / (2.0 * np.pi)}
 
@@ -226,7 +276,8 @@ class Circumstances:
     hardware: Hardware  # the arm before it
     joint: int  # index of the joint; of an effect of the whole arm, the last
     motions: Sequence[ReferenceMotion]  # what the arm is going to do
-    rng: np.random.Generator  # source of the cause's other parameters; the same for every size that is tried
+    # source of the cause's other parameters; the same for every size that is tried
+    rng: np.random.Generator
 
     @property
     def coulomb(self) -> float:
@@ -240,11 +291,16 @@ class Circumstances:
 
     @property
     def peak(self) -> float:
-        """Largest torque that the motions ask of the joint's drive, as far as is known beforehand [N m]."""
-        h, j = self.hardware, self.joint
+        """Largest torque that the motions ask of the joint's drive, as far as is known beforehand
+        [N m].
+        """
+        h = self.hardware
+        j = self.joint
         peak = 0.0
         for motion in self.motions:
-            q, dq, ddq = motion.q[::5], motion.dq[::5], motion.ddq[::5]
+            q = motion.q[::5]
+            dq = motion.dq[::5]
+            ddq = motion.ddq[::5]
             torque = h.arm.inverse_dynamics(q, dq, ddq)[:, j] + h.drive.rotor_inertia[j] * ddq[:, j]
             torque += h.friction.viscous[j] * dq[:, j] + h.friction.coulomb[j] * np.sign(dq[:, j])
             peak = max(peak, float(np.abs(torque).max()))
@@ -270,9 +326,9 @@ class Circumstances:
         """The joint before, or after the first."""
         return self.joint - 1 if self.joint > 0 else min(1, self.hardware.n - 1)
 
-    def with_laws(self, part: str, **values: Any) -> Hardware:
+    def with_laws(self, group: str, **values: Column) -> Hardware:
         """The hardware with some columns of a law changed at the joint."""
-        return self.hardware.with_laws(part, self.joint, **values)
+        return self.hardware.with_laws(group, self.joint, **values)
 
     def size_of(self, size: Size) -> float:
         """A number, or a share of a property here: "0.3 coulomb", "2 rated"."""
@@ -284,4 +340,12 @@ class Circumstances:
 
 def length_of(model: pin.Model) -> float:
     """Rough length of an arm [m]."""
-    return float(sum(np.linalg.norm(one.translation) for one in list(model.jointPlacements)[1:])) + 1e-3
+    return (
+        float(
+            sum(
+                np.linalg.norm(placement.translation)
+                for placement in list(model.jointPlacements)[1:]
+            )
+        )
+        + 1e-3
+    )

@@ -1,4 +1,6 @@
-"""Cases: which effect, on whose recordings, where and how large; written as sessions and answers apart from them."""
+"""Cases: which effect, on whose recordings, where and how large; written as sessions and answers
+apart from them.
+"""
 
 from __future__ import annotations
 
@@ -33,6 +35,27 @@ from ident.simulation.real.planted import (
 )
 from ident.simulation.real.sources import Source, cut, kept_back_arms, load_known, recorded_causes
 
+SIZES = (3.0, 1.0)
+PAIR_SIZES = (3.0, 3.0)
+# How near a size has to come to what was asked for, in how many tries; draws of joint and numbers a
+# case.
+NEAR = 0.1
+TRIES = 12
+DRAWS = 7
+# An effect of the whole arm, or one that shows elsewhere, shows where it is this share of its
+# largest.
+SHOWN = 1.0 / 3.0
+KINDS = {"single": 0.66, "outside": 0.1, "pair": 0.08, "untouched": 0.16}
+LAST = (
+    "torque_gain_error",
+    "torque_delay",
+    "torque_saturation",
+    "encoder_offset",
+    "link_inertial_error",
+)
+LEAST_PARTS = 6
+MOVES = 0.05  # of a run that is cut; how far a joint goes that moves in one [rad, m]
+
 
 def plant_cable(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """A cable pulls tight beyond an angle."""
@@ -43,7 +66,12 @@ def plant_cable(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange
 def plant_product(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """Drag where the neighbour moves fast, too."""
     other = neighbour(arm, j, draw)
-    return at_joint(arm, j, size * arm.v[:, j] * np.abs(arm.v[:, other]), {"other_joint": arm.source.joints[other]})
+    return at_joint(
+        arm,
+        j,
+        size * arm.v[:, j] * np.abs(arm.v[:, other]),
+        {"other_joint": arm.source.joints[other]},
+    )
 
 
 def plant_seal(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -57,7 +85,9 @@ def plant_brake(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange
     """The holding brake lets go slowly at the start of each run."""
     fading = float(draw.uniform(1.0, 3.0))
     since = arm.over_runs(arm.t[:, None], lambda t, x: x - x[0])[:, 0]
-    return at_joint(arm, j, size * np.exp(-since / fading) * bristle(arm, arm.v[:, j]), {"decay_s": fading})
+    return at_joint(
+        arm, j, size * np.exp(-since / fading) * bristle(arm, arm.v[:, j]), {"decay_s": fading}
+    )
 
 
 def plant_sag(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -78,7 +108,9 @@ def plant_tooth(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange
     usual = float(np.quantile(np.abs(arm.v[:, j]), 0.6)) + 1e-3
     order = float(np.clip(round(2.0 * np.pi * draw.uniform(0.8, 3.0) / usual), 4, 80))
     wave = np.tanh(4.0 * np.sin(order * arm.q[:, j]))
-    return at_joint(arm, j, size * np.abs(arm.load[:, j]) * wave * bristle(arm, arm.v[:, j]), {"teeth": order})
+    return at_joint(
+        arm, j, size * np.abs(arm.load[:, j]) * wave * bristle(arm, arm.v[:, j]), {"teeth": order}
+    )
 
 
 def plant_ageing(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -102,35 +134,40 @@ OUTSIDE: dict[str, Planted] = {
 """Laws that no catalogue lists."""
 
 
-SIZES, PAIR_SIZES = (3.0, 1.0), (3.0, 3.0)
-# How near a size has to come to what was asked for, in how many tries; draws of joint and numbers a case.
-NEAR, TRIES, DRAWS = 0.1, 12, 7
-# An effect of the whole arm, or one that shows elsewhere, shows where it is this share of its largest.
-SHOWN = 1.0 / 3.0
-KINDS = {"single": 0.66, "outside": 0.1, "pair": 0.08, "untouched": 0.16}
-LAST = ("torque_gain_error", "torque_delay", "torque_saturation", "encoder_offset", "link_inertial_error")
-LEAST_PARTS, MOVES = 6, 0.05  # of a run that is cut; how far a joint goes that moves in one [rad, m]
-
-
 Effects = tuple[tuple[str, float], ...]
 """Effects that are requested: id and visible size [noise] of each."""
 
 
 def plan_slots(cases: int, seed: int) -> list[tuple[str, Effects]]:
-    """Kinds of case by their shares, each with its effects; singles in turn, every second or third of them small."""
+    """Kinds of case by their shares, each with its effects; singles in turn, every second or third
+    of them small.
+    """
     rng = np.random.default_rng([seed, 0])
     counts = {kind: round(share * cases) for kind, share in KINDS.items() if kind != "single"}
     singles = cases - sum(counts.values())
-    order = [str(e) for _ in range(-(-singles // len(EFFECTS))) for e in rng.permutation(list(EFFECTS))]
+    order = [
+        str(e) for _ in range(-(-singles // len(EFFECTS))) for e in rng.permutation(list(EFFECTS))
+    ]
     drawn: list[tuple[str, Effects]] = [
         ("single", ((effect, SIZES[0] if (i // len(EFFECTS)) % 5 in (0, 2, 4) else SIZES[1]),))
         for i, effect in enumerate(order[:singles])
     ]
-    others = [str(e) for e in rng.permutation(list(OUTSIDE) * (1 + counts["outside"] // len(OUTSIDE)))]
+    others = [
+        str(e) for e in rng.permutation(list(OUTSIDE) * (1 + counts["outside"] // len(OUTSIDE)))
+    ]
     drawn += [("outside", ((effect, SIZES[0]),)) for effect in others[: counts["outside"]]]
     for _ in range(counts["pair"]):
         first, second = (str(e) for e in rng.choice(list(EFFECTS), 2, replace=False))
-        drawn.append(("pair", tuple(sorted(zip((first, second), PAIR_SIZES, strict=True), key=lambda e: e[0] in LAST))))
+        drawn.append(
+            (
+                "pair",
+                tuple(
+                    sorted(
+                        zip((first, second), PAIR_SIZES, strict=True), key=lambda e: e[0] in LAST
+                    )
+                ),
+            )
+        )
     return drawn + [("untouched", ())] * counts["untouched"]
 
 
@@ -142,9 +179,11 @@ def make_cases(
     paired: bool,
     say: Callable[[str], None] = lambda line: None,
 ) -> None:
-    """Writes cases, controls (each source as it is), answers and their seals; says what was made, line by line.
+    """Writes cases, controls (each source as it is), answers and their seals; says what was made,
+    line by line.
 
-    Each is one session, or of `paired` cases a `before` without and an `after` with the effect, for a comparison.
+    Each is one session, or of `paired` cases a `before` without and an `after` with the effect, for
+    a comparison.
 
     Raises:
         InputError: The folder holds something already.
@@ -155,12 +194,22 @@ def make_cases(
     seals: dict[str, str] = {}
     turn = _turns(sources, seed)
     for source in () if paired else sources:
-        _write(out, f"control_{source.name}", {"": source.runs}, source.urdf, _answer("control", source, ()), seals)
+        _write(
+            out,
+            f"control_{source.name}",
+            {"": source.runs},
+            source.urdf,
+            _answer("control", source, ()),
+            seals,
+        )
     for number, (kind, effects) in enumerate(plan_slots(cases, seed)):
-        made, name = None, f"case_{number:03d}"
+        made = None
+        name = f"case_{number:03d}"
         for attempt in range(len(sources)):
             source = next(turn)
-            made = _make(arms[source.name], kind, effects, np.random.default_rng([seed, 1, number, attempt]))
+            made = _make(
+                arms[source.name], kind, effects, np.random.default_rng([seed, 1, number, attempt])
+            )
             if made is not None:
                 break
         if made is None:
@@ -168,7 +217,11 @@ def make_cases(
             continue
         runs, urdf, answer = made
         rng = np.random.default_rng([seed, 2, number])
-        folders = _before_and_after(source, runs, rng) if paired else {"": runs if effects else _some(runs, rng)}
+        folders = (
+            _before_and_after(source, runs, rng)
+            if paired
+            else {"": runs if effects else _some(runs, rng)}
+        )
         _write(out, name, folders, urdf, answer, seals)
         truth = ", ".join(f"{e['effect']}:{'+'.join(e['joints'])}" for e in answer["effects"])
         say(f"{name} {source.name} {kind} {truth}")
@@ -179,7 +232,8 @@ def write_recorded(folder: Path, out: Path) -> list[str]:
     """Writes the recordings whose cause was measured as cases with answers; returns their names.
 
     Args:
-        folder: Of all recordings of real arms; what is not there is left out, as are arms that are kept back.
+        folder: Of all recordings of real arms; what is not there is left out, as are arms that are
+            kept back.
         out: Folder of the cases.
     """
     seals: dict[str, str] = {}
@@ -206,7 +260,8 @@ def write_recorded(folder: Path, out: Path) -> list[str]:
 
 def _turns(sources: Sequence[Source], seed: int) -> Iterator[Source]:
     """Sources without end, every arm as often as any other."""
-    rng, names = np.random.default_rng([seed, 3]), sorted({source.arm for source in sources})
+    rng = np.random.default_rng([seed, 3])
+    names = sorted({source.arm for source in sources})
     while True:
         for k in rng.permutation(len(names)):
             sessions = [source for source in sources if source.arm == names[k]]
@@ -223,13 +278,23 @@ def _some(runs: Sequence[Recording], rng: np.random.Generator) -> Sequence[Recor
     return [run.at(slice(start, start + 4 * len(run) // 5)) for run in runs]
 
 
-def _before_and_after(source: Source, runs: Sequence[Recording], rng: np.random.Generator) -> dict[str, Any]:
-    """Every second run as it was, the others with the effect; runs are cut where some joint moves in few of them."""
-    pieces, moves = [list(source.runs), list(runs)], sum(np.ptp(run.position, axis=0) > MOVES for run in runs)
+def _before_and_after(
+    source: Source, runs: Sequence[Recording], rng: np.random.Generator
+) -> dict[str, Any]:
+    """Every second run as it was, the others with the effect; runs are cut where some joint moves
+    in few of them.
+    """
+    pieces = [list(source.runs), list(runs)]
+    moves = sum(np.ptp(run.position, axis=0) > MOVES for run in runs)
     if min(moves[moves > 0], default=0) < 4:
-        pieces = [[part for run in one for part in cut(run, LEAST_PARTS)] for one in pieces]
+        pieces = [_cut_each(side) for side in pieces]
     first = int(rng.integers(2))
     return {"before": pieces[0][first::2], "after": pieces[1][1 - first :: 2]}
+
+
+def _cut_each(runs: Sequence[Recording]) -> list[Recording]:
+    """The pieces of some runs, one after the other."""
+    return [piece for run in runs for piece in cut(run, LEAST_PARTS)]
 
 
 def _make(
@@ -237,14 +302,20 @@ def _make(
 ) -> tuple[list[Recording], str, dict[str, Any]] | None:
     """Recordings, URDF and answer of a case; None if nothing that was drawn can show so much."""
     truth: list[dict[str, Any]] = []
-    urdf, shift, now = arm.source.urdf, np.zeros(arm.n), arm
+    urdf = arm.source.urdf
+    shift = np.zeros(arm.n)
+    now = arm
     for effect, wanted in effects:
-        found = sized(now, effect, wanted, rng, {joint for one in truth for joint in one["joints"]})
-        if found is None:
+        sized_change = sized(
+            now, effect, wanted, rng, {joint for entry in truth for joint in entry["joints"]}
+        )
+        if sized_change is None:
             return None
-        change, entry = found
+        change, entry = sized_change
         truth.append(entry)
-        now, shift, urdf = now.plus(change.torque), shift + change.shift, change.urdf or urdf
+        now = now.plus(change.torque)
+        shift = shift + change.shift
+        urdf = change.urdf or urdf
     runs = [
         replace(run, effort=now.tau[rows], position=run.position + shift)
         for run, rows in zip(arm.source.runs, arm.runs, strict=True)
@@ -259,25 +330,39 @@ def sized(
     law = {**EFFECTS, **OUTSIDE}[effect]
     joints = [int(j) for j in rng.permutation(arm.n) if arm.source.joints[j] not in taken]
     for j in (joints * DRAWS)[:DRAWS]:
-        found = _scaled(arm, law, j, wanted, int(rng.integers(2**32)))
-        if found is not None:
+        scaled = _scaled(arm, law, j, wanted, int(rng.integers(2**32)))
+        if scaled is not None:
             break
     else:
         return None
-    (change, seen, size), names = found, arm.source.joints
-    shown = [name for name, one in zip(names, seen, strict=True) if one >= SHOWN * seen.max()]
-    own = [] if law.whole_arm else [names[j]]
-    others = {"joint_coupling": [str(change.parameters.get("other_joint"))], "payload": names[-1:]}.get(effect, ())
+    (change, seen, size) = scaled
+    names = arm.source.joints
+    shown = [
+        name for name, visible in zip(names, seen, strict=True) if visible >= SHOWN * seen.max()
+    ]
+    own_joints = [] if law.whole_arm else [names[j]]
+    others = {
+        "joint_coupling": [str(change.parameters.get("other_joint"))],
+        "payload": names[-1:],
+    }.get(effect, ())
     return change, {
         "effect": effect,
         "in_catalogue": effect in EFFECTS,
-        "joints": own or shown,
-        "may_stand_at": sorted({*own, *others, *(shown if law.whole_arm or effect == "external_contact" else [])}),
+        "joints": own_joints or shown,
+        "may_stand_at": sorted(
+            {
+                *own_joints,
+                *others,
+                *(shown if law.whole_arm or effect == "external_contact" else []),
+            }
+        ),
         "parameters": change.parameters,
         "size": size,
         "asked": wanted,
         "view": law.view,
-        "visible": {name: round(float(one), 3) for name, one in zip(names, seen, strict=True)},
+        "visible": {
+            name: round(float(visible), 3) for name, visible in zip(names, seen, strict=True)
+        },
         "by": "urdf" if change.urdf else "recording",
     }
 
@@ -305,7 +390,9 @@ def _scaled(
     return None
 
 
-def _answer(kind: str, source: Source, effects: Sequence[dict[str, Any]], noise: Array | None = None) -> dict[str, Any]:
+def _answer(
+    kind: str, source: Source, effects: Sequence[dict[str, Any]], noise: Array | None = None
+) -> dict[str, Any]:
     floor = {} if noise is None else dict(zip(source.joints, map(float, noise), strict=True))
     return {
         "schema": "ident.semi_real/1",
@@ -328,8 +415,8 @@ def _write(
 ) -> None:
     """A case's session folders and its answer; adds the answer's SHA-256 to the seals."""
     with atomic_folder(out / "cases" / name, "session") as folder:
-        for part, runs in folders.items():
-            place = folder / part
+        for side, runs in folders.items():
+            place = folder / side
             place.mkdir(exist_ok=True)
             fill_session(Session(name, tuple(runs), robot="robot.urdf"), place)
             (place / "robot.urdf").write_text(urdf, encoding="utf-8")

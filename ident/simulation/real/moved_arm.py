@@ -1,10 +1,13 @@
-"""A real arm as it moved: smoothed states, its rigid torque, and what an ordinary model leaves of the recorded torque.
+"""A real arm as it moved: smoothed states, its rigid torque, and what an ordinary model leaves of
+the recorded torque.
 
-Smoothing, rigid body and refit are this module's own: neither the diagnosis nor the simulated arm is asked.
+Smoothing, rigid body and refit are this module's own: neither the diagnosis nor the simulated arm
+is asked.
 
-A gear that twists, or has play, moves the link behind a motor that moves as recorded. With the twist θ between motor
-and link, M θ'' + D θ' + K z(θ) = τ, where τ is what the bodies would ask of the motor if the gear were rigid, M the
-inertia that the joint moves, z(θ) = θ or what of it lies beyond the play.
+A gear that twists, or has play, moves the link behind a motor that moves as recorded. With the
+twist θ between motor and link, M θ'' + D θ' + K z(θ) = τ, where τ is what the bodies would ask of
+the motor if the gear were rigid, M the inertia that the joint moves, z(θ) = θ or what of it lies
+beyond the play.
 """
 
 from __future__ import annotations
@@ -23,8 +26,11 @@ from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
 from ident.simulation.real.sources import Source
 
-# Of the zero-phase filters for states and for what is compared [Hz]; of the rows that are compared [Hz].
-STATE_CUTOFF, BAND, ROW_RATE = 10.0, 8.0, 25.0
+# Of the zero-phase filters for states and for what is compared [Hz]; of the rows that are compared
+# [Hz].
+STATE_CUTOFF = 10.0
+BAND = 8.0
+ROW_RATE = 25.0
 FASTEST_GRID = 250.0  # [Hz]
 STILL = 0.005  # [rad/s]
 # Share of the rows in which a joint has to move for an effect to be planted at it.
@@ -32,6 +38,10 @@ LEAST_MOVING = 0.15
 # Width of the sign of a speed [rad/s].
 TURNING = 0.01
 View = Literal["refit", "loss", "no_offset"]
+# Share of an oscillation's phase that a step of the integration may take; fastest and slowest step
+# [s].
+PHASE = 0.25
+STEPS = (5e-5, 1e-3)
 
 
 def model_of(urdf: str) -> pin.Model:
@@ -64,11 +74,14 @@ class MovedArm:
         """Smooths the recordings of a source."""
         ends = np.cumsum([0, *(len(run.time) for run in source.runs)])
         runs = tuple(slice(int(i), int(k)) for i, k in itertools.pairwise(ends))
-        states: list[Array] = []  # positions, speeds and accelerations of each run, at its sample times
+        # positions, speeds and accelerations of each run, at its sample times
+        states: list[Array] = []
         for run in source.runs:
             grid = _grid(run.time)
             interval = grid[1] - grid[0]
-            q = _filtered(_at(grid, run.time, np.unwrap(run.position, axis=0)), interval, STATE_CUTOFF)
+            q = _filtered(
+                _at(grid, run.time, np.unwrap(run.position, axis=0)), interval, STATE_CUTOFF
+            )
             v = np.gradient(q, interval, axis=0)
             a = _filtered(np.gradient(v, interval, axis=0), interval, STATE_CUTOFF)
             states.append(np.array([_at(run.time, grid, x) for x in (q, v, a)]))
@@ -91,14 +104,18 @@ class MovedArm:
 
     @cached_property
     def steps(self) -> Float[Array, " N"]:
-        """Time since the row before; infinite at the start of a run: what remembers begins anew [s]."""
+        """Time since the row before; infinite at the start of a run: what remembers begins anew
+        [s].
+        """
         dt = np.diff(self.t, prepend=-np.inf)
         dt[[run.start for run in self.runs]] = np.inf
         return dt
 
     @cached_property
     def load(self) -> Float[Array, "N n"]:
-        """Torque that went through the gears: what was recorded less the refit's friction, low-passed [N m]."""
+        """Torque that went through the gears: what was recorded less the refit's friction,
+        low-passed [N m].
+        """
         friction = self.coulomb * np.tanh(self.v / TURNING) + self.viscous * self.v
         return self.over_runs(self.tau - friction, lambda t, x: _low_passed(t, x, BAND))
 
@@ -115,7 +132,8 @@ class MovedArm:
         """The same motion with more torque recorded."""
         return replace(self, tau=self.tau + torque)
 
-    # What an ordinary model leaves: link inertias, rotor, viscous and Coulomb friction, offset, over the arm.
+    # What an ordinary model leaves: link inertias, rotor, viscous and Coulomb friction, offset,
+    # over the arm.
 
     @cached_property
     def _grids(self) -> list[Float[Array, " m"]]:
@@ -123,8 +141,11 @@ class MovedArm:
 
     def rows(self, x: Float[Array, "N k"]) -> Float[Array, "M k"]:
         """A channel in the band and at the rows that are compared."""
-        found = [_low_passed(self.t[r], x[r], BAND, grid) for r, grid in zip(self.runs, self._grids, strict=True)]
-        return np.concatenate(found)
+        rows = [
+            _low_passed(self.t[r], x[r], BAND, grid)
+            for r, grid in zip(self.runs, self._grids, strict=True)
+        ]
+        return np.concatenate(rows)
 
     @cached_property
     def moving(self) -> Bool[Array, "M n"]:
@@ -135,28 +156,40 @@ class MovedArm:
         """Bodies (10 n), then rotor, viscous, Coulomb, offset of each joint."""
         q, v, a = (self.rows(x) for x in (self.q, self.v, self.a))
         data = self.model.createData()
-        bodies = [pin.computeJointTorqueRegressor(self.model, data, *row) for row in zip(q, v, a, strict=True)]
+        bodies = [
+            pin.computeJointTorqueRegressor(self.model, data, *row)
+            for row in zip(q, v, a, strict=True)
+        ]
         losses = (a, v, self.rows(np.tanh(self.v / TURNING)), np.ones_like(q))
-        own = [x[:, :, None] * np.eye(self.n) for x in losses]
-        stacked = np.array(bodies).reshape(len(q), self.n, -1)  # of one joint Pinocchio drops an axis
-        return np.concatenate([stacked, *own], axis=2) * self.moving[:, :, None]
+        losses_by_joint = [x[:, :, None] * np.eye(self.n) for x in losses]
+        # of one joint Pinocchio drops an axis
+        stacked = np.array(bodies).reshape(len(q), self.n, -1)
+        return np.concatenate([stacked, *losses_by_joint], axis=2) * self.moving[:, :, None]
 
     @cached_property
     def _fit(self) -> tuple[Float[Array, " p"], Float[Array, " n"]]:
-        """Coefficients of the recorded torque, each joint weighted by what it leaves, and that [N m]."""
-        y, noise = self.rows(self.tau) * self.moving, np.ones(self.n)
+        """Coefficients of the recorded torque, each joint weighted by what it leaves, and that [N
+        m].
+        """
+        y = self.rows(self.tau) * self.moving
+        noise = np.ones(self.n)
         for _ in range(3):
             x = (self._columns / noise[:, None]).reshape(-1, self._columns.shape[2])
-            found = np.linalg.lstsq(x, (y / noise).ravel(), rcond=1e-9)[0]
-            noise = self._rms(y - self._columns @ found)
-        return found, noise
+            solution = np.linalg.lstsq(x, (y / noise).ravel(), rcond=1e-9)[0]
+            noise = self._rms(y - self._columns @ solution)
+        return solution, noise
 
     def _rms(self, x: Float[Array, "M n"]) -> Float[Array, " n"]:
-        return np.sqrt(np.sum(x**2 * self.moving, axis=0) / np.maximum(self.moving.sum(axis=0), 1.0)) + 1e-9
+        return (
+            np.sqrt(np.sum(x**2 * self.moving, axis=0) / np.maximum(self.moving.sum(axis=0), 1.0))
+            + 1e-9
+        )
 
     @cached_property
     def noise(self) -> Float[Array, " n"]:
-        """What the refit leaves of the recorded torque, in the band; infinite where a joint hardly moves [N m]."""
+        """What the refit leaves of the recorded torque, in the band; infinite where a joint hardly
+        moves [N m].
+        """
         return np.where(self.moving.mean(axis=0) > LEAST_MOVING, self._fit[1], np.inf)
 
     @cached_property
@@ -170,24 +203,28 @@ class MovedArm:
 
     @cached_property
     def _bases(self) -> dict[View, Array]:
-        """Orthonormal bases of what a refit explains: all; no bodies, as the URDF tells them; no offset."""
+        """Orthonormal bases of what a refit explains: all; no bodies, as the URDF tells them; no
+        offset.
+        """
         n = self.n
         scale = 1.0 / self.noise  # a joint that hardly moves has no say
         x = (self._columns * scale[:, None]).reshape(-1, self._columns.shape[2])
         kinds: dict[View, Array] = {"refit": x, "loss": x[:, 10 * n :], "no_offset": x[:, : 13 * n]}
-        found: dict[View, Array] = {}
+        bases: dict[View, Array] = {}
         for name, columns in kinds.items():
             scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
             values, vectors = np.linalg.eigh(scaled.T @ scaled)
-            kept = values > 1e-10 * values[-1]
-            found[name] = scaled @ (vectors[:, kept] / np.sqrt(values[kept]))
-        return found
+            strong = values > 1e-10 * values[-1]
+            bases[name] = scaled @ (vectors[:, strong] / np.sqrt(values[strong]))
+        return bases
 
-    def visible(self, torque: Float[Array, "N n"], view: View, local: bool = False) -> Float[Array, " n"]:
+    def visible(
+        self, torque: Float[Array, "N n"], view: View, local: bool = False
+    ) -> Float[Array, " n"]:
         """What a refit leaves of a torque at each joint; of a local one, while it acts.
 
-        In units of what the same refit leaves of the recording as it is: where the URDF is held fixed, that holds the
-        URDF's own errors, among which a small body more is none.
+        In units of what the same refit leaves of the recording as it is: where the URDF is held
+        fixed, that holds the URDF's own errors, among which a small body more is none.
         """
         y = self.rows(torque) * self.moving / self.noise
         left = self._left(y, view)
@@ -203,9 +240,17 @@ class MovedArm:
 
     @cached_property
     def _own(self) -> dict[View, Float[Array, " n"]]:
-        """What each refit leaves of the recorded torque, in units of the noise; one at the least."""
-        torques: dict[View, Array] = {"refit": self.tau, "loss": self.tau - self.rigid, "no_offset": self.tau}
-        rows = {view: self.rows(torque) * self.moving / self.noise for view, torque in torques.items()}
+        """What each refit leaves of the recorded torque, in units of the noise; one at the
+        least.
+        """
+        torques: dict[View, Array] = {
+            "refit": self.tau,
+            "loss": self.tau - self.rigid,
+            "no_offset": self.tau,
+        }
+        rows = {
+            view: self.rows(torque) * self.moving / self.noise for view, torque in torques.items()
+        }
         return {view: np.maximum(self._rms(self._left(y, view)), 1.0) for view, y in rows.items()}
 
 
@@ -225,24 +270,29 @@ def _at(t: Array, knots: Array, x: Array) -> Array:
 
 def _low_passed(t: Array, x: Array, cutoff: float, where: Array | None = None) -> Array:
     grid = _grid(t)
-    return _at(t if where is None else where, grid, _filtered(_at(grid, t, x), grid[1] - grid[0], cutoff))
+    return _at(
+        t if where is None else where, grid, _filtered(_at(grid, t, x), grid[1] - grid[0], cutoff)
+    )
 
 
-# Share of an oscillation's phase that a step of the integration may take; fastest and slowest step [s].
-PHASE, STEPS = 0.25, (5e-5, 1e-3)
 States = tuple[Array, Array, Array]
 
 
-def twist_of(arm: MovedArm, j: int, stiffness: float, ratio: float, gap: float = 0.0) -> tuple[States, float]:
-    """Twist of a springy gear with play of full width `gap` [rad], its first two derivatives, and its damping
-    [N m s/rad], a share `ratio` of the critical one.
+def twist_of(
+    arm: MovedArm, j: int, stiffness: float, ratio: float, gap: float = 0.0
+) -> tuple[States, float]:
+    """Twist of a springy gear with play of full width `gap` [rad], its first two derivatives, and
+    its damping [N m s/rad], a share `ratio` of the critical one.
 
     Raises:
         ValueError: The URDF's links behind the joint have no inertia about it.
     """
     # What the joint moves [kg m^2], every tenth sample and between.
-    some, data = np.arange(0, len(arm.q), 10), arm.model.createData()
-    inertia = np.interp(np.arange(len(arm.q)), some, [pin.crba(arm.model, data, arm.q[k])[j, j] for k in some])
+    some = np.arange(0, len(arm.q), 10)
+    data = arm.model.createData()
+    inertia = np.interp(
+        np.arange(len(arm.q)), some, [pin.crba(arm.model, data, arm.q[k])[j, j] for k in some]
+    )
     if inertia.min() <= 0.0:
         raise ValueError(f"{arm.source.joints[j]} moves no inertia")
     damping = 2.0 * ratio * float(np.sqrt(stiffness * np.median(inertia)))
@@ -260,7 +310,8 @@ def _follow(torque: Array, mass: Array, dt: Array, gear: Array, out: Array) -> N
     x = v = 0.0
     for k in range(len(torque)):
         if not np.isfinite(dt[k]):
-            x, v = torque[k] / stiffness + np.sign(torque[k]) * half, 0.0
+            x = torque[k] / stiffness + np.sign(torque[k]) * half
+            v = 0.0
             bend = torque[k]
         else:
             count = max(int(np.ceil(dt[k] / step)), 1)
@@ -275,5 +326,8 @@ def _follow(torque: Array, mass: Array, dt: Array, gear: Array, out: Array) -> N
                 v = (v + h * (load - bend) / m) / (1.0 + h * touching * damping / m)
                 x += h * v
         bend = stiffness * (np.sign(x) * max(abs(x) - half, 0.0))
-        out[0, k], out[1, k] = x, v
-        out[2, k] = (torque[k] - bend - (damping if abs(x) >= half else 0.05 * damping) * v) / mass[k]
+        out[0, k] = x
+        out[1, k] = v
+        out[2, k] = (torque[k] - bend - (damping if abs(x) >= half else 0.05 * damping) * v) / mass[
+            k
+        ]

@@ -1,7 +1,8 @@
-"""What is planted: each effect by its own physics on a recorded motion, none by the catalogue's columns.
+"""What is planted: each effect by its own physics on a recorded motion, none by the catalogue's
+columns.
 
-An effect is a function of the arm, the joint, a size that grows with what it does, and a source of its other numbers;
-`EFFECTS` says how large it may be.
+An effect is a function of the arm, the joint, a size that grows with what it does, and a source of
+its other numbers; `EFFECTS` says how large it may be.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ class PlantedChange:
     parameters: Parameters  # what is true, by the catalogue's names and units
     torque: Float[Array, "N n"]  # added to the recorded torque [N m]
     shift: Float[Array, " n"] | float = 0.0  # added to the recorded positions [rad]
-    urdf: str | None = None  # the URDF that is given, if that changes; then the bodies' torque is `unseen`
+    # the URDF that is given, if that changes; then the bodies' torque is `unseen`
+    urdf: str | None = None
     unseen: Array | float = 0.0  # torque that the given model lacks [N m]
 
     @property
@@ -51,49 +53,69 @@ class Planted:
     neighbours: bool = False  # whether another joint has a part in it
 
 
-def at_joint(arm: MovedArm, j: int, torque: Float[Array, " N"], parameters: Parameters) -> PlantedChange:
+def at_joint(
+    arm: MovedArm, j: int, torque: Float[Array, " N"], parameters: Parameters
+) -> PlantedChange:
     added = np.zeros_like(arm.tau)
     added[:, j] = torque
     return PlantedChange(parameters, added)
 
 
-def bristle(arm: MovedArm, speed: Float[Array, " N"], travel: float = BRISTLE) -> Float[Array, " N"]:
-    """Sign of a speed with a memory: z' = |v| (sign v - z) / travel, from rest at the start of each run."""
+def bristle(
+    arm: MovedArm, speed: Float[Array, " N"], travel: float = BRISTLE
+) -> Float[Array, " N"]:
+    """Sign of a speed with a memory: z' = |v| (sign v - z) / travel, from rest at the start of each
+    run.
+    """
     keep = np.exp(-np.abs(speed) * np.where(np.isfinite(arm.steps), arm.steps, 0.0) / travel)
-    goal, found, z = np.sign(speed), np.empty(len(speed)), 0.0
-    for k, (stay, sign, dt) in enumerate(zip(keep.tolist(), goal.tolist(), arm.steps.tolist(), strict=True)):
+    goal = np.sign(speed)
+    deflection = np.empty(len(speed))
+    z = 0.0
+    for k, (stay, sign, dt) in enumerate(
+        zip(keep.tolist(), goal.tolist(), arm.steps.tolist(), strict=True)
+    ):
         z = sign + ((0.0 if dt == np.inf else z) - sign) * stay
-        found[k] = z
-    return found
+        deflection[k] = z
+    return deflection
 
 
 def decay(arm: MovedArm, power: Float[Array, " N"], constant: float) -> Float[Array, " N"]:
     """θ' = power - θ / constant over the session's clock, pauses included."""
     dt = np.diff(arm.t, prepend=arm.t[0])
-    keep, found, theta = np.exp(-dt / constant), np.empty(len(power)), 0.0
+    keep = np.exp(-dt / constant)
+    warmth = np.empty(len(power))
+    theta = 0.0
     moving = np.where(np.isfinite(arm.steps), dt, 0.0)
     for k, (stay, heat) in enumerate(zip(keep.tolist(), (power * moving).tolist(), strict=True)):
         theta = theta * stay + heat
-        found[k] = theta
-    return found
+        warmth[k] = theta
+    return warmth
 
 
 # Friction
 
 
 def plant_stribeck(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    speed, exponent = float(np.exp(draw.uniform(np.log(0.02), np.log(0.15)))), float(draw.uniform(0.9, 2.0))
+    speed = float(np.exp(draw.uniform(np.log(0.02), np.log(0.15))))
+    exponent = float(draw.uniform(0.9, 2.0))
     v = arm.v[:, j]
     level = size * np.exp(-(np.abs(v / speed) ** exponent))
-    truth: Parameters = {"amplitude_Nm": size, "stribeck_velocity_rad_s": speed, "exponent": exponent}
+    truth: Parameters = {
+        "amplitude_Nm": size,
+        "stribeck_velocity_rad_s": speed,
+        "exponent": exponent,
+    }
     return at_joint(arm, j, level * bristle(arm, v), truth)
 
 
 def plant_curved(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """A power of the speed, or the lubricant's own law (Eyring), which has no such parameters."""
-    v, exponent = arm.v[:, j], float(draw.uniform(0.3, 0.8))
+    v = arm.v[:, j]
+    exponent = float(draw.uniform(0.3, 0.8))
     if draw.random() < 0.5:
-        return at_joint(arm, j, size * np.arcsinh(v / float(draw.uniform(0.03, 0.2))), {"eyring_Nm": size})
+        return at_joint(
+            arm, j, size * np.arcsinh(v / float(draw.uniform(0.03, 0.2))), {"eyring_Nm": size}
+        )
     torque = size * np.abs(v) ** exponent * bristle(arm, v)
     return at_joint(arm, j, torque, {"coefficient": size, "exponent": exponent})
 
@@ -103,14 +125,22 @@ def plant_load(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
 
 
 def plant_thermal(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """Friction warms the gear; viscous friction falls by `size` from the coldest to the warmest moment."""
-    constant, dry = float(np.exp(draw.uniform(np.log(30.0), np.log(200.0)))), float(draw.uniform(0.1, 0.4))
-    v, turn = arm.v[:, j], bristle(arm, arm.v[:, j])
+    """Friction warms the gear; viscous friction falls by `size` from the coldest to the warmest
+    moment.
+    """
+    constant = float(np.exp(draw.uniform(np.log(30.0), np.log(200.0))))
+    dry = float(draw.uniform(0.1, 0.4))
+    v = arm.v[:, j]
+    turn = bristle(arm, arm.v[:, j])
     friction = arm.coulomb[j] * turn + arm.viscous[j] * v
     warm = decay(arm, np.maximum(friction * v, 0.0), constant)
     warm = warm / max(float(warm.max()), 1e-9)
     torque = -size * warm * (arm.viscous[j] * v + dry * arm.coulomb[j] * turn)
-    truth: Parameters = {"viscous_change": -size, "coulomb_change": -dry * size, "time_constant_s": constant}
+    truth: Parameters = {
+        "viscous_change": -size,
+        "coulomb_change": -dry * size,
+        "time_constant_s": constant,
+    }
     return at_joint(arm, j, torque, truth)
 
 
@@ -119,11 +149,17 @@ def plant_hysteresis(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedC
     q = arm.q[:, j]
     dt = np.where(np.isfinite(arm.steps), arm.steps, 1.0)
     moved = np.where(np.isfinite(arm.steps), np.diff(q, prepend=q[0]), 0.0) / dt
-    return at_joint(arm, j, size * bristle(arm, moved, travel), {"amplitude_Nm": size, "displacement_rad": travel})
+    return at_joint(
+        arm,
+        j,
+        size * bristle(arm, moved, travel),
+        {"amplitude_Nm": size, "displacement_rad": travel},
+    )
 
 
 def plant_seat(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    order, phase = int(draw.integers(1, 3)), float(draw.uniform(-np.pi, np.pi))
+    order = int(draw.integers(1, 3))
+    phase = float(draw.uniform(-np.pi, np.pi))
     level = size * np.cos(order * arm.q[:, j] - phase)
     truth: Parameters = {"amplitude_Nm": size, "order": order, "phase_rad": phase}
     return at_joint(arm, j, level * bristle(arm, arm.v[:, j]), truth)
@@ -131,23 +167,34 @@ def plant_seat(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
 
 def plant_asymmetric(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """More friction in one direction: `size` of viscous friction, and some dry."""
-    way, dry = float(draw.choice([-1.0, 1.0])), float(draw.uniform(0.2, 0.6))
+    way = float(draw.choice([-1.0, 1.0]))
+    dry = float(draw.uniform(0.2, 0.6))
     v = arm.v[:, j]
     ahead = way * v > 0.0
     extra = dry * size * arm.coulomb[j] / arm.viscous[j]
     torque = np.where(ahead, size * v + extra * bristle(arm, v), 0.0)
-    truth: Parameters = {"coulomb_difference_Nm": way * extra, "viscous_difference_Nms_rad": way * size}
+    truth: Parameters = {
+        "coulomb_difference_Nm": way * extra,
+        "viscous_difference_Nms_rad": way * size,
+    }
     return at_joint(arm, j, torque, truth)
 
 
 def plant_coupling(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """The motor is also turned by its neighbour: friction and rotor of both; drag counts by the neighbour's motion."""
+    """The motor is also turned by its neighbour: friction and rotor of both; drag counts by the
+    neighbour's motion.
+    """
     other = neighbour(arm, j, draw)
     way = float(draw.choice([-1.0, 1.0]))
     speed = arm.v[:, j] + way * arm.v[:, other]
-    viscous, inertia = 0.4 * size * arm.viscous[j] / arm.coulomb[j], 0.002 * size
+    viscous = 0.4 * size * arm.viscous[j] / arm.coulomb[j]
+    inertia = 0.002 * size
     turned = inertia * (arm.a[:, j] + way * arm.a[:, other])
-    truth: Parameters = {"coulomb_Nm": size, "viscous_Nms_rad": way * viscous, "other_joint": arm.source.joints[other]}
+    truth: Parameters = {
+        "coulomb_Nm": size,
+        "viscous_Nms_rad": way * viscous,
+        "other_joint": arm.source.joints[other],
+    }
     return at_joint(arm, j, size * bristle(arm, speed) + viscous * speed + turned, truth)
 
 
@@ -158,8 +205,12 @@ def neighbour(arm: MovedArm, j: int, draw: Draw) -> int:
 # Gears
 
 
-def _turned(arm: MovedArm, j: int, states: tuple[Array, Array, Array], parameters: Parameters) -> PlantedChange:
-    """The link stands `twist` behind the motor, whose encoder is read: the bodies' torque is that of the link."""
+def _turned(
+    arm: MovedArm, j: int, states: tuple[Array, Array, Array], parameters: Parameters
+) -> PlantedChange:
+    """The link stands `twist` behind the motor, whose encoder is read: the bodies' torque is that
+    of the link.
+    """
     moved = [x.copy() for x in (arm.q, arm.v, arm.a)]
     for x, twist in zip(moved, states, strict=True):
         x[:, j] -= twist
@@ -175,7 +226,9 @@ def plant_elasticity(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedC
 def plant_backlash(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """Play of a gear beside one that only twists: that twist is no play."""
     stiffness = 400.0 * float(arm.peak[j])
-    loose, tight = (_turned(arm, j, twist_of(arm, j, stiffness, 0.3, gap)[0], {}).torque for gap in (size, 0.0))
+    loose, tight = (
+        _turned(arm, j, twist_of(arm, j, stiffness, 0.3, gap)[0], {}).torque for gap in (size, 0.0)
+    )
     return PlantedChange({"gap_rad": size}, loose - tight)
 
 
@@ -191,7 +244,9 @@ def plant_ripple(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
 def plant_spring(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     low, high = np.quantile(arm.q[:, j], [0.05, 0.95])
     rest = float(draw.uniform(low, high))
-    return at_joint(arm, j, size * (arm.q[:, j] - rest), {"stiffness_Nm_rad": size, "rest_rad": rest})
+    return at_joint(
+        arm, j, size * (arm.q[:, j] - rest), {"stiffness_Nm_rad": size, "rest_rad": rest}
+    )
 
 
 # Bodies, gravity, pushes
@@ -206,7 +261,9 @@ def plant_payload(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
 
 
 def plant_link(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """Mass that the URDF's link lacks or has too much; planted in the torque, or the other way round in the URDF."""
+    """Mass that the URDF's link lacks or has too much; planted in the torque, or the other way
+    round in the URDF.
+    """
     body = arm.model.inertias[j + 1]
     mass = size * body.mass * float(draw.choice([-1.0, 1.0]))
     place = np.array(body.lever) * draw.uniform(0.9, 1.1)
@@ -232,14 +289,18 @@ def plant_tilt(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
 
 
 def plant_contact(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """Somebody pushes against a point of a link for a while, in one run; the motors hold against it."""
+    """Somebody pushes against a point of a link for a while, in one run; the motors hold against
+    it.
+    """
     run = arm.runs[int(draw.integers(len(arm.runs)))]
-    clock, span = arm.t[run], float(np.ptp(arm.t[run]))
+    clock = arm.t[run]
+    span = float(np.ptp(arm.t[run]))
     length = min(float(draw.uniform(0.6, 2.0)), 0.3 * span)
     start = float(clock[0] + draw.uniform(0.15 * span, 0.85 * span - length))
     way = draw.standard_normal(3)
     point = pin.SE3(np.eye(3), 1.5 * np.array(arm.model.inertias[j + 1].lever))
-    torque, data = np.zeros_like(arm.tau), arm.model.createData()
+    torque = np.zeros_like(arm.tau)
+    data = arm.model.createData()
     window = np.clip(np.minimum(clock - start, start + length - clock) / 0.1, 0.0, 1.0)
     for k in np.flatnonzero(window > 0.0):
         pin.forwardKinematics(arm.model, data, arm.q[run][k])
@@ -263,17 +324,22 @@ def plant_offset(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
     offset = size * float(draw.choice([-1.0, 1.0]))
     drift = float(offset * draw.uniform(-0.1, 0.1) / 60.0)
     middle = 0.5 * (arm.t[0] + arm.t[-1])
-    return at_joint(arm, j, offset + drift * (arm.t - middle), {"offset_Nm": offset, "drift_Nm_s": drift})
+    return at_joint(
+        arm, j, offset + drift * (arm.t - middle), {"offset_Nm": offset, "drift_Nm_s": drift}
+    )
 
 
 def plant_delay(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    late = arm.over_runs(arm.tau, lambda t, x: np.column_stack([np.interp(t - size, t, column) for column in x.T]))
+    late = arm.over_runs(
+        arm.tau, lambda t, x: np.column_stack([np.interp(t - size, t, column) for column in x.T])
+    )
     return PlantedChange({"delay_s": size}, late - arm.tau)
 
 
 def plant_saturation(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """Flat at `1 - size` of the peak, at once or after a bend."""
-    limit, tau = (1.0 - size) * float(arm.peak[j]), arm.tau[:, j]
+    limit = (1.0 - size) * float(arm.peak[j])
+    tau = arm.tau[:, j]
     if draw.random() < 0.5:
         flat = np.clip(tau, -limit, limit)
     else:
@@ -288,7 +354,9 @@ def plant_encoder(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
     shift[j] = size * float(draw.choice([-1.0, 1.0]))
     unseen = arm.rigid - rigid_torque(arm.model, arm.q + shift, arm.v, arm.a)
     # Reported is what has to be added to a reading.
-    return PlantedChange({"offset_rad": -float(shift[j])}, np.zeros_like(arm.tau), shift, unseen=unseen)
+    return PlantedChange(
+        {"offset_rad": -float(shift[j])}, np.zeros_like(arm.tau), shift, unseen=unseen
+    )
 
 
 def up_to(share: float) -> Callable[[MovedArm, int], float]:
@@ -298,11 +366,15 @@ def up_to(share: float) -> Callable[[MovedArm, int], float]:
 
 def at_speed(share: float) -> Callable[[MovedArm, int], float]:
     """A coefficient that makes such a torque at the joint's fastest."""
-    return lambda arm, j: share * float(arm.peak[j]) / (float(np.quantile(np.abs(arm.v[:, j]), 0.95)) + 1e-3)
+    return lambda arm, j: (
+        share * float(arm.peak[j]) / (float(np.quantile(np.abs(arm.v[:, j]), 0.95)) + 1e-3)
+    )
 
 
 def of_friction(share: float) -> Callable[[MovedArm, int], float]:
-    """A torque of so many times the joint's Coulomb friction: friction brakes, and static friction is not far more."""
+    """A torque of so many times the joint's Coulomb friction: friction brakes, and static friction
+    is not far more.
+    """
     return lambda arm, j: share * float(arm.coulomb[j])
 
 
@@ -330,7 +402,10 @@ EFFECTS: dict[str, Planted] = {
     "spring_torque": Planted(plant_spring, over_range(1.5)),
     # As much as half of the strongest joint's peak torque lifts at half of the arm's length [kg].
     "payload": Planted(
-        plant_payload, lambda arm, j: float(arm.peak.max()) / (9.81 * length_of(arm.model)), view="loss", whole_arm=True
+        plant_payload,
+        lambda arm, j: float(arm.peak.max()) / (9.81 * length_of(arm.model)),
+        view="loss",
+        whole_arm=True,
     ),
     "link_inertial_error": Planted(plant_link, fixed(0.8), view="loss"),
     "gravity_misalignment": Planted(plant_tilt, fixed(0.35), whole_arm=True),

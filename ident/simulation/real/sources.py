@@ -23,24 +23,32 @@ from ident.recordings.session_toml import NAME, SessionFile, load_session_file
 from ident.robot.arm import ArmModel
 from ident.simulation.hardware import without_geometry
 
+# Between runs whose clocks start anew each, so that they share one; and what is left as it is [s].
+PAUSE = 5.0
+LONGEST_PAUSE = 60.0
+
 
 def with_body(urdf: str, joint: str, mass: float, place: Float[Array, " 3"], radius: float) -> str:
-    """The URDF's text with a ball on the link that a joint moves; a negative mass [kg] takes it away.
+    """The URDF's text with a ball on the link that a joint moves; a negative mass [kg] takes it
+    away.
 
     Its centre is given in the link's frame [m], as is its radius of gyration [m].
     """
     root = ET.fromstring(urdf)
-    child = next(one for one in root.findall("joint") if one.get("name") == joint).find("child")
-    link = next(one for one in root.findall("link") if child is not None and one.get("name") == child.get("link"))
+    child = next(element for element in root.findall("joint") if element.get("name") == joint).find(
+        "child"
+    )
+    link = next(
+        element
+        for element in root.findall("link")
+        if child is not None and element.get("name") == child.get("link")
+    )
     set_inertial(link, read_inertial(link) + ball_of(mass, place, radius))
     return ET.tostring(root, encoding="unicode")
 
 
-# Recordings of real arms as sessions in the native form: those of `arms.toml`, and any folder that names its robot.
-
-
-# Between runs whose clocks start anew each, so that they share one; and what is left as it is [s].
-PAUSE, LONGEST_PAUSE = 5.0, 60.0
+# Recordings of real arms as sessions in the native form: those of `arms.toml`, and any folder that
+# names its robot.
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,21 +73,30 @@ def known_recordings() -> dict[str, dict[str, Any]]:
 
 
 def recorded_causes() -> dict[str, dict[str, Any]]:
-    """The table of public recordings with a cause that was measured, by session (`recorded.toml`)."""
+    """The table of public recordings with a cause that was measured, by session
+    (`recorded.toml`).
+    """
     text = Path(__file__).with_name("recorded.toml").read_text(encoding="utf-8")
     return dict(tomllib.loads(text))
 
 
 def kept_back_arms() -> tuple[str, ...]:
     """Arms whose recordings stay closed until a release."""
-    return tuple(sorted({entry["arm"] for entry in known_recordings().values() if entry.get("kept_back", False)}))
+    return tuple(
+        sorted(
+            {entry["arm"] for entry in known_recordings().values() if entry.get("kept_back", False)}
+        )
+    )
 
 
-def load_sources(folder: Path, kept_back: bool = False, arms: Collection[str] = ()) -> tuple[Source, ...]:
+def load_sources(
+    folder: Path, kept_back: bool = False, arms: Collection[str] = ()
+) -> tuple[Source, ...]:
     """Recordings of real arms below a folder.
 
     Args:
-        folder: Where to search; sessions that no table lists are taken if their `session.toml` names a robot.
+        folder: Where to search; sessions that no table lists are taken if their `session.toml`
+            names a robot.
         kept_back: The arms that stay closed until a release, in place of all others.
         arms: Only these physical arms; all if none is given.
 
@@ -98,27 +115,45 @@ def load_sources(folder: Path, kept_back: bool = False, arms: Collection[str] = 
         if place.resolve() in listed or (arms and place.name not in arms):
             continue
         if load_session_file(path).robot:
-            session, parts = load_session(place), place.resolve().relative_to(folder.resolve()).parts
-            sources.append(_source("_".join(parts) or place.name, place.name, str(session.robot), session.runs))
+            session = load_session(place)
+            parts = place.resolve().relative_to(folder.resolve()).parts
+            sources.append(
+                _source("_".join(parts) or place.name, place.name, str(session.robot), session.runs)
+            )
     if not sources:
-        raise InputError(folder, f"no folder below it has a {NAME} with robot = …", "add one beside the recordings")
+        raise InputError(
+            folder,
+            f"no folder below it has a {NAME} with robot = …",
+            "add one beside the recordings",
+        )
     return tuple(sources)
 
 
 @cache
 def measured_causes(arm: str) -> dict[str, list[str]]:
-    """What others measured of an arm whose recordings are public: joints by effect (`measured.toml`)."""
-    return dict(tomllib.loads(Path(__file__).with_name("measured.toml").read_text(encoding="utf-8")).get(arm, {}))
+    """What others measured of an arm whose recordings are public: joints by effect
+    (`measured.toml`).
+    """
+    return dict(
+        tomllib.loads(Path(__file__).with_name("measured.toml").read_text(encoding="utf-8")).get(
+            arm, {}
+        )
+    )
 
 
 def load_known(name: str, entry: Mapping[str, Any], folder: Path) -> Source:
     """A session of one of the tables, below the folder of all recordings."""
-    place, robot = folder / entry["folder"], entry.get("robot", "")
+    place = folder / entry["folder"]
+    robot = entry.get("robot", "")
     if "number_files" in entry:
         # Files that hold one number a line, row by row.
         joints = tuple(entry["joints"])
-        read = {channel: np.loadtxt(place / file) for channel, file in entry["number_files"].items()}
-        position, velocity, effort = (read[key].reshape(-1, len(joints)) for key in ("position", "velocity", "effort"))
+        read = {
+            channel: np.loadtxt(place / file) for channel, file in entry["number_files"].items()
+        }
+        position, velocity, effort = (
+            read[key].reshape(-1, len(joints)) for key in ("position", "velocity", "effort")
+        )
         runs = [Recording(name, joints, read["time"], position, effort, velocity)]
     elif "arrays" in entry:
         runs = [_load_arrays(path, entry) for path in sorted(place.glob("*.npz"))]
@@ -126,7 +161,11 @@ def load_known(name: str, entry: Mapping[str, Any], folder: Path) -> Source:
         settings = _settings_of(entry, place)
         files = [path for path in sorted(place.iterdir()) if path.suffix in (".csv", ".parquet")]
         wanted = entry.get("runs", [""])
-        runs = [load_recording(path, settings) for path in files if any(part in path.name for part in wanted)]
+        runs = [
+            load_recording(path, settings)
+            for path in files
+            if any(word in path.name for word in wanted)
+        ]
         robot = robot or str(settings.robot)
     runs = [_shortened(run, entry) for run in runs]
     if "parts" in entry:
@@ -139,14 +178,21 @@ def load_known(name: str, entry: Mapping[str, Any], folder: Path) -> Source:
 def _load_arrays(path: Path, entry: Mapping[str, Any]) -> Recording:
     """A run whose channels are arrays of all joints in an archive."""
     with np.load(path, allow_pickle=False) as archive:
-        read = {channel: np.asarray(archive[name], dtype=float) for channel, name in entry["arrays"].items()}
+        read = {
+            channel: np.asarray(archive[name], dtype=float)
+            for channel, name in entry["arrays"].items()
+        }
     joints = tuple(entry["joints"])
-    return Recording(path.stem, joints, read["time"], read["position"], read["effort"], read["velocity"])
+    return Recording(
+        path.stem, joints, read["time"], read["position"], read["effort"], read["velocity"]
+    )
 
 
 def _shortened(run: Recording, entry: Mapping[str, Any]) -> Recording:
     """What of a run the table asks for, with the sign of the torque that it states."""
-    count = int(np.searchsorted(run.time, run.time[0] + entry.get("longest_s", np.inf), side="right"))
+    count = int(
+        np.searchsorted(run.time, run.time[0] + entry.get("longest_s", np.inf), side="right")
+    )
     rows = run.at(slice(0, count, entry.get("every", 1)), run.name)
     return rows.replace(effort=entry.get("effort_sign", 1) * rows.effort)
 
@@ -154,36 +200,56 @@ def _shortened(run: Recording, entry: Mapping[str, Any]) -> Recording:
 def _settings_of(entry: Mapping[str, Any], place: Path) -> SessionFile:
     if "joints" not in entry:
         return load_session_file(place / NAME) if (place / NAME).is_file() else SessionFile()
-    joints, columns = entry["joints"], {}
+    joints = entry["joints"]
+    columns = {}
     if "headers" in entry:
         letters = {"position": "q", "velocity": "dq", "effort": "effort"}
         columns = {
-            f"{x}_{h}": f"{j}/{c}" for c, x in letters.items() for j, h in zip(joints, entry["headers"], strict=True)
+            f"{x}_{h}": f"{j}/{c}"
+            for c, x in letters.items()
+            for j, h in zip(joints, entry["headers"], strict=True)
         }
         columns["t"] = "time"
     else:
-        columns = {str(k + i): f"{j}/{c}" for c, k in entry["first_column"].items() for i, j in enumerate(joints)}
+        columns = {
+            str(k + i): f"{j}/{c}"
+            for c, k in entry["first_column"].items()
+            for i, j in enumerate(joints)
+        }
         columns["1"] = "time"
-    return SessionFile(columns=columns, drive_gain=dict(zip(joints, entry.get("gains", ()), strict=False)))
+    return SessionFile(
+        columns=columns, drive_gain=dict(zip(joints, entry.get("gains", ()), strict=False))
+    )
 
 
 def _source(name: str, arm: str, robot: str, runs: Sequence[Recording]) -> Source:
     model = ArmModel.load(robot).keeping(runs[0].joints)
-    ordered = [run.select([j for j in model.joint_names if j in run.joints]) for run in runs]
+    ordered = []
+    for run in runs:
+        known = [joint for joint in model.joint_names if joint in run.joints]
+        ordered.append(run.select(known))
     # The runs with position, velocity and torque alone, one after the other in time.
-    found: list[Recording] = []
+    recordings: list[Recording] = []
     for i, run in enumerate(ordered):
         rows = np.concatenate([[True], np.diff(run.time) > 0.0])
         time = run.time[rows]
         gap = time[0] - ordered[i - 1].time[-1] if i else 0.0
-        start = found[-1].time[-1] + (gap if 0.0 < gap < LONGEST_PAUSE else PAUSE) if found else 0.0
+        start = (
+            recordings[-1].time[-1] + (gap if 0.0 < gap < LONGEST_PAUSE else PAUSE)
+            if recordings
+            else 0.0
+        )
         velocity = None if run.velocity is None else run.velocity[rows]
         channels = run.position[rows], run.effort[rows], velocity
-        found.append(Recording(re.sub(r"\W", "_", run.name), run.joints, time - time[0] + start, *channels))
-    return Source(name, arm, without_geometry(model.urdf), tuple(found))
+        recordings.append(
+            Recording(re.sub(r"\W", "_", run.name), run.joints, time - time[0] + start, *channels)
+        )
+    return Source(name, arm, without_geometry(model.urdf), tuple(recordings))
 
 
 def cut(run: Recording, parts: int) -> list[Recording]:
     """One long run in consecutive parts of equal length."""
     edges: Array = np.linspace(0, len(run), parts + 1).astype(int)
-    return [run.at(slice(a, b), f"{run.name}_{i}") for i, (a, b) in enumerate(itertools.pairwise(edges))]
+    return [
+        run.at(slice(a, b), f"{run.name}_{i}") for i, (a, b) in enumerate(itertools.pairwise(edges))
+    ]

@@ -20,8 +20,8 @@ from ident.errors import InputError
 from ident.export.loaded import LawModel
 from ident.laws.motion import Losses
 from ident.model.carried import describe_arm
-from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import prepare
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from ident.simulation.causes import ALIKE, EVENTS

@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, freeze
 from ident.diagnosis.diagnose import Analysis
+from ident.effects import optional
 from ident.effects.catalogue import CATALOGUE
 from ident.inference.search import SetSearch
 from ident.motion.filter import Lowpass
@@ -36,7 +37,7 @@ def healthy(healthy: Analysis) -> Analysis:
     known = all_evidence(healthy)
     session, rank = healthy.session, healthy.baseline.base.rank
     unusual = unusual_torque(session, leftover_torque(session))
-    screened = [effect.screened(session, unusual) for effect in CATALOGUE]
+    screened = [optional.screened(effect, session, unusual) for effect in CATALOGUE]
     layout = build_layout(session, rank, screened, beside=(HeldFriction(),))
     moving = gather(session, healthy.baseline, layout, known.whitening)
     return replace(healthy, evidence=moving.with_run_spread(known.spread))

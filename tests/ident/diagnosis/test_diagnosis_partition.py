@@ -7,8 +7,9 @@ import pytest
 
 from ident.diagnosis.diagnose import Analysis
 from ident.effects.base import SessionContext
-from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
+from ident.motion.filter import Lowpass
 from ident.motion.motion import prepare
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.regression.decimation import prepare_slower
 from ident.regression.partition import build_partition
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings

@@ -12,7 +12,7 @@ from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.tuned_links import measure_tuned_links, turning_moment
 from ident.effects.catalogue import find_effect
-from ident.effects.effect_info import Interval
+from ident.effects.interval import Interval
 from ident.regression.baseline import UrdfError
 from ident.regression.block_sums import SymmetricSums
 from ident.regression.least_squares import Prior, project

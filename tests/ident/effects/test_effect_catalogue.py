@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.effects.base import Effect, Interval, SessionContext, StatesEffect, Variant, impossible
+from ident.effects.base import Effect, Interval, SessionContext, Variant, impossible
 from ident.effects.catalogue import CATALOGUE, find_effect, load_catalogue
+from ident.effects.check import check_effect
 from ident.effects.contact import ExternalContact, Push
-from ident.effects.effect_info import TABLE, read_row
+from ident.effects.effect_info import TABLE
 from ident.effects.intervals import SizePrior
+from ident.effects.record import EffectRecord, read_row
 from ident.effects.session_context import friction_level, rated_torque
 from ident.errors import InputError
 from tests.fuzz.samples import CATALOGUE as MAGNET
@@ -140,7 +142,7 @@ def test_rows_of_the_table_are_effects_and_say_what_effects_have() -> None:
     for name, row in TABLE["effects"].items():
         effect = find_effect(name)
         for key, value in read_row(name).items():
-            assert key in {*Effect.__annotations__, *StatesEffect.__annotations__}, f"{name}: {key}"
+            assert key in EffectRecord.__annotations__, f"{name}: {key}"
             assert getattr(type(effect), key) == value
         assert set(row.get("formats", {})) <= {"urdf", "mjcf"}
         assert set(row.get("parted_by", {}).values()) <= set(TABLE["motions"])
@@ -284,3 +286,84 @@ def test_the_cost_is_the_exact_one_where_all_is_normal() -> None:
     exact -= 0.5 * (np.linalg.slogdet(spread)[1] - np.linalg.slogdet(information)[1])
     cost = SizePrior(DEVIATION, normal).cost(estimate, information)
     assert 0.5 * estimate @ information @ estimate - cost == pytest.approx(exact, abs=1e-9)
+
+
+@each_effect
+def test_every_effect_of_the_catalogue_keeps_to_the_laws(effect: Effect, session: SessionContext) -> None:
+    """Law: what is asked of a user's effect is asked of each that is built in."""
+    if isinstance(effect, ExternalContact):
+        effect = replace(effect, pushes=(Push(session.runs[0].motion.name, 0.5, 1.5),))
+    check_effect(effect, session)
+
+
+class Hum(Effect):
+    """An effect that keeps to all laws: a wave over the joint's angle."""
+
+    id = "hum"
+    figures = ("pull_Nm",)
+    prior = ("0.1 rated",)
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Array]:
+        return [np.sin(3.0 * run.motion.q[:, [joint]]) for run in session.runs]
+
+
+class Listening(Hum):
+    """It looks at the measured torque."""
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Array]:
+        return [run.motion.tau[:, [joint]] for run in session.runs]
+
+
+class Flat(Hum):
+    """Its columns have no column."""
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Array]:
+        return [run.motion.q[:, joint] for run in session.runs]
+
+
+class Counting(Hum):
+    """Its columns hang on how many runs there are."""
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Array]:
+        return [len(session.runs) * run.motion.q[:, [joint]] for run in session.runs]
+
+
+class Nameless(Hum):
+    """Its record names a parameter that nobody reports."""
+
+    defining = ("push_Nm",)
+
+
+class Misspelt(Hum):
+    """A field of its record holds what it can't."""
+
+    scope = "link"  # type: ignore[assignment]
+
+
+class Loud(Hum):
+    """Its sentence is one with a full stop."""
+
+    sentence = "take it off."
+
+
+def test_a_users_effect_that_keeps_to_the_laws_passes(session: SessionContext) -> None:
+    """Law: a class with a record and columns alone is an effect like any other."""
+    check_effect(Hum(), session)
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (Listening, "hang on the measured torque"),
+        (Flat, "have shape"),
+        (Counting, "change with the runs beside it"),
+        (Nameless, "push_Nm"),
+        (Misspelt, "scope of Misspelt is 'link'"),
+        (Loud, "take it off."),
+    ],
+)
+def test_an_effect_that_breaks_a_law_is_told_which(kind: type[Hum], words: str, session: SessionContext) -> None:
+    """Law: the error names the effect and what is wrong with it."""
+    with pytest.raises(InputError) as raised:
+        check_effect(kind(), session)
+    assert words in str(raised.value)

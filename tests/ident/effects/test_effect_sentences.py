@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
+from ident.effects import optional
 from ident.effects.base import Effect, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import STATE
@@ -145,12 +146,12 @@ def draw(effect: Effect, session: SessionContext, rng: np.random.Generator) -> t
     joint = JOINT if effect.scope == "joint" else 0
     variants = effect.variants(session, joint)
     variant = variants[rng.integers(len(variants))]
-    finer = effect.refined(session, joint, variant)
+    finer = optional.refined(effect, session, joint, variant)
     variant = finer[rng.integers(len(finer))]
     scale = effect.prior_scale(session, joint, variant)
     width = effect.columns(session, joint, variant)[0].shape[-1]
     beta = rng.uniform(0.1, 1.0, width) * np.resize(scale, width)
-    free = ~np.isin(np.arange(width), effect.signed(variant))
+    free = ~np.isin(np.arange(width), optional.signed(effect, variant))
     beta[free] *= rng.choice([-1.0, 1.0], int(free.sum()))
     if variant.shape.get("mix"):  # the sign of the viscous part says what rubs
         beta = np.abs(beta) * (1.0, variant.shape["mix"])
@@ -164,9 +165,9 @@ def test_every_number_of_a_sentence_is_the_law_s(effect: Effect, session: Sessio
     for _ in range(DRAWS):
         variant, beta = draw(effect, session, rng)
         figures = effect.parameters(session, joint, variant, beta, np.diag((0.05 * beta) ** 2))
-        seen = effect.without_dry_friction(beta, variant)[0] if effect.open_law else beta
+        seen = optional.without_dry_friction(effect, beta, variant)[0] if effect.open_law else beta
         shape = {**variant.shape, **variant.inner}
-        known = {"coefficients": list(seen), "shape": shape} if effect.tells_law(variant) else None
+        known = {"coefficients": list(seen), "shape": shape} if optional.tells_law(effect, variant) else None
         values = Change(effect.id, joint, (), figures, known, effect).values
         sentence = effect.action("the joint", figures).replace("−", "-")
         intervals = re.findall(rf"({NUMBER}) [^\[\d]*\[({NUMBER}), ({NUMBER})\]", sentence)

@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from ident.arrays import Array
+from ident.effects import optional
 from ident.effects.base import Effect, RunContext, SessionContext, Variant
 from ident.effects.catalogue import find_effect
 from ident.export.identified import Change, untuned
@@ -108,9 +109,9 @@ def drawn(effect: Effect, session: SessionContext, rng: np.random.Generator) -> 
     """A point of an effect's grid, what a diagnosis reports of it, and its law's coefficients."""
     (variant, beta), place = draw(effect, session, rng), JOINT if effect.scope == "joint" else -1
     reported = effect.parameters(session, max(place, 0), variant, beta, np.diag((0.05 * beta) ** 2))
-    left = effect.without_dry_friction(beta, variant)[0] if effect.open_law else beta
+    left = optional.without_dry_friction(effect, beta, variant)[0] if effect.open_law else beta
     law = {"coefficients": list(left), "shape": {**variant.shape, **variant.inner}}
-    known = law if effect.tells_law(variant) else None
+    known = law if optional.tells_law(effect, variant) else None
     return variant, Change(effect.id, place, (), reported, known, effect), left
 
 

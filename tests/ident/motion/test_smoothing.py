@@ -7,7 +7,8 @@ import pytest
 from scipy.signal import butter, sosfiltfilt, sosfreqz, welch
 
 from ident.arrays import Array
-from ident.motion.filter import design_lowpass, draw_errors, filter_both_ways, find_resolution, keep_band, mean_spectrum
+from ident.motion.encoder_noise import draw_errors, find_resolution, keep_band, mean_spectrum
+from ident.motion.filter import design_lowpass, filter_both_ways
 from ident.motion.motion import prepare_run, session_noise
 from ident.motion.smoothing import NoiseLevels, fit_noise_levels, smooth
 from ident.motion.stretches import within_band

@@ -1,0 +1,96 @@
+"""An estimate with its interval, and how a person reads it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+# Units that sentences use for those of parameters: how many there are in one.
+UNIT_SCALE = {"mrad": 1e3, "ms": 1e3, "%": 100.0}
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate with its 95 % interval."""
+
+    value: float  # the estimate
+    low: float  # ends of the interval
+    high: float
+    # Which ends the recordings leave open, where `low` and `high` are those of the values that were
+    # tried or that an arm can have: "low", "high", "both", or "" for none.
+    open: Literal["", "low", "high", "both"] = ""
+    # Ends with the URDF's own error added, where `low` and `high` are for the URDF as it is; None
+    # where it has no part.
+    low_with_urdf: float | None = None
+    high_with_urdf: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its record; `open` only where an end is."""
+        ends: dict[str, Any] = {"value": self.value, "low": self.low, "high": self.high}
+        if self.low_with_urdf is not None and self.high_with_urdf is not None:
+            ends |= {"low_with_urdf": self.low_with_urdf, "high_with_urdf": self.high_with_urdf}
+        return {**ends, "open": self.open} if self.open else ends
+
+    def wider(self, factor: float) -> Interval:
+        """An interval so many times as wide; one that does not go beyond zero grows by ratios, and
+        never does.
+
+        An end that is open stays: it is no estimate.
+        """
+        low, high = (self.value + factor * (end - self.value) for end in (self.low, self.high))
+        if self.value != 0.0 and min(self.low * self.value, self.high * self.value) >= 0.0:
+            low, high = (
+                self.value * float((end / self.value) ** factor) for end in (self.low, self.high)
+            )
+        low = self.low if self.open in ("low", "both") else low
+        return replace(self, low=low, high=self.high if self.open in ("high", "both") else high)
+
+    def reported(self, unit: str, scale: float = 1.0) -> str:
+        """The value alone, as a person reads it: of a named state."""
+        return f"{_three_digits(scale * self.value)} {unit}"
+
+    def __format__(self, how: str) -> str:
+        """As `how` says: a unit for the estimate with its interval; `=unit` for its value, `|unit`
+        for its size; and
+
+        `?more,less` for the first word where it is positive. Without a unit the value is a whole
+        number.
+        """
+        if how.startswith("?"):
+            return how[1:].split(",")[self.value <= 0.0]
+        unit = how.lstrip("=|")
+        scale = UNIT_SCALE.get(unit, 1.0)
+        if not unit:
+            return str(round(self.value))
+        if how.startswith("="):
+            return self.reported(unit, scale)
+        return self.words(unit, scale, size=how.startswith("|"))
+
+    def words(self, unit: str, scale: float = 1.0, size: bool = False) -> str:
+        """The estimate with its interval as a person reads it; of an open one the end that is
+        known.
+
+        Args:
+            unit: Its unit.
+            scale: What that unit is the inverse of, in the parameter's own: 1000 for milliradians.
+            size: Whether only its size is of interest, not its sign.
+        """
+        factor = -scale if size and scale * self.value < 0.0 else scale
+        ends = sorted((factor * self.low, factor * self.high))
+        middle = _three_digits(factor * self.value)
+        least = _three_digits(ends[0])
+        most = _three_digits(ends[1])
+        known = {
+            "high": f"at least {least} {unit}",
+            "low": f"at most {most} {unit}",
+            "both": f"{middle} {unit}, or anything else,",
+        }
+        return known.get(self.open, f"{middle} {unit} [{least}, {most}]")
+
+
+def _three_digits(value: float) -> str:
+    """A number as people write it: a true minus, thousands in full."""
+    text = f"{value:.3g}"
+    if 1e3 <= abs(value) < 1e6:
+        text = f"{float(text):.0f}"
+    return text.replace("-", "−")

@@ -1,0 +1,74 @@
+"""How plainly packages are written, one beside the other, whatever their size.
+
+    python -m tests.house.beside ident plan pink=/path/to/pink httpx=/path/to/httpx
+
+Every package is a folder, with a name before it or the folder's own. Counts are per thousand lines
+of code, so that a large package stands beside a small one.
+"""
+
+import ast
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from tests.house import plainness
+from tests.house.sources import Source, total
+
+Count = Callable[[Source], int]
+PER_THOUSAND: dict[str, Count] = {
+    "lines over 100 columns": plainness.long_lines,
+    "bindings of vague names": plainness.vague_names,
+    "parallel assignments": plainness.parallel_assignments,
+    "nested comprehensions": plainness.nested_comprehensions,
+    "functions of more than six parameters": plainness.wide_functions,
+    "files with constants below a function": plainness.has_late_constants,
+    "`Any` in annotations": plainness.any_annotations,
+}
+
+
+def read_package(folder: Path) -> list[Source]:
+    """The modules of a package, its tests left out."""
+    sources = []
+    for path in sorted(folder.rglob("*.py")):
+        if "tests" in path.relative_to(folder).parts:
+            continue
+        text = path.read_text(encoding="utf-8")
+        sources.append(Source(path.relative_to(folder), text, ast.parse(text), folder.name))
+    return sources
+
+
+def longest_function(source: Source) -> int:
+    """Lines of the longest function of a module."""
+    lengths = [(node.end_lineno or 0) - node.lineno + 1 for node in source.functions()]
+    return max(lengths, default=0)
+
+
+def figures_of(folder: Path) -> dict[str, float]:
+    """The figures of a package."""
+    sources = read_package(folder)
+    lines = total(plainness.code_lines, sources)
+    figures: dict[str, float] = {
+        "lines of code": lines,
+        "nodes a code line": round(plainness.node_density(sources), 1),
+    }
+    for name, count in PER_THOUSAND.items():
+        figures[name] = round(1000.0 * total(count, sources) / lines, 1)
+    figures["lines of the longest function"] = max(map(longest_function, sources))
+    return figures
+
+
+def main(arguments: list[str]) -> None:
+    """Prints one row a figure, one column a package."""
+    columns: dict[str, dict[str, float]] = {}
+    for argument in arguments:
+        name, _, place = argument.rpartition("=")
+        folder = Path(place)
+        columns[name or folder.name] = figures_of(folder)
+    print(f"{'':<40}" + "".join(f"{title:>13}" for title in columns))
+    for row in next(iter(columns.values())):
+        cells = "".join(f"{figures[row]:>13g}" for figures in columns.values())
+        print(f"{row:<40}{cells}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
