@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ident.command_options import ExportOptions
 from ident.errors import InputError
 from ident.export.controllers import write_cpp, write_isaac, write_limits
 from ident.export.identified import IdentifiedArm
@@ -166,9 +167,9 @@ def test_what_no_body_could_be_is_refused_and_the_nearest_offered(model: HybridM
     numbers[14] = -0.5
     broken = replace(model, arm=model.robot.with_inertial_parameters(numbers), inertia="base")
     with pytest.raises(InputError, match=r"link_2 could be no real body; give --nearest"):
-        write_export(broken, tmp_path / "export", ("urdf",))
+        write_export(broken, tmp_path / "export", ExportOptions(formats=("urdf",)))
     assert not (tmp_path / "export").exists()
-    record = write_export(broken, tmp_path / "export", ("urdf",), nearest=True)
+    record = write_export(broken, tmp_path / "export", ExportOptions(formats=("urdf",), nearest=True))
     assert record["changed_links"] == ["link_2"]
     assert record["loaded_back"]["urdf"]["torque_difference_Nm"] < 1e-9
 
@@ -176,7 +177,7 @@ def test_what_no_body_could_be_is_refused_and_the_nearest_offered(model: HybridM
 def test_an_unknown_format_is_refused(model: HybridModel, tmp_path: Path) -> None:
     """The message lists the formats."""
     with pytest.raises(InputError, match="'sdf' is unknown; use one of: urdf"):
-        write_export(model, tmp_path / "export", ("sdf",))
+        write_export(model, tmp_path / "export", ExportOptions(formats=("sdf",)))
 
 
 def test_limits_are_kept_or_not(model: HybridModel, tmp_path: Path) -> None:

@@ -8,15 +8,11 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.command_options import FitOptions
+from ident.command_options import ExportOptions
 from ident.export.write import write_export
-from ident.fitting.fit import fit_hybrid
-from ident.model.linearisation import stop_operator
+from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
-from ident.robot.arm import ArmModel
-from tests.ident.made_up import exact_motion, multisine, two_joint_arm
 
-RATE = 100.0
 MAIN = """
 #include <cstdio>
 #include "learned_torque.hpp"
@@ -32,20 +28,6 @@ int main() {
 """
 
 
-def _runs(arm: ArmModel) -> list[Motion]:
-    """Runs with friction that grows with the load, a bend that a net may learn, and a hysteresis."""
-    rng, time, motions = np.random.default_rng(5), np.arange(900) / RATE, []
-    for k in range(5):
-        q, dq, ddq = multisine(rng, time, 2)
-        rigid = arm.inverse_dynamics(q, dq, ddq)
-        hidden = 2.0 * stop_operator(np.ascontiguousarray(q[:, 0]), 0.1) / 0.1
-        loaded = 0.15 * np.abs(rigid[:, 1]) * np.tanh(dq[:, 1] / 0.01) + 1.5 * np.sin(3.0 * dq[:, 1])
-        tau = rigid + 6.0 * dq + 5.0 * np.tanh(dq / 0.01) + np.column_stack([hidden, loaded])
-        tau = tau + 0.1 * rng.standard_normal(dq.shape)
-        motions.append(exact_motion(time, (q, dq, ddq), tau, arm.joint_names, f"run_{k}"))
-    return motions
-
-
 def run_header(folder: Path, states: Array, interval: float, space: str) -> Array:
     """What the header's `model_torque` gives along a motion [N m]."""
     text = MAIN.replace("SPACE", space).replace("DT", repr(interval))
@@ -58,16 +40,12 @@ def run_header(folder: Path, states: Array, interval: float, space: str) -> Arra
 
 
 @pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler")
-def test_the_header_gives_the_models_own_torque(tmp_path: Path) -> None:
+def test_the_header_gives_the_models_own_torque(
+    learned_runs_and_model: tuple[list[Motion], HybridModel], tmp_path: Path
+) -> None:
     """Along a run, sample by sample: laws, offsets, net and memory as the model has them; nothing is left out."""
-    arm = two_joint_arm()
-    runs = _runs(arm)
-    model = fit_hybrid(runs, arm, FitOptions()).model
-    assert model.named
-    assert model.memory is not None
-    assert model.memory.kept.any()
-    assert not model.memory.kept.all()
-    record = write_export(model, tmp_path / "out", ["cpp"], nearest=True)
+    runs, model = learned_runs_and_model
+    record = write_export(model, tmp_path / "out", ExportOptions(formats=("cpp",), nearest=True))
     assert "learned_torque.hpp" in record["files"]
     run = runs[0]
     space = next(
