@@ -156,7 +156,7 @@ class ExportOptions(WriteOptions):
 
     formats: tuple[str, ...] | None = option(
         None,
-        "urdf, mjcf, toml, python, isaaclab, ros2_control or cpp, all if not given; or onnx.",
+        "urdf, mjcf, toml, python, isaaclab, ros2_control, cpp, newton or feedforward: all if not given; or onnx, ur.",
         "--format",
         typed=list[str] | None,
     )

@@ -96,9 +96,11 @@ def write(console: Console, result: Any) -> None:
         lines.append(f"{place}: {value}, limit {check['bound']:g}: {mark}")
     for name, found in record.get("loaded_back", {}).items():
         error = found.get("torque_difference_Nm")
-        lines.append(
-            f"{name}: loaded back" + ("" if error is None else f", torque within {error:.1e} N m of what it states")
-        )
+        if found.get("loads") is None:
+            lines.append(f"{name}: {found['told']}")
+            continue
+        near = "" if error is None else f", torque within {error:.1e} N m of what it states"
+        lines.append(f"{name}: loaded back{near}")
     for name, error in record.get("torque_rmse_Nm", {}).items():
         lines.append(f"{name}: torque RMSE {error['before']:.3f} -> {error['after']:.3f} N m")
     if record.get("changed_links"):

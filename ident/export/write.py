@@ -19,11 +19,14 @@ from ident.export.bodies import random_states
 from ident.export.choose import MOST_WINDOWS, SAID, WINDOW, Chosen, choose, measure_gap, mix
 from ident.export.controllers import InFile, write_cpp, write_isaac, write_limits, write_module, write_parameters
 from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, state_arm, stood_in, usual_run
+from ident.export.friction_files import FEED_FORWARD, UR, check_feed_forward, write_feed_forward, write_ur
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.into import is_mjcf, save_into, write_into
 from ident.export.learned import FILE as LEARNED
 from ident.export.learned import has_learned, write_learned
 from ident.export.loaded import FILE_OF, WrittenFile, load_module
+from ident.export.newton import FILE as NEWTON
+from ident.export.newton import check_newton, write_newton
 from ident.export.onnx_model import FILE as ONNX
 from ident.export.onnx_model import compare_onnx, write_onnx
 from ident.export.promotion import REMEDY, Contest, Promotion, contest_of_model, measure_distance, tool_of
@@ -47,11 +50,24 @@ FILES = {
     "ros2_control": "joint_limits.yaml",
     "cpp": "torque_model.hpp",
     "onnx": ONNX,
+    "newton": NEWTON,
+    "feedforward": FEED_FORWARD,
+    "ur": UR,
 }
 # Written where asked for: they need a package more, or hold less than every model has.
-BY_REQUEST = ("onnx",)
+BY_REQUEST = ("onnx", "ur")
 USUAL = tuple(name for name in FILES if name not in BY_REQUEST)
-WRITERS = {"isaaclab": write_isaac, "ros2_control": write_limits, "cpp": write_cpp}
+WRITERS = {
+    "isaaclab": write_isaac,
+    "ros2_control": write_limits,
+    "cpp": write_cpp,
+    "newton": write_newton,
+    "feedforward": write_feed_forward,
+    "ur": write_ur,
+}
+# Of the formats above, what loads a file back and measures it.
+CHECKS = {"newton": check_newton, "feedforward": check_feed_forward}
+NO_READER = "nothing here loads it back"
 NOT_TUNED = "not in the diagnosis: losses and tuned inertias are zero"
 UNMEASURED = (
     "measured on no recordings: with --on SESSION the best of the candidates is written, the URDF's arm among them"
@@ -175,11 +191,16 @@ def write_export(
             "joints": list(model.joint_names),
             "files": [*(FILES[name] for name in formats), *([LEARNED] if learned else [])],
             "changed_links": list(after.links.mended),
-            "left_out": (notes := _notes(after, FILES["python"], model)),
+            "left_out": (notes := [*_notes(after, FILES["python"], model), *_plain_losses(after, formats)]),
             "loaded_back": arm.structure(module),
         }
-        if "onnx" in formats:
-            record["loaded_back"]["onnx"] = compare_onnx(folder / ONNX, arm.runs, model)
+        for name in formats:
+            if name in CHECKS:
+                record["loaded_back"][name] = CHECKS[name](folder / FILES[name], arm.stated("losses"))
+            elif name == "onnx":
+                record["loaded_back"][name] = compare_onnx(folder / ONNX, arm.runs, model)
+            elif name in WRITERS:
+                record["loaded_back"][name] = {"loads": None, "told": NO_READER}
         if arm.chosen:
             record["torque_rmse_Nm"] = {
                 form: {"before": one.gaps["given"].rms, "after": one.gaps["after"].rms}
@@ -335,6 +356,16 @@ class _Files:
             "choice": {form: one.to_dict(joints) for form, one in self.chosen.items()},
         }
         return {"heldout": heldout, "written": {form: one.name for form, one in self.chosen.items()}}
+
+
+def _plain_losses(identified: IdentifiedArm, formats: Sequence[str]) -> list[str]:
+    """Which files know no law of an effect, and what stands in for it there."""
+    files = [FILES[name] for name in formats if name in WRITERS]
+    effects = [f"{change.effect} of {change.joints[0]}" for change in identified.changes]
+    if not files or not effects:
+        return []
+    stand = "friction nearest to the laws along these motions stands in, of whatever is friction of a joint"
+    return [f"{listed(files)}: no place for {listed(effects)}: {stand}"]
 
 
 def _notes(identified: IdentifiedArm, module: str, model: HybridModel | None = None) -> list[str]:
