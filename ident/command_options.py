@@ -29,6 +29,9 @@ LARGEST_SEED = 2**62 - 1
 READ = "read"
 # How long a model is driven by the logged torque alone [s].
 HORIZON = 0.25
+FORMATS_HELP = (
+    "urdf, mjcf, toml, python, isaaclab, ros2_control, cpp, newton or feedforward: all if not given; or onnx, ur."
+)
 HORIZON_HELP = "Length of the replays by which a file has to beat the URDF alone [s]."
 
 
@@ -156,7 +159,7 @@ class ExportOptions(WriteOptions):
 
     formats: tuple[str, ...] | None = option(
         None,
-        "urdf, mjcf, toml, python, isaaclab, ros2_control, cpp, newton or feedforward: all if not given; or onnx, ur.",
+        FORMATS_HELP,
         "--format",
         typed=list[str] | None,
     )

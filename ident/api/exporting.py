@@ -32,7 +32,7 @@ class Written(Result):
 
     @property
     def promoted(self) -> bool:
-        """Whether all was written: nothing is where recordings were given and a file does not beat the URDF alone."""
+        """Whether all was written: nothing is where a file does not beat the URDF alone."""
         return bool(self.record.get("promotion", {"passed": True})["passed"])
 
     def to_dict(self) -> dict[str, Any]:
@@ -54,7 +54,7 @@ class Verification(Result):
 
     @property
     def passed(self) -> bool:
-        """Whether it is promoted and all limits are kept, on recordings that say something of unseen ones."""
+        """Whether it is promoted and keeps all limits, on recordings that it was not fitted to."""
         return self.promotion.passed and all(check.passed for check in self.checks)
 
     def to_dict(self) -> dict[str, Any]:
@@ -126,11 +126,11 @@ def export(model: HybridModel | str | Path, out: str | Path, **options: Any) -> 
     Args:
         model: A fitted model or its folder.
         out: Folder of the export.
-        options: Fields of `ident.command_options.ExportOptions`: `formats`, `nearest`, `on`, `in_sample`, `horizon`,
-            `topic`, `session_file`, `accept`.
+        options: Fields of `ident.command_options.ExportOptions`: `formats`, `nearest`, `on`,
+            `in_sample`, `horizon`, `topic`, `session_file`, `accept`.
 
     Returns:
-        What was written; nothing where a file does not beat the URDF alone on the recordings (`promoted`).
+        What was written; nothing where a file does not beat the URDF alone (`promoted`).
 
     Raises:
         InputError: An unknown format, links that no body could be, or recordings that can't be used.
@@ -149,16 +149,19 @@ def export(model: HybridModel | str | Path, out: str | Path, **options: Any) -> 
 
 
 def verify(
-    model: HybridModel | str | Path, sessions: Sources, limits: str | Path | None = None, **options: Any
+    model: HybridModel | str | Path,
+    sessions: Sources,
+    limits: str | Path | None = None,
+    **options: Any,
 ) -> Verification:
-    """A gate: whether a model beats the URDF alone on recordings that it was not fitted on, and keeps its limits there.
+    """A gate: whether a model beats the URDF alone on recordings of no fit, and keeps its limits.
 
     Args:
         model: A fitted model or its folder.
         sessions: The recordings.
         limits: A TOML file of limits; none if None.
-        options: Fields of `ident.command_options.VerifyOptions`: `in_sample`, `horizon`, `cutoff`, `topic`,
-            `session_file`, `accept`.
+        options: Fields of `ident.command_options.VerifyOptions`: `in_sample`, `horizon`,
+            `cutoff`, `topic`, `session_file`, `accept`.
 
     Raises:
         InputError: Model, recordings or limits can't be used.
@@ -180,7 +183,8 @@ def verify(
         for score in evaluate(loaded, opened.groups, name).sessions:
             checks += check_limits(score, wanted)
     seen = bool(files_of(loaded.provenance) & runs_of(opened.stamps))
-    settings = {"model": name, "limits": "" if limits is None else str(limits), "horizon_s": chosen.horizon}
+    bounds = "" if limits is None else str(limits)
+    settings = {"model": name, "limits": bounds, "horizon_s": chosen.horizon}
     origin = Provenance("ident verify", settings=settings, sessions=opened.stamps)
     promotion = judge_model(loaded, opened.motions, seen, chosen.in_sample, chosen.horizon)
     robot, joints = loaded.robot.name, loaded.joint_names

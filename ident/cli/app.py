@@ -292,7 +292,7 @@ def export(
     options: given.ExportOptions,
     json_file: JsonFile = None,
 ) -> None:
-    """What was identified, for others; with --on only what beats the URDF alone there (else exit 3, and no file)."""
+    """What was identified, for others; with --on where it beats the URDF alone there (else exit 3)."""
     from ident.api.exporting import export as write
 
     written = write(model, out, **vars(options))
@@ -319,7 +319,7 @@ def verify(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """A gate: exit 0 where a model beats the URDF alone on recordings and keeps its limits, else 3."""
+    """A gate: exit 0 where a model beats the URDF alone on recordings and keeps limits, else 3."""
     from ident.api.exporting import verify as check
 
     found = check(model, sessions, limits, **vars(options))

@@ -108,7 +108,8 @@ def log_ratio(squares: Array, rivals: Array, level: float = 0.5) -> Array:
     Args:
         squares: Squared errors of k stretches, shape (k,) or (k, n); none is zero.
         rivals: Another file's, on the same stretches.
-        level: Of Student's distribution of what stretches, pair by pair, leave open; a single one leaves open all.
+        level: Of Student's distribution of what stretches, pair by pair, leave open; a single one
+            leaves open all.
     """
     number = max(len(squares), 2)
     ratio = np.log(squares.mean(axis=0) / rivals.mean(axis=0))
@@ -148,7 +149,7 @@ def measure_gap(model: LoadedModel, runs: Sequence[Motion]) -> Gap:
 class Replayed:
     """Replays of w windows of one run."""
 
-    missed: Float[Array, "2 w n"]  # of position, up to the joint's way, and velocity at the windows' ends
+    missed: Float[Array, "2 w n"]  # of position, up to the joint's way, and velocity at the ends
     moved: Bool[Array, "w n"]  # which joints moved in them
     ends: Int[Array, " w"]  # rows of the run at which they end
 
@@ -173,7 +174,8 @@ def roll_run(model: LoadedModel, motion: Motion, count: int, horizon: float = WI
     twists = model.deflections(*states)
     missing = model.missing(*states)
     state = np.stack([motion.q, motion.dq])
-    arrived = model.roll_out(state[:, starts], twists[starts, :2], drive, -missing[rows], motion.interval)
+    begin = (state[:, starts], twists[starts, :2])
+    arrived = model.roll_out(*begin, drive, -missing[rows], motion.interval)
     speed = np.abs(motion.dq[rows])
     way = speed[:, 1:].sum(axis=1) * motion.interval
     ends = starts + length
@@ -237,7 +239,8 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
     gap = found[bodies, joints]
     most = zip(options["after"].nominal.joint_names, gap.over(others).T, strict=True)
     worse = {name: (list(MEASURES)[r.argmax()], float(np.exp(r.max()))) for name, r in most if r.max() > WORTH}
-    return Chosen(mix(options, bodies, joints), bodies, joints, own | {"after": gap}, worse, len(found))
+    gaps = own | {"after": gap}
+    return Chosen(mix(options, bodies, joints), bodies, joints, gaps, worse, len(found))
 
 
 def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]) -> IdentifiedArm:

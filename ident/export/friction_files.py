@@ -1,14 +1,14 @@
-"""Friction of an identified arm for controllers: tanh and sigmoid tables, and a UR controller's shares.
+"""Friction of an identified arm for controllers: tanh and sigmoid tables, and a UR's shares.
 
     f(v) = coulomb tanh(v / width) + viscous v          (feed-forward)
     f(v) = fp1 / (1 + exp(-fp2 (v + fp3))) - fp1 / (1 + exp(-fp2 fp3))     (crisp_controllers)
 
-The sigmoid with fp1 = 2 coulomb, fp2 = 2 / width, fp3 = 0 is the tanh; it has no place for viscous friction.
-A UR controller compensates by a friction model of its own, which it does not tell, and takes shares of
-it from 0 to 1. Newton metres become shares where the URDF's `<dynamics>` state that model.
+The sigmoid with fp1 = 2 coulomb, fp2 = 2 / width, fp3 = 0 is the tanh; it has no place for viscous
+friction. A UR controller compensates by a friction model of its own, which it does not tell, and
+takes shares of it from 0 to 1. Newton metres become shares where the URDF's `<dynamics>` state it.
 
-Source: Gaz et al. 2019 (sigmoid); crisp_controllers, `friction.fp1` to `fp3` of its Cartesian controller;
-ur_msgs 2.5, FrictionModelParameters and SetFrictionModelParameters.
+Source: Gaz et al. 2019 (sigmoid); crisp_controllers, `friction.fp1` to `fp3` of its Cartesian
+controller; ur_msgs 2.5, FrictionModelParameters and SetFrictionModelParameters.
 """
 
 from __future__ import annotations
@@ -16,28 +16,27 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.command_options import FULL_ARM
 from ident.errors import InputError
 from ident.export.bodies import random_states
 from ident.export.identified import IdentifiedArm
 
 FEED_FORWARD = "feed_forward.yaml"
 UR = "ur_friction.yaml"
-UR_JOINTS = 6
 HEAD = """\
 # Friction torque to be added to the rigid body's, joint by joint:
 #   coulomb_Nm * tanh(v / width_rad_s) + viscous_Nms_rad * v
-# `crisp_controllers` has the dry part as the parameters of its Cartesian controller (use_friction: true); its
-# sigmoid has no place for viscous friction. Sliding joints: N, m/s and N s/m.
+# `crisp_controllers` has the dry part as the parameters of its Cartesian controller (use_friction:
+# true); its sigmoid has no place for viscous friction. Sliding joints: N, m/s and N s/m.
 """
 UR_HEAD = """\
-# Shares of the friction model that the URDF's <dynamics> state, which has to be the controller's own.
+# Shares of the friction that the URDF's <dynamics> state, which has to be the controller's own.
 # ros2 service call SERVICE ur_msgs/srv/SetFrictionModelParameters "$(cat this_file)"
-# with the driver's service of that type for SERVICE; 1 is full compensation. Nothing here could load it back.
+# with the driver's service of that type for SERVICE; 1 is full compensation. Never loaded back.
 """
 
 
@@ -66,8 +65,8 @@ def write_feed_forward(identified: IdentifiedArm) -> str:
     return HEAD + "\n".join([*lines, ""])
 
 
-def check_feed_forward(path: Path, identified: IdentifiedArm) -> dict[str, Any]:
-    """How near a written file, read by PyYAML, is to the losses; the sigmoid to their dry part alone [N m]."""
+def check_feed_forward(path: Path, identified: IdentifiedArm) -> dict[str, object]:
+    """How near a file, read by PyYAML, is to the losses; the sigmoid to their dry part [N m]."""
     import yaml
 
     record = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -101,7 +100,7 @@ def write_ur(identified: IdentifiedArm) -> str:
     """
     arm = identified.nominal
     where = "--format ur"
-    if arm.n != UR_JOINTS:
+    if arm.n != FULL_ARM:
         what = f"{arm.name} has {arm.n} recorded joints, a UR six"
         raise InputError(where, what, "export another --format")
     shares = []
@@ -110,19 +109,24 @@ def write_ur(identified: IdentifiedArm) -> str:
         "friction": (identified.losses.coulomb, np.array(arm.model.friction)),
     }
     for kind, (own, stated) in parts.items():
-        unknown = [name for name, value in zip(arm.joint_names, stated, strict=True) if value <= 0.0]
+        named = dict(zip(arm.joint_names, zip(own, stated, strict=True), strict=True))
+        unknown = [name for name, (_, value) in named.items() if value <= 0.0]
         if unknown:
             what = f"the URDF's <dynamics> state no {kind} of {', '.join(unknown)}"
             remedy = "put the friction there that the controller compensates in full, and fit again"
             raise InputError(where, what, remedy)
-        share = own / stated
-        beyond = [f"{name} {value:.2f}" for name, value in zip(arm.joint_names, share, strict=True) if value > 1.0]
+        beyond = [f"{name} {f / value:.2f}" for name, (f, value) in named.items() if f > value]
         if beyond:
             what = f"more {kind} than the controller's whole model: {', '.join(beyond)} of it"
             remedy = "no share beyond 1 is taken: look whether <dynamics> is the controller's model"
             raise InputError(where, what, remedy)
-        shares.append(share)
-    return UR_HEAD + (f"parameters:\n  viscous_scale: {_numbers(shares[0])}\n  coulomb_scale: {_numbers(shares[1])}\n")
+        shares.append(own / stated)
+    lines = [
+        "parameters:",
+        f"  viscous_scale: {_numbers(shares[0])}",
+        f"  coulomb_scale: {_numbers(shares[1])}",
+    ]
+    return UR_HEAD + "\n".join([*lines, ""])
 
 
 def _number(value: float) -> str:

@@ -124,10 +124,11 @@ class IdentifiedArm:
 
     @staticmethod
     def losses_of(model: HybridModel) -> Losses:
-        """Losses of a fitted model; friction that turns round at once does so over the least width."""
+        """Losses of a fitted model; friction that turns at once does so over the least width."""
         loss = model.loss
         widths = np.where(loss.transition_speed > 0.0, loss.transition_speed, SHARPEST)
-        return Losses(loss.motor_inertia, loss.viscous, loss.coulomb, widths, np.zeros(model.nominal.n))
+        still = np.zeros(model.nominal.n)
+        return Losses(loss.motor_inertia, loss.viscous, loss.coulomb, widths, still)
 
     @classmethod
     def of_model(cls, model: HybridModel, nearest: bool = False) -> IdentifiedArm:

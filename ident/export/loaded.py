@@ -137,7 +137,13 @@ class LoadedUrdf(LoadedModel):
         self.arm = arm.with_payload(payload).with_rotors(losses.motor_inertia)
 
     @classmethod
-    def read(cls, path: Path, locked: tuple[str, ...], losses: Losses, payload: Payload | None) -> LoadedUrdf:
+    def read(
+        cls,
+        path: Path,
+        locked: tuple[str, ...],
+        losses: Losses,
+        payload: Payload | None,
+    ) -> LoadedUrdf:
         """A file: damping and dry friction are what it says, whatever `losses` hold."""
         arm = ArmModel.from_urdf(path.read_text(encoding="utf-8"), path)
         arm = arm.locked([name for name in locked if name in arm.joint_names])

@@ -1,9 +1,9 @@
-"""An identified arm as a USD layer for Newton: bodies, joints with their losses, and a motor a joint.
+"""An identified arm as a USD layer for Newton: bodies, joints with losses, and a motor a joint.
 
 A joint's rotor inertia, damping and dry friction stand in `NewtonJointAPI`, its motor is a
-`NewtonActuator` without gains of its own, so that it gives the effort that it is told, up to the effort
-limit; gains are the user's. USD joints turn about an axis of their frame: frames are turned so that it
-is z. Angles are degrees in `PhysicsJoint` and `NewtonJointAPI`, radians in actuators.
+`NewtonActuator` without gains of its own, so that it gives the effort that it is told, up to the
+effort limit; gains are the user's. USD joints turn about an axis of their frame: frames are turned
+so that it is z. Angles are degrees in `PhysicsJoint` and `NewtonJointAPI`, radians in actuators.
 
 Source: UsdPhysics (OpenUSD); newton-usd-schemas 0.6 (NewtonJointAPI, NewtonActuator,
 NewtonPDControlAPI, NewtonMaxEffortClampingAPI).
@@ -16,23 +16,25 @@ import re
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.arrays import Array, Float
 from ident.export.bodies import random_states
+from ident.export.controllers import UNLIMITED
 from ident.export.identified import IdentifiedArm
+from ident.export.mjcf import LEAST_MOMENT
 from ident.laws.motion import Arm, rigid_torque
 from ident.model.carried import describe_arm
 from ident.model.link_inertia import about_centre
 
+if TYPE_CHECKING:
+    from pxr import UsdPhysics
+    from pxr.Gf import Quatf as Quaternion
+
 FILE = "robot.usda"
-# Below this a principal moment is that of a body without extent [kg m²].
-LEAST_MOMENT = 1e-9
-# Limits beyond this are none.
-UNLIMITED = 1e6
 SCHEMAS = "newton_usd_schemas"
 UNREAD = "not loaded back: pip install usd-core newton-usd-schemas"
 
@@ -47,16 +49,19 @@ def write_newton(identified: IdentifiedArm) -> str:
     down = identified.gravity / pull if pull > 0.0 else np.array([0.0, 0.0, -1.0])
     lines = [
         "#usda 1.0",
-        '(\n    defaultPrim = "robot"\n    metersPerUnit = 1\n    kilogramsPerUnit = 1\n    upAxis = "Z"\n)',
+        '(\n    defaultPrim = "robot"\n    metersPerUnit = 1\n    kilogramsPerUnit = 1',
+        '    upAxis = "Z"\n)',
         'def PhysicsScene "scene"\n{',
         f"    vector3f physics:gravityDirection = {_tuple(down)}",
         f"    float physics:gravityMagnitude = {pull!r}\n}}",
         'def Xform "robot" (\n    prepend apiSchemas = ["PhysicsArticulationRootAPI"]',
         f"    displayName = {json.dumps(arm.name)}\n)\n{{",
         *_body("base", "base", np.eye(3), np.zeros(3), None),
-        '    def PhysicsFixedJoint "base_fixed"\n    {\n        rel physics:body1 = </robot/base>\n    }',
+        '    def PhysicsFixedJoint "base_fixed"\n    {',
+        "        rel physics:body1 = </robot/base>\n    }",
     ]
-    turn, place = np.eye(3), np.zeros(3)
+    turn = np.eye(3)
+    place = np.zeros(3)
     for j in range(arm.n):
         place = place + turn @ chain.offsets[j]
         turn = turn @ chain.rotations[j]
@@ -97,11 +102,11 @@ def _body(
     link: Float[Array, " 10"] | None,
 ) -> list[str]:
     """A link where it is with all joints at zero; without mass if `link` is None."""
-    mass, centre, moments, axes = LEAST_MOMENT, np.zeros(3), np.full(3, LEAST_MOMENT), np.eye(3)
-    if link is not None:
-        mass, centre, inertia = about_centre(link)
-        moments, axes = np.linalg.eigh(inertia)
-        axes[:, 0] *= np.sign(np.linalg.det(axes))
+    if link is None:
+        link = np.zeros(10)
+    mass, centre, inertia = about_centre(link)
+    moments, axes = np.linalg.eigh(inertia)
+    axes[:, 0] *= np.sign(np.linalg.det(axes))
     return [
         f'    def Xform "{name}" (',
         '        prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]',
@@ -117,13 +122,21 @@ def _body(
     ]
 
 
-def _joint(identified: IdentifiedArm, chain: Arm, j: int, name: str, bodies: Sequence[str]) -> list[str]:
+def _joint(
+    identified: IdentifiedArm,
+    chain: Arm,
+    j: int,
+    name: str,
+    bodies: Sequence[str],
+) -> list[str]:
     """A joint with its losses and limits."""
-    arm, losses = identified.nominal, identified.losses
+    arm = identified.nominal
+    losses = identified.losses
     sliding = bool(chain.sliding[j])
     kind = "PhysicsPrismaticJoint" if sliding else "PhysicsRevoluteJoint"
     unit = 1.0 if sliding else np.degrees(1.0)
-    z_to_axis = Rotation.align_vectors(chain.axes[j][None], np.array([[0.0, 0.0, 1.0]]))[0].as_matrix()
+    upright = np.array([[0.0, 0.0, 1.0]])
+    z_to_axis = Rotation.align_vectors(chain.axes[j][None], upright)[0].as_matrix()
     lines = [
         f'    def {kind} "{name}" (\n        prepend apiSchemas = ["NewtonJointAPI"]',
         f"        displayName = {json.dumps(arm.joint_names[j])}\n    )\n    {{",
@@ -167,15 +180,15 @@ def _motor(shown: str, name: str, effort: float) -> list[str]:
     return [*lines, "    }"]
 
 
-def check_newton(path: Path, identified: IdentifiedArm) -> dict[str, Any]:
+def check_newton(path: Path, identified: IdentifiedArm) -> dict[str, object]:
     """How near a written layer, loaded back by OpenUSD, is to the arm.
 
     Returns:
         Whether it loads, and the largest difference of torque, bodies and losses, at random states
-        [N m]; None for both where OpenUSD or Newton's schemas are not installed.
+        [N m]; without that where OpenUSD or Newton's schemas are not installed.
     """
     if find_spec("pxr") is None or find_spec(SCHEMAS) is None:
-        return {"loads": None, "torque_difference_Nm": None, "told": UNREAD}
+        return {"loads": None, "told": UNREAD}
     q, dq, ddq = random_states(identified.nominal, np.random.default_rng(0))
     chain, losses = read_newton(path)
     said = rigid_torque(chain, q, dq, ddq) + losses[0] * ddq + losses[1] * dq
@@ -200,16 +213,20 @@ def read_newton(path: Path) -> tuple[Arm, Float[Array, "3 n"]]:
     for prim in stage.Traverse():
         if prim.GetTypeName() == "NewtonActuator" and prim.HasAPI("NewtonActuatorControlBaseAPI"):
             driven[prim.GetRelationship("newton:targets").GetTargets()[0]] = prim
-    rotations, offsets, axes, links, sliding, losses = [], [], [], [], [], []
+    rotations = []
+    offsets = []
+    axes = []
+    links = []
+    sliding = []
+    losses = []
     for prim in stage.Traverse():
         if prim.GetTypeName() not in ("PhysicsRevoluteJoint", "PhysicsPrismaticJoint"):
             continue
         assert prim.GetPath() in driven, "a joint without a motor"
         assert prim.HasAPI("NewtonJointAPI"), "a joint without losses"
         joint = UsdPhysics.Joint(prim)
-        turn, turn_of_body = (
-            _matrix(attribute.Get()) for attribute in (joint.GetLocalRot0Attr(), joint.GetLocalRot1Attr())
-        )
+        turn = _matrix(joint.GetLocalRot0Attr().Get())
+        turn_of_body = _matrix(joint.GetLocalRot1Attr().Get())
         rotations.append(turn @ turn_of_body.T)
         offsets.append(np.array(joint.GetLocalPos0Attr().Get(), dtype=float))
         axes.append(turn_of_body[:, 2])
@@ -217,9 +234,11 @@ def read_newton(path: Path) -> tuple[Arm, Float[Array, "3 n"]]:
         sliding.append(slides)
         body = UsdPhysics.MassAPI(stage.GetPrimAtPath(joint.GetBody1Rel().GetTargets()[0]))
         links.append(_link(body))
-        read = {key: prim.GetAttribute(f"newton:{key}").Get() for key in ("armature", "damping", "friction")}
         unit = 1.0 if slides else np.degrees(1.0)
-        losses.append([read["armature"], read["damping"] * unit, read["friction"]])
+        armature, damping, friction = (
+            prim.GetAttribute(f"newton:{key}").Get() for key in ("armature", "damping", "friction")
+        )
+        losses.append([armature, damping * unit, friction])
     chain = Arm(
         rotations=np.array(rotations),
         offsets=np.array(offsets),
@@ -233,17 +252,18 @@ def read_newton(path: Path) -> tuple[Arm, Float[Array, "3 n"]]:
     return chain, np.array(losses).T
 
 
-def _matrix(quaternion: Any) -> Float[Array, "3 3"]:
+def _matrix(quaternion: Quaternion) -> Float[Array, "3 3"]:
     numbers = [quaternion.GetReal(), *quaternion.GetImaginary()]
     return np.asarray(Rotation.from_quat(numbers, scalar_first=True).as_matrix())
 
 
-def _link(body: Any) -> Float[Array, " 10"]:
+def _link(body: UsdPhysics.MassAPI) -> Float[Array, " 10"]:
     """A body's ten numbers about its frame."""
     mass = float(body.GetMassAttr().Get())
     centre = np.array(body.GetCenterOfMassAttr().Get(), dtype=float)
     axes = _matrix(body.GetPrincipalAxesAttr().Get())
     about = axes @ np.diag(np.array(body.GetDiagonalInertiaAttr().Get(), dtype=float)) @ axes.T
     inertia = about + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    rows, columns = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]
+    rows = [0, 0, 1, 0, 1, 2]
+    columns = [0, 1, 1, 2, 2, 2]
     return np.array([mass, *(mass * centre), *inertia[rows, columns]])

@@ -2,10 +2,10 @@
 
     torque [, next_state] = f(q, dq, ddq [, dt, state])
 
-N rows are N arms, or N states of one; joints stand in the model's order, in SI units and doubles. Where
-joints have a memory, a row's state is what they remember: zeros before a motion, then what the last call
-gave. The laws' nodes are written by the laws themselves (`ident.laws`); Newton and Euler's recursion runs
-in the joints' own frames, as in the C++ header.
+N rows are N arms, or N states of one; joints stand in the model's order, in SI units and doubles.
+Where joints have a memory, a row's state is what they remember: zeros before a motion, then what
+the last call gave. The laws' nodes are written by the laws themselves (`ident.laws`); Newton and
+Euler's recursion runs in the joints' own frames, as in the C++ header.
 
 Source: Featherstone 2008, section 5.3.
 """
@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.export.formats import Run
 from ident.export.identified import SHARPEST
-from ident.export.onnx_graph import Graph, Term
+from ident.export.onnx_graph import Graph, Tensor
 from ident.laws.friction_laws import JointStates
 from ident.model.boosted import Trees
 from ident.model.carried import describe_arm
@@ -31,10 +30,17 @@ from ident.model.joint_nets import DIRECTION_SCALES, LOAD_ROUNDING, JointNets
 from ident.model.memory import RANGES, TIMES, TURNING
 
 FILE = "torque_model.onnx"
-# What a joint's averages are of: its direction, pace, load and angle.
-AVERAGED = 4
-ABOUT = "torque [N m] of {robot} for positions q [rad], speeds dq [rad/s] and accelerations ddq [rad/s2] of {joints}"
-SKEW = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]])
+# What a joint's averages are of.
+AVERAGED = len(("direction", "pace", "load", "angle"))
+ABOUT = "torque [N m] of {robot} for q [rad], dq [rad/s] and ddq [rad/s2] of {joints}"
+# Flat skew matrices of the unit vectors.
+SKEW = np.array(
+    [
+        [0, 0, 0, 0, 0, -1, 0, 1, 0],
+        [0, 0, 1, 0, 0, 0, -1, 0, 0],
+        [0, -1, 0, 1, 0, 0, 0, 0, 0],
+    ]
+)
 
 
 def require_expressible(model: HybridModel) -> None:
@@ -84,7 +90,7 @@ def write_onnx(model: HybridModel) -> bytes:
         total = total if net is None else total + net
         graph.output("torque", total, ("N", n))
     about = ABOUT.format(robot=model.arm.name, joints=", ".join(model.joint_names))
-    return bytes(graph.model("torque_model", about).SerializeToString())
+    return graph.finish("torque_model", about)
 
 
 def state_size(model: HybridModel) -> int:
@@ -99,20 +105,25 @@ def _remembering(model: HybridModel) -> list[int]:
     return [int(joint) for joint in np.flatnonzero(model.memory.kept)]
 
 
-def _cross(graph: Graph, a: Term, b: Term) -> Term:
+def _cross(graph: Graph, a: Tensor, b: Tensor) -> Tensor:
     """Of rows of two (N, 3) tensors, or of (1, 3)."""
     left = a.columns(1, 2, 0) * b.columns(2, 0, 1)
     return left - a.columns(2, 0, 1) * b.columns(1, 2, 0)
 
 
-def _turned(graph: Graph, turn: Term, vectors: Term, back: bool = False) -> Term:
+def _turned(graph: Graph, turn: Tensor, vectors: Tensor, back: bool = False) -> Tensor:
     """Rows of vectors (N, 3) by rotations (N, 3, 3), or by their inverses."""
     matrices = graph.node("Transpose", turn, perm=[0, 2, 1]) if back else turn
     return graph.reshape(matrices @ graph.reshape(vectors, -1, 3, 1), -1, 3)
 
 
-def _rotation(graph: Graph, fixed: Float[Array, "3 3"], axis: Float[Array, " 3"], angle: Term) -> Term:
-    """A fixed rotation, then one about an axis by an angle (N, 1): fixed (1 + sin K + (1 - cos) K²)."""
+def _rotation(
+    graph: Graph,
+    fixed: Float[Array, "3 3"],
+    axis: Float[Array, " 3"],
+    angle: Tensor,
+) -> Tensor:
+    """A fixed rotation, then one by an angle a (N, 1): fixed (1 + sin a K + (1 - cos a) K²)."""
     skew = (axis @ SKEW).reshape(3, 3)
     still = (fixed @ (np.eye(3) + skew @ skew)).reshape(1, 9)
     by_sine = (fixed @ skew).reshape(1, 9)
@@ -121,7 +132,7 @@ def _rotation(graph: Graph, fixed: Float[Array, "3 3"], axis: Float[Array, " 3"]
     return graph.reshape(flat, -1, 3, 3)
 
 
-def _rigid(graph: Graph, model: HybridModel, q: Term, dq: Term, ddq: Term) -> Term:
+def _rigid(graph: Graph, model: HybridModel, q: Tensor, dq: Tensor, ddq: Tensor) -> Tensor:
     """Torque of the rigid arm [N m]."""
     chain = describe_arm(model.arm)
     n = model.arm.n
@@ -129,7 +140,10 @@ def _rigid(graph: Graph, model: HybridModel, q: Term, dq: Term, ddq: Term) -> Te
     omega = nothing
     alpha = nothing
     acceleration = nothing - chain.gravity.reshape(1, 3)
-    turns, levers, forces, moments = [], [], [], []
+    turns = []
+    levers = []
+    forces = []
+    moments = []
     for j in range(n):
         axis = chain.axes[j].reshape(1, 3)
         sliding = bool(chain.sliding[j])
@@ -149,9 +163,9 @@ def _rigid(graph: Graph, model: HybridModel, q: Term, dq: Term, ddq: Term) -> Te
         else:
             alpha = alpha + _cross(graph, omega, speed) + ddq.columns(j) * axis
             omega = omega + speed
-        mass, first, six = chain.links[j][0], chain.links[j][1:4].reshape(1, 3), chain.links[j][4:]
-        inertia = six[[0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(3, 3)
-        moment_of_mass = nothing + first
+        mass = chain.links[j][0]
+        moment_of_mass = nothing + chain.links[j][1:4].reshape(1, 3)
+        inertia = chain.links[j][4:][[0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(3, 3)
         force = mass * acceleration + _cross(graph, alpha, moment_of_mass)
         force = force + _cross(graph, omega, _cross(graph, omega, moment_of_mass))
         moment = alpha @ inertia + _cross(graph, omega, omega @ inertia)
@@ -166,14 +180,14 @@ def _rigid(graph: Graph, model: HybridModel, q: Term, dq: Term, ddq: Term) -> Te
 def _down_the_chain(
     graph: Graph,
     model: HybridModel,
-    turns: Sequence[Term],
-    levers: Sequence[Term],
-    forces: Sequence[Term],
-    moments: Sequence[Term],
-) -> Term:
+    turns: Sequence[Tensor],
+    levers: Sequence[Tensor],
+    forces: Sequence[Tensor],
+    moments: Sequence[Tensor],
+) -> Tensor:
     """What each joint has to bear of the forces and moments on the links that it moves [N m]."""
     chain = describe_arm(model.arm)
-    columns: list[Term] = []
+    columns: list[Tensor] = []
     force = moment = forces[0] * 0.0
     for j in reversed(range(model.arm.n)):
         force = force + forces[j]
@@ -185,17 +199,24 @@ def _down_the_chain(
     return graph.concat(columns[::-1])
 
 
-def _laws(graph: Graph, model: HybridModel, states: tuple[Term, Term, Term, Term]) -> Term | float:
+def _laws(graph: Graph, model: HybridModel, states: Sequence[Tensor]) -> Tensor | float:
     """Torque of the named laws, by positions, speeds, loads and directions of sliding [N m]."""
+    q, dq, load, slip = states
     if not model.named:
         return 0.0
-    columns: list[Term] = []
+    columns: list[Tensor] = []
     for j in range(model.arm.n):
-        torque = states[0].columns(j) * 0.0
+        torque = q.columns(j) * 0.0
         for law in model.named:
             if law.joint != j:
                 continue
-            at_joint = JointStates(*(state.columns(j) for state in states), xp=graph)
+            at_joint = JointStates(
+                q.columns(j),
+                dq.columns(j),
+                load.columns(j),
+                slip.columns(j),
+                graph,
+            )
             terms = law.kind.columns(at_joint, law.shape)
             for term, (value, _, _) in zip(terms, law.figures, strict=True):
                 torque = torque + value * term
@@ -203,14 +224,14 @@ def _laws(graph: Graph, model: HybridModel, states: tuple[Term, Term, Term, Term
     return graph.concat(columns)
 
 
-def _features(graph: Graph, dq: Term, ddq: Term, load: Term) -> list[Term]:
+def _features(graph: Graph, dq: Tensor, ddq: Tensor, load: Tensor) -> list[Tensor]:
     """Inputs of a joint's net (`joint_features`)."""
     near, far = (graph.tanh(dq / scale) for scale in DIRECTION_SCALES)
     size = graph.node("Sqrt", load * load + LOAD_ROUNDING**2)
     return [dq, ddq, near, far, load, size * near]
 
 
-def _net(graph: Graph, model: HybridModel, dq: Term, ddq: Term, rigid: Term) -> Term:
+def _net(graph: Graph, model: HybridModel, dq: Tensor, ddq: Tensor, rigid: Tensor) -> Tensor:
     """The net of each joint [N m]; beyond its training it says what it says at the edge."""
     net = model.net
     assert net is not None
@@ -230,7 +251,7 @@ def _net(graph: Graph, model: HybridModel, dq: Term, ddq: Term, rigid: Term) -> 
     return graph.concat(columns)
 
 
-def _memory(graph: Graph, model: HybridModel, states: tuple[Term, ...]) -> tuple[Term, Term]:
+def _memory(graph: Graph, model: HybridModel, states: tuple[Tensor, ...]) -> tuple[Tensor, Tensor]:
     """The memory of each joint [N m], zero where it has none, and the state after this call."""
     n = model.arm.n
     assert model.memory is not None
@@ -243,7 +264,8 @@ def _memory(graph: Graph, model: HybridModel, states: tuple[Term, ...]) -> tuple
     for j in range(n):
         count = 1 + len(RANGES) + AVERAGED * len(TIMES)
         before = state.columns(*range(place, place + count))
-        inputs, remembered = _remembered(graph, (begun, dt), before, [term.columns(j) for term in states])
+        own_states = [state_of_all.columns(j) for state_of_all in states]
+        inputs, remembered = _remembered(graph, (begun, dt), before, own_states)
         place += count
         after.append(remembered)
         trees = model.memory.trees[j]
@@ -254,14 +276,22 @@ def _memory(graph: Graph, model: HybridModel, states: tuple[Term, ...]) -> tuple
     return graph.concat(columns), graph.concat(after)
 
 
-def _remembered(graph: Graph, time: tuple[Term, Term], before: Term, states: Sequence[Term]) -> tuple[list[Term], Term]:
-    """A joint's own inputs of its memory (`memory_inputs`), and what it remembers after this call."""
+def _remembered(
+    graph: Graph,
+    time: tuple[Tensor, Tensor],
+    before: Tensor,
+    states: Sequence[Tensor],
+) -> tuple[list[Tensor], Tensor]:
+    """A joint's own inputs of its memory (`memory_inputs`), and what it remembers thereafter."""
     begun, dt = time
     q, dq, ddq, load = states
     inputs = _features(graph, dq, ddq, load)
     step = (q - before.columns(0)) * begun
-    stops = [graph.clip(before.columns(1 + k) * begun + step, -size, size) for k, size in enumerate(RANGES)]
-    inputs += [stop / size for stop, size in zip(stops, RANGES, strict=True)]
+    stops = []
+    for k, size in enumerate(RANGES):
+        stop = graph.clip(before.columns(1 + k) * begun + step, -size, size)
+        stops.append(stop)
+        inputs.append(stop / size)
     now = graph.concat([graph.tanh(dq / TURNING), abs(dq), load, q])
     averages = []
     for k, span in enumerate(TIMES):
@@ -275,7 +305,7 @@ def _remembered(graph: Graph, time: tuple[Term, Term], before: Term, states: Seq
     return inputs, graph.concat([q, *stops, *averages])
 
 
-def _trees(graph: Graph, trees: Trees, x: Term) -> Term:
+def _trees(graph: Graph, trees: Trees, x: Tensor) -> Tensor:
     """Boosted oblivious trees: the answers of each are the digits of its leaf's number."""
     count, depth = trees.inputs.shape
     leaves = trees.leaves.shape[1]
@@ -299,7 +329,7 @@ def _integers() -> int:
 
 
 def run_onnx(path: Path, runs: Sequence[Run], model: HybridModel) -> list[Float[Array, "T n"]]:
-    """Torque that ONNX Runtime gives of a written file along motions, from a fresh state each [N m].
+    """Torque that ONNX Runtime gives along motions, from a fresh state each [N m].
 
     Args:
         path: The file.
@@ -332,7 +362,7 @@ def run_onnx(path: Path, runs: Sequence[Run], model: HybridModel) -> list[Float[
     return torques
 
 
-def compare_onnx(path: Path, runs: Sequence[Run], model: HybridModel) -> dict[str, Any]:
+def compare_onnx(path: Path, runs: Sequence[Run], model: HybridModel) -> dict[str, object]:
     """How near a written file, loaded back, is to the model along motions.
 
     Args:

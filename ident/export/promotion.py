@@ -25,6 +25,7 @@ from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 
+Record = Mapping[str, Any]
 # Errors by their names in a record, and the least that is one: [N m], [rad], [m].
 LEAST = {"torque_rms_Nm": 1e-6, "replay_rms_rad": 1e-7, "tool_rms_m": 1e-7}
 # In words: what it is of, its unit, and how many of these units the record's unit has.
@@ -33,9 +34,7 @@ SAID = {
     "replay_rms_rad": ("replay", "mrad", 1e3),
     "tool_rms_m": ("tool", "mm", 1e3),
 }
-IN_SAMPLE = "the model was fitted on these recordings, which tell of no others; --in-sample accepts them"
-# Logarithm of a ratio beyond which it is infinite.
-LARGEST = 100.0
+IN_SAMPLE = "the model was fitted on these recordings: they tell of no others (--in-sample)"
 REMEDY = "nothing is written; record more motion, ask `ident diagnose` for the cause, or fit anew"
 
 
@@ -76,7 +75,7 @@ def tool_of(arm: ArmModel) -> str:
 class Distance:
     """Squared errors of one file on held-out motion, over all joints."""
 
-    # Of each stretch the torque's [N² m²], of each window the joints' [rad²] and the tool's [m²].
+    # Of each stretch the torque's [N² m²]; of each window the joints' [rad²], the tool's [m²].
     squares: Mapping[str, Float[Array, " k"]]
 
     def rms(self, name: str) -> float:
@@ -150,7 +149,8 @@ class Contest:
             return 1.0, 0.0, np.inf
         sure = 1.0 - (1.0 - LEVEL) / (self.tried * len(LEAST))
         logarithms = [float(log_ratio(squares, rivals, p)) for p in (0.5, 1.0 - LEVEL, sure)]
-        middle, low, high = np.exp(np.minimum(logarithms, LARGEST))
+        with np.errstate(over="ignore"):
+            middle, low, high = np.exp(logarithms)
         return float(middle), float(low), float(high)
 
     @property
@@ -168,9 +168,9 @@ class Contest:
         """Whether the file is to stand in the URDF's place."""
         return bool(self.gains) and not self.harms
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """For JSON, which knows neither NaN nor ∞."""
-        record: dict[str, Any] = {"candidates": self.tried, "beats": self.beats}
+        record: dict[str, object] = {"candidates": self.tried, "beats": self.beats}
         for name in LEAST:
             ratio, low, high = self.ratio(name)
             record[name] = {
@@ -203,7 +203,7 @@ class Promotion:
         held_out = self.accepted or not self.in_sample
         return held_out and all(contest.beats for contest in self.contests)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         return {
             "passed": self.passed,
             "in_sample": self.in_sample,
@@ -269,7 +269,7 @@ def _joined(distances: Sequence[Distance]) -> Distance:
     return Distance(squares)
 
 
-def in_words(promotion: Mapping[str, Any]) -> list[str]:
+def in_words(promotion: Record) -> list[str]:
     """The verdict of a record, a line a file."""
     lines = []
     for form, contest in promotion["forms"].items():
@@ -290,7 +290,7 @@ def in_words(promotion: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _sure(row: Mapping[str, Any]) -> str:
+def _sure(row: Record) -> str:
     """What is sure of a ratio."""
     if row["high"] is not None and row["high"] < 1.0:
         return f"surely at most {row['high']:.2f} times"

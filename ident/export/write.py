@@ -148,18 +148,18 @@ def write_export(
     motions: Sequence[Motion] = (),
     origin: Provenance | None = None,
 ) -> dict[str, Any]:
-    """Writes the arm of a fitted model; where there are recordings, only what beats the URDF alone on them.
+    """Writes the arm of a fitted model; with recordings, only what beats the URDF alone on them.
 
     Args:
         model: The fitted model.
         out: Folder; an earlier export there is replaced.
-        chosen: Which of `FILES`, all if it doesn't say; whether links that no body could be are written as the nearest
-            bodies; whether recordings that the model was fitted on are accepted, and how long it is replayed.
+        chosen: Which of `FILES`, the usual ones if it doesn't say; whether links that no body could be are
+            written as the nearest bodies; whether recordings of the fit are accepted, and how long it is replayed.
         motions: As of `write_patch`.
         origin: Where it comes from.
 
     Returns:
-        What `export.json` holds; without files where one of them is not promoted: then the folder is as it was.
+        What `export.json` holds; without files where one is not promoted: the folder is as it was.
 
     Raises:
         InputError: An unknown format, or links that no body could be.
@@ -169,7 +169,8 @@ def write_export(
     unknown = [name for name in formats if name not in FILES]
     if unknown:
         raise InputError("--format", f"{unknown[0]!r} is unknown", f"use one of: {', '.join(FILES)}")
-    options, origin = IdentifiedArm.of_models(model, chosen.nearest), origin or Provenance("ident export")
+    options = IdentifiedArm.of_models(model, chosen.nearest)
+    origin = origin or Provenance("ident export")
     after, module = options["after"], FILES["python"] if "python" in formats else None
     with suppress(_NotPromoted), atomic_folder(out, EXPORT_KIND) as folder, tempfile.TemporaryDirectory() as scratch:
         arm = _Files(options, [motion.select(model.joint_names) for motion in motions], folder, Path(scratch))
@@ -185,18 +186,20 @@ def write_export(
         learned = "cpp" in formats and has_learned(model)
         if learned:
             arm.write(LEARNED, write_learned(model))
+        notes = [*_notes(after, FILES["python"], model), *_plain_losses(after, formats)]
         record: dict[str, Any] = {
             "schema": EXPORT,
             "robot": model.robot.name,
             "joints": list(model.joint_names),
             "files": [*(FILES[name] for name in formats), *([LEARNED] if learned else [])],
             "changed_links": list(after.links.mended),
-            "left_out": (notes := [*_notes(after, FILES["python"], model), *_plain_losses(after, formats)]),
+            "left_out": notes,
             "loaded_back": arm.structure(module),
         }
         for name in formats:
             if name in CHECKS:
-                record["loaded_back"][name] = CHECKS[name](folder / FILES[name], arm.stated("losses"))
+                stated = arm.stated("losses")
+                record["loaded_back"][name] = CHECKS[name](folder / FILES[name], stated)
             elif name == "onnx":
                 record["loaded_back"][name] = compare_onnx(folder / ONNX, arm.runs, model)
             elif name in WRITERS:
@@ -211,7 +214,8 @@ def write_export(
         record["provenance"] = origin.to_dict()
         if motions:
             contests = tuple(arm.contests(model, formats, chosen.horizon))
-            promotion = Promotion(contests, chosen.horizon, tool_of(arm.nominal), seen, chosen.in_sample)
+            tool = tool_of(arm.nominal)
+            promotion = Promotion(contests, chosen.horizon, tool, seen, chosen.in_sample)
             record["promotion"] = promotion.to_dict()
             if not promotion.passed:
                 record["files"] = []
@@ -276,7 +280,7 @@ class _Files:
             self.written[form] = WrittenFile.write(form, self.folder, stated)
 
     def contests(self, model: HybridModel, formats: Sequence[str], horizon: float) -> list[Contest]:
-        """Each file of a simulator against the URDF alone; of other formats the model that they are made of."""
+        """Each simulator's file against the URDF alone; of other formats the model behind them."""
         payload = self.motions[0].payload
         contests = []
         for form, file in self.written.items():
@@ -364,7 +368,7 @@ def _plain_losses(identified: IdentifiedArm, formats: Sequence[str]) -> list[str
     effects = [f"{change.effect} of {change.joints[0]}" for change in identified.changes]
     if not files or not effects:
         return []
-    stand = "friction nearest to the laws along these motions stands in, of whatever is friction of a joint"
+    stand = "of friction of a joint, what is nearest along these motions stands in"
     return [f"{listed(files)}: no place for {listed(effects)}: {stand}"]
 
 

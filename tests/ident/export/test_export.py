@@ -61,8 +61,8 @@ def test_named_laws_are_in_the_module_and_the_parameters(model: HybridModel, tmp
     )
     named = replace(model, named=laws)
     record = write_export(named, tmp_path / "export")
-    for found in record["loaded_back"].values():
-        assert found.get("torque_difference_Nm", 0.0) < 1e-9
+    for form in ("urdf", "mjcf", "python"):
+        assert record["loaded_back"][form]["torque_difference_Nm"] < 1e-9
     q, dq, ddq = random_states(np.random.default_rng(2), 50, 6)
     module = load_module(tmp_path / "export" / "torque_model.py")
     torque = module.modelled_torque(q, dq, ddq) + module.extra_torque(q, dq, ddq)
