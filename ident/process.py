@@ -28,6 +28,7 @@ EXTRA_OF = {
     **dict.fromkeys(("coal", "clarabel", "casadi", "cma", "daqp", "toppra", "plyfile", "pypcd4", "ruckig"), "plan"),
     "tornado": "open",
     **dict.fromkeys(("onnx", "onnxruntime"), "onnx"),
+    **dict.fromkeys(("pxr", "newton_usd_schemas"), "usd"),
     **dict.fromkeys(("joblib", "distributed", "pydantic", "typing_extensions"), "monitor"),
 }
 
