@@ -121,7 +121,7 @@ def patch(
 
 
 def export(model: HybridModel | str | Path, out: str | Path, **options: Any) -> Written:
-    """What was identified, for others: URDF, MJCF, TOML, Python, C++, Isaac Lab, ros2_control.
+    """What was identified, for others: files of simulators, trainers and controllers.
 
     Args:
         model: A fitted model or its folder.

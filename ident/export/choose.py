@@ -164,8 +164,9 @@ def roll_run(model: LoadedModel, motion: Motion, count: int, horizon: float = WI
         horizon: Their length [s].
     """
     length = max(2, round(horizon / motion.interval))
-    starts = np.linspace(length, len(motion.time) - 2 * length, count).astype(int)
-    starts = np.unique(starts[starts >= 0])
+    starts = np.zeros(0, dtype=int)
+    if len(motion.time) >= 3 * length:
+        starts = np.unique(np.linspace(length, len(motion.time) - 2 * length, count).astype(int))
     if not len(starts):
         return Replayed(np.zeros((2, 0, motion.n)), np.zeros((0, motion.n), bool), starts)
     rows = starts[:, None] + np.arange(length + 1)

@@ -28,6 +28,7 @@ from ident.model.carried import describe_arm
 from ident.model.hybrid import HybridModel
 from ident.model.joint_nets import DIRECTION_SCALES, LOAD_ROUNDING, JointNets
 from ident.model.memory import RANGES, TIMES, TURNING
+from ident.model.sampling import sampling_interval
 
 FILE = "torque_model.onnx"
 # What a joint's averages are of.
@@ -372,7 +373,9 @@ def compare_onnx(path: Path, runs: Sequence[Run], model: HybridModel) -> dict[st
     """
     largest = 0.0
     samples = 0
-    for run, said in zip(runs, run_onnx(path, runs, model), strict=True):
+    # The model finds the interval in the states: what remembers must be given the same.
+    timed = [(q, dq, ddq, sampling_interval(q, dq) or interval) for q, dq, ddq, interval in runs]
+    for run, said in zip(runs, run_onnx(path, timed, model), strict=True):
         difference = said - model.torque(*run[:3])
         largest = max(largest, float(np.max(np.abs(difference))))
         samples += len(said)

@@ -107,6 +107,8 @@ def measure_distance(
         torques.append(_torque_by_stretch(model, motion))
         replay = roll_run(model, motion, each, horizon)
         moved = replay.moved.any(axis=1)
+        if not moved.any():
+            continue
         missed = replay.missed[0][moved]
         counted = np.where(replay.moved[moved], missed**2, 0.0)
         positions.append(counted.sum(axis=1) / np.maximum(replay.moved[moved].sum(axis=1), 1))
@@ -114,8 +116,10 @@ def measure_distance(
         reached = arm.link_poses(measured + missed, [tool])[tool][1]
         there = arm.link_poses(measured, [tool])[tool][1]
         places.append(np.sum((reached - there) ** 2, axis=1))
-    parts = (torques, positions, places)
-    return Distance(dict(zip(LEAST, map(np.concatenate, parts), strict=True)))
+    squares = {}
+    for name, values in zip(LEAST, (torques, positions, places), strict=True):
+        squares[name] = np.concatenate([np.zeros(0), *values])
+    return Distance(squares)
 
 
 def _torque_by_stretch(model: LoadedModel, motion: Motion) -> Float[Array, " s"]:

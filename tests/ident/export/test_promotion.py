@@ -78,6 +78,15 @@ def test_a_longer_horizon_is_harder(model: HybridModel) -> None:
     assert misses == sorted(misses)
 
 
+def test_a_horizon_beyond_the_runs_leaves_the_torque_to_decide(model: HybridModel) -> None:
+    """What is not told is null, and no gain and no harm."""
+    motions = made_motions(model.robot, model.torque, [1], 6.0)
+    contest = contest_of_model(model, motions, horizon=5.0)
+    assert contest.gains == ["torque_rms_Nm"]
+    told = contest.to_dict()["replay_rms_rad"]
+    assert told == {"nominal": None, "written": None, "ratio": 1.0, "low": 0.0, "high": None}
+
+
 def test_a_model_fitted_on_the_recordings_passes_by_request_alone(model: HybridModel) -> None:
     """However near it is."""
     motions = made_motions(model.robot, model.torque, [1], 6.0)
