@@ -14,6 +14,8 @@ from ident.model.hybrid import HybridModel
 from ident.model.sampling import sampling_interval
 from ident.motion.motion import Motion
 
+# What a net's numbers in single precision, large ones that cancel among them, are off by [N m].
+SINGLE = 2e-3
 MAIN = """
 #include <cstdio>
 #include <cstdlib>
@@ -65,8 +67,11 @@ def test_the_header_gives_the_models_own_torque(
         if line.startswith("namespace ")
     )
     states = np.column_stack([run.q, run.dq, run.ddq])
-    # The model finds the interval in the states, and reckons nets in single precision.
+    # The model finds the interval in the states.
     interval = sampling_interval(run.q, run.dq)
     assert interval is not None
     said = run_header(tmp_path / "out", states, interval, space)
-    np.testing.assert_allclose(said, model.torque(run.q, run.dq, run.ddq), rtol=0.0, atol=1e-4)
+    off = np.abs(said - model.torque(run.q, run.dq, run.ddq)).max(axis=0)
+    assert model.memory is not None
+    assert off[model.memory.kept].max() < 1e-9
+    assert off.max() < SINGLE

@@ -21,6 +21,8 @@ from ident.robot.arm import ArmModel
 from tests.ident.export.learned_arm import learned_runs
 from tests.ident.made_up import random_states, sliding_arm
 
+# What a net's numbers in single precision, large ones that cancel among them, are off by [N m].
+SINGLE = 2e-3
 ONNX = ExportOptions(formats=("onnx",), nearest=True)
 SHAPES = {
     "stribeck_friction": {"stribeck_velocity_rad_s": 0.3, "exponent": 1.3},
@@ -66,7 +68,7 @@ def test_net_and_memory_are_the_models_along_runs_that_no_fit_saw(
     assert state_size(model) > 0
     unseen = learned_runs(model.robot, seed=6)[:2]
     record = write_export(model, tmp_path / "out", ONNX, unseen)
-    assert record["loaded_back"]["onnx"]["torque_difference_Nm"] < 1e-4
+    assert record["loaded_back"]["onnx"]["torque_difference_Nm"] < SINGLE
     runs = [(motion.q, motion.dq, motion.ddq, motion.interval) for motion in unseen]
     torques = run_onnx(tmp_path / "out/torque_model.onnx", runs, model)
     for motion, torque in zip(unseen, torques, strict=True):
