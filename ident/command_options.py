@@ -27,6 +27,12 @@ FULL_ARM, LUMPED = 6, 3
 # Seeds of the arms that follow the first fit below the simulator's own bound.
 LARGEST_SEED = 2**62 - 1
 READ = "read"
+# How long a model is driven by the logged torque alone [s].
+HORIZON = 0.25
+FORMATS_HELP = (
+    "urdf, mjcf, toml, python, isaaclab, ros2_control, cpp, newton or feedforward: all if not given; or onnx, ur."
+)
+HORIZON_HELP = "Length of the replays by which a file has to beat the URDF alone [s]."
 
 
 def option(
@@ -153,11 +159,13 @@ class ExportOptions(WriteOptions):
 
     formats: tuple[str, ...] | None = option(
         None,
-        "urdf, mjcf, toml, python, isaaclab, ros2_control or cpp; all if not given.",
+        FORMATS_HELP,
         "--format",
         typed=list[str] | None,
     )
     nearest: bool = option(False, "Write links that no body could be as the nearest bodies.")
+    in_sample: bool = option(False, "Accept recordings that the model was fitted on.")
+    horizon: float = option(HORIZON, HORIZON_HELP, min=0.01)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,6 +173,7 @@ class VerifyOptions(FilterOptions):
     """How a model is held against limits."""
 
     in_sample: bool = option(False, "Accept recordings that the model was fitted on.")
+    horizon: float = option(HORIZON, HORIZON_HELP, min=0.01)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,6 +27,8 @@ EXTRA_OF = {
     **dict.fromkeys(("rosbags", "xacro", "yaml", "lz4", "backports"), "bags"),
     **dict.fromkeys(("coal", "clarabel", "casadi", "cma", "daqp", "toppra", "plyfile", "pypcd4", "ruckig"), "plan"),
     "tornado": "open",
+    **dict.fromkeys(("onnx", "onnxruntime"), "onnx"),
+    **dict.fromkeys(("pxr", "newton_usd_schemas"), "usd"),
     **dict.fromkeys(("joblib", "distributed", "pydantic", "typing_extensions"), "monitor"),
 }
 

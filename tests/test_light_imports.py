@@ -148,6 +148,7 @@ INSTALLED_AS = {
     "rerun": "rerun-sdk",
     "mujoco": "mujoco",
     "backports": "backports.zstd",
+    "pxr": "usd-core",
 }
 # Asked for by name where the user has them: neither is ours to install.
 OPTIONAL = {"ompl", "robot_descriptions"}

@@ -27,7 +27,7 @@ from ident.servos.servo_fit import ServoArm, fit_servos, load_goals, runs_of
 from ident.sessions import Robot, Sources, load_robot, open_sessions
 
 if TYPE_CHECKING:
-    from ident.servos.servo_files import RolledOut
+    from ident.servos.rolled_out import RolledOut
 
 
 def new(
@@ -113,7 +113,8 @@ def servo(
     origin = Provenance("ident servo", settings=settings, sessions=stamp_sessions(loaded))
     rolled: tuple[RolledOut, ...] = ()
     if out is not None:
-        from ident.servos.servo_files import roll_out_servos, write_servos
+        from ident.servos.rolled_out import roll_out_servos
+        from ident.servos.servo_files import write_servos
 
         rolled = roll_out_servos(loaded, arm)
         write_servos(Path(out), rolled, [session.name for session in loaded])

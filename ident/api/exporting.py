@@ -12,7 +12,8 @@ from ident.command_options import ExportOptions, PatchOptions, VerifyOptions
 from ident.diagnosis.result import Diagnosis
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
-from ident.export.write import FILES, write_export, write_patch
+from ident.export.promotion import Promotion, judge_model
+from ident.export.write import write_export, write_patch
 from ident.model.evaluation import VERIFICATION_SCHEMA, Check, check_limits, evaluate, load_limits
 from ident.model.hybrid import HybridModel
 from ident.motion.settings import FOR_DIAGNOSIS
@@ -29,6 +30,11 @@ class Written(Result):
     folder: Path  # where they lie
     record: Mapping[str, Any]  # what `patch.json` or `export.json` holds
 
+    @property
+    def promoted(self) -> bool:
+        """Whether all was written: nothing is where a file does not beat the URDF alone."""
+        return bool(self.record.get("promotion", {"passed": True})["passed"])
+
     def to_dict(self) -> dict[str, Any]:
         return {**self.record, "provenance": self.provenance.to_dict()}
 
@@ -43,13 +49,13 @@ class Verification(Result):
     robot: str
     joints: tuple[str, ...]
     checks: tuple[Check, ...]  # every limit on every session
+    promotion: Promotion  # whether it beats the URDF alone on them
     in_sample: bool  # whether the model was fitted on one of the recordings
-    accepted: bool  # whether that was accepted
 
     @property
     def passed(self) -> bool:
-        """Whether all limits are kept, on recordings that say something of unseen ones."""
-        return all(check.passed for check in self.checks) and (self.accepted or not self.in_sample)
+        """Whether it is promoted and keeps all limits, on recordings that it was not fitted to."""
+        return self.promotion.passed and all(check.passed for check in self.checks)
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -60,6 +66,7 @@ class Verification(Result):
             "passed": self.passed,
             "in_sample": self.in_sample,
             "checks": [check.to_dict() for check in self.checks],
+            "promotion": self.promotion.to_dict(),
             "provenance": self.provenance.to_dict(),
         }
 
@@ -127,13 +134,16 @@ def patch(
 
 
 def export(model: HybridModel | str | Path, out: str | Path, **options: Any) -> Written:
-    """What was identified, for others: URDF, MJCF, TOML, Python, C++, Isaac Lab, ros2_control.
+    """What was identified, for others: files of simulators, trainers and controllers.
 
     Args:
         model: A fitted model or its folder.
         out: Folder of the export.
         options: Fields of `ident.command_options.ExportOptions`: `formats`, `nearest`, `on`,
-            `topic`, `session_file`, `accept`.
+            `in_sample`, `horizon`, `topic`, `session_file`, `accept`.
+
+    Returns:
+        What was written; nothing where a file does not beat the URDF alone (`promoted`).
 
     Raises:
         InputError: An unknown format, links that no body could be, or recordings that can't be
@@ -159,29 +169,30 @@ def export(model: HybridModel | str | Path, out: str | Path, **options: Any) -> 
         "ident export", settings=settings, sessions=() if opened is None else opened.stamps
     )
     motions = () if opened is None else opened.motions
-    formats = tuple(FILES if chosen.formats is None else chosen.formats)
-    record = write_export(loaded, Path(out), formats, chosen.nearest, motions, origin)
+    record = write_export(loaded, Path(out), chosen, motions, origin)
     return Written(Path(out), record, provenance=origin)
 
 
 def verify(
-    model: HybridModel | str | Path, sessions: Sources, limits: str | Path, **options: Any
+    model: HybridModel | str | Path,
+    sessions: Sources,
+    limits: str | Path | None = None,
+    **options: Any,
 ) -> Verification:
-    """A gate: whether a model keeps its limits on recordings that it was not fitted on.
+    """A gate: whether a model beats the URDF alone on recordings of no fit, and keeps its limits.
 
     Args:
         model: A fitted model or its folder.
         sessions: The recordings.
-        limits: A TOML file of limits.
-        options: Fields of `ident.command_options.VerifyOptions`: `in_sample`, `cutoff`, `topic`,
-            `session_file`, `accept`.
+        limits: A TOML file of limits; none if None.
+        options: Fields of `ident.command_options.VerifyOptions`: `in_sample`, `horizon`,
+            `cutoff`, `topic`, `session_file`, `accept`.
 
     Raises:
         InputError: Model, recordings or limits can't be used.
     """
-    chosen = VerifyOptions.of("verify", options)
-    loaded = HybridModel.given(model)
-    wanted = load_limits(Path(limits), loaded.joint_names, loaded.rungs)
+    chosen, loaded = VerifyOptions.of("verify", options), HybridModel.given(model)
+    wanted = None if limits is None else load_limits(Path(limits), loaded.joint_names, loaded.rungs)
     opened = open_sessions(
         sessions,
         loaded,
@@ -192,21 +203,14 @@ def verify(
         accept=chosen.accept,
     )
     name = loaded.robot.name if loaded is model else Path(str(model)).name
-    checks = tuple(
-        check
-        for score in evaluate(loaded, opened.groups, name).sessions
-        for check in check_limits(score, wanted)
-    )
+    checks: list[Check] = []
+    if wanted is not None:
+        for score in evaluate(loaded, opened.groups, name).sessions:
+            checks += check_limits(score, wanted)
     seen = bool(files_of(loaded.provenance) & runs_of(opened.stamps))
-    origin = Provenance(
-        "ident verify", settings={"model": name, "limits": str(limits)}, sessions=opened.stamps
-    )
-    return Verification(
-        name,
-        loaded.robot.name,
-        loaded.joint_names,
-        checks,
-        seen,
-        chosen.in_sample,
-        provenance=origin,
-    )
+    bounds = "" if limits is None else str(limits)
+    settings = {"model": name, "limits": bounds, "horizon_s": chosen.horizon}
+    origin = Provenance("ident verify", settings=settings, sessions=opened.stamps)
+    promotion = judge_model(loaded, opened.motions, seen, chosen.in_sample, chosen.horizon)
+    robot, joints = loaded.robot.name, loaded.joint_names
+    return Verification(name, robot, joints, tuple(checks), promotion, seen, provenance=origin)

@@ -383,11 +383,15 @@ def export(
     model: Model,
     out: Annotated[Path, typer.Option(help="Folder of the export."), Writes("export")],
     options: given.ExportOptions,
-) -> Result:
-    """What was identified, for others: URDF, MJCF, TOML, Python, C++, Isaac Lab, ros2_control."""
+    json_file: JsonFile = None,
+) -> None:
+    """What was identified, for others; with --on only where it beats the URDF (else exit 3)."""
     from ident.api.exporting import export as write
 
-    return write(model, out, **vars(options))
+    written = write(model, out, **vars(options))
+    hand_over(written, json_file)
+    if not written.promoted:
+        raise typer.Exit(NOT_PASSED)
 
 
 @command
@@ -404,15 +408,14 @@ def ranges(sessions: Sessions, options: given.RangesOptions, robot: Robot = None
 def verify(
     model: Model,
     sessions: Sessions,
-    limits: Annotated[
-        Path, typer.Option(help="TOML file of limits: [torque_rmse_Nm] total = 2.0 and the like.")
-    ],
     options: given.VerifyOptions,
+    limits: Annotated[
+        Path | None,
+        typer.Option(help="TOML file of limits: [torque_rmse_Nm] total = 2.0 and the like."),
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """A gate: exit 0 where a model keeps its limits on recordings, 3 where it does not, or was
-    fitted on them.
-    """
+    """A gate: exit 0 where a model beats the URDF alone on recordings and keeps limits, else 3."""
     from ident.api.exporting import verify as check
 
     verification = check(model, sessions, limits, **vars(options))

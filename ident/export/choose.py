@@ -27,13 +27,14 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
-from ident.arrays import Array, Bool, Float
+from ident.arrays import Array, Bool, Float, Int
+from ident.command_options import HORIZON
 from ident.export.identified import IdentifiedArm
 from ident.export.loaded import FILE_OF, LoadedModel, WrittenFile, log_error
 from ident.laws.motion import Losses
 from ident.motion.motion import Motion
 
-WINDOW = 0.25  # [s]
+WINDOW = HORIZON  # [s]
 MOST_WINDOWS = 24
 # Measures by which files are compared, their names in a record, and errors that are none: [N m], [J], [rad].
 MEASURES = {"torque": "torque_rms_Nm", "energy": "energy_J", "position": "position_rms_rad"}
@@ -85,11 +86,7 @@ class Gap:
             own, *theirs = (one.squares[name] + least**2 for one in (self, *others))
             best = np.argmin([one.mean(axis=0) for one in theirs], axis=0)
             rival = np.array(theirs)[best, :, np.arange(own.shape[1])].T
-            ratio = np.log(own.mean(axis=0) / rival.mean(axis=0))
-            spread, number = own / own.mean(axis=0) - rival / rival.mean(axis=0), max(len(own), 2)
-            scatter = spread.std(axis=0, ddof=1) if len(own) > 1 else 1.0 * (ratio != 0.0)
-            ratio += float(student_t.ppf(level, number - 1)) * scatter / np.sqrt(number)
-            found.append(np.nan_to_num(0.5 * ratio))
+            found.append(np.nan_to_num(log_ratio(own, rival, level)))
         return np.array(found)
 
     def cost(self, others: Sequence[Gap]) -> Float[Array, " n"]:
@@ -105,12 +102,32 @@ class Gap:
         return {**errors, "windows": int(np.isfinite(self.squares["position"][:, 0]).sum())}
 
 
+def log_ratio(squares: Array, rivals: Array, level: float = 0.5) -> Array:
+    """Logarithm of the ratio of two root mean squares that is not exceeded at a level.
+
+    Args:
+        squares: Squared errors of k stretches, shape (k,) or (k, n); none is zero.
+        rivals: Another file's, on the same stretches.
+        level: Of Student's distribution of what stretches, pair by pair, leave open; a single one
+            leaves open all.
+    """
+    number = max(len(squares), 2)
+    ratio = np.log(squares.mean(axis=0) / rivals.mean(axis=0))
+    if len(squares) > 1:
+        differences = squares / squares.mean(axis=0) - rivals / rivals.mean(axis=0)
+        scatter = differences.std(axis=0, ddof=1)
+    else:
+        scatter = 1.0 * (ratio != 0.0)
+    reach = float(student_t.ppf(level, number - 1)) * scatter / np.sqrt(number)
+    return np.asarray(0.5 * (ratio + reach))
+
+
 def measure_gap(model: LoadedModel, runs: Sequence[Motion]) -> Gap:
     """All distances of a loaded file from recordings."""
     each = max(1, MOST_WINDOWS // len(runs))
-    rolled = [_roll_run(model, motion, each) for motion in runs]
-    moved = np.concatenate([one for _, one in rolled])
-    replay = np.concatenate([missed for missed, _ in rolled], axis=1) ** 2
+    rolled = [roll_run(model, motion, each) for motion in runs]
+    moved = np.concatenate([replayed.moved for replayed in rolled])
+    replay = np.concatenate([replayed.missed for replayed in rolled], axis=1) ** 2
     replay = replay * moved * len(moved) / np.maximum(moved.sum(axis=0), 1)
     replay = replay if replay.size else np.full((2, 1, runs[0].n), np.nan)
     replayed = dict(zip(("position", "velocity"), replay, strict=True))
@@ -128,25 +145,44 @@ def measure_gap(model: LoadedModel, runs: Sequence[Motion]) -> Gap:
     return Gap({"torque": torque, "energy": np.array(works), **replayed}, counts)
 
 
-def _roll_run(model: LoadedModel, motion: Motion, count: int) -> tuple[Float[Array, "2 w n"], Bool[Array, "w n"]]:
-    """Misses of position, up to the joint's way, and velocity at the ends of evenly spread windows; which joints move.
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """Replays of w windows of one run."""
 
-    A window's way is the path of the joint in it.
+    missed: Float[Array, "2 w n"]  # of position, up to the joint's way, and velocity at the ends
+    moved: Bool[Array, "w n"]  # which joints moved in them
+    ends: Int[Array, " w"]  # rows of the run at which they end
+
+
+def roll_run(model: LoadedModel, motion: Motion, count: int, horizon: float = WINDOW) -> Replayed:
+    """Replays evenly spread windows of a run; a window's way is the path of the joint in it.
+
+    Args:
+        model: A loaded file.
+        motion: The run.
+        count: The most windows.
+        horizon: Their length [s].
     """
-    states = motion.q, motion.dq, motion.ddq, motion.interval
-    length = max(2, round(WINDOW / motion.interval))
-    starts = np.linspace(length, len(motion.time) - 2 * length, count).astype(int)
-    starts = np.unique(starts[starts >= 0])
+    length = max(2, round(horizon / motion.interval))
+    starts = np.zeros(0, dtype=int)
+    if len(motion.time) >= 3 * length:
+        starts = np.unique(np.linspace(length, len(motion.time) - 2 * length, count).astype(int))
     if not len(starts):
-        return np.zeros((2, 0, motion.n)), np.zeros((0, motion.n), bool)
+        return Replayed(np.zeros((2, 0, motion.n)), np.zeros((0, motion.n), bool), starts)
     rows = starts[:, None] + np.arange(length + 1)
+    states = (motion.q, motion.dq, motion.ddq, motion.interval)
     drive = model.undo_log(np.array(motion.tau), motion.interval)[rows]
-    state, twists, missing = np.stack([motion.q, motion.dq]), model.deflections(*states), model.missing(*states)
-    ends = model.roll_out(state[:, starts], twists[starts, :2], drive, -missing[rows], motion.interval)
+    twists = model.deflections(*states)
+    missing = model.missing(*states)
+    state = np.stack([motion.q, motion.dq])
+    begin = (state[:, starts], twists[starts, :2])
+    arrived = model.roll_out(*begin, drive, -missing[rows], motion.interval)
     speed = np.abs(motion.dq[rows])
-    way, missed = speed[:, 1:].sum(axis=1) * motion.interval, ends - state[:, starts + length]
+    way = speed[:, 1:].sum(axis=1) * motion.interval
+    ends = starts + length
+    missed = arrived - state[:, ends]
     missed[0] = np.clip(missed[0], -way, way)
-    return missed, (speed > motion.rest_speed).any(axis=1)
+    return Replayed(missed, (speed > motion.rest_speed).any(axis=1), ends)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +195,7 @@ class Chosen:
     gaps: Mapping[str, Gap]  # its errors, and those of the candidates that are reported beside it
     # Joints at which another candidate is nearer in some measure, with that measure and the largest ratio.
     worse: Mapping[str, tuple[str, float]]
+    tried: int = 1  # candidates that were measured
 
     @property
     def name(self) -> str:
@@ -195,7 +232,7 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
     others = [gap for name, gap in own.items() if name != "after"]
     for bodies in options:
         order = [bodies, *(name for name in options if name != bodies)]  # of the same errors its own are taken
-        if bodies != "given":  # its bodies are those of `before`
+        if bodies != "given" or "before" not in options:  # its bodies are those of `before`
             costs = np.array([measure(bodies, (name,) * n).cost(others) for name in order])
             measure(bodies, tuple(order[k] for k in costs.argmin(axis=0)))
     whole = own[min(own, key=lambda name: own[name].cost(others).sum())]
@@ -203,7 +240,8 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
     gap = found[bodies, joints]
     most = zip(options["after"].nominal.joint_names, gap.over(others).T, strict=True)
     worse = {name: (list(MEASURES)[r.argmax()], float(np.exp(r.max()))) for name, r in most if r.max() > WORTH}
-    return Chosen(mix(options, bodies, joints), bodies, joints, own | {"after": gap}, worse)
+    gaps = own | {"after": gap}
+    return Chosen(mix(options, bodies, joints), bodies, joints, gaps, worse, len(found))
 
 
 def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]) -> IdentifiedArm:

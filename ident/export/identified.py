@@ -122,6 +122,14 @@ class IdentifiedArm:
         losses = untuned(nominal.n)[0]
         return cls.with_losses(nominal, replace(losses, viscous=nominal.model.damping, coulomb=nominal.model.friction))
 
+    @staticmethod
+    def losses_of(model: HybridModel) -> Losses:
+        """Losses of a fitted model; friction that turns at once does so over the least width."""
+        loss = model.loss
+        widths = np.where(loss.transition_speed > 0.0, loss.transition_speed, SHARPEST)
+        still = np.zeros(model.nominal.n)
+        return Losses(loss.motor_inertia, loss.viscous, loss.coulomb, widths, still)
+
     @classmethod
     def of_model(cls, model: HybridModel, nearest: bool = False) -> IdentifiedArm:
         """A fitted model, its net, offsets and shared shafts aside; if asked for, links as the nearest bodies.
@@ -142,9 +150,7 @@ class IdentifiedArm:
         if wrong:
             change, missed = nearest_bodies(nominal, change)
         links = Links(freeze(change), freeze(np.zeros((n, 10))), missed if wrong else 0.0, tuple(wrong))
-        loss = model.loss
-        widths = np.where(loss.transition_speed > 0.0, loss.transition_speed, SHARPEST)
-        losses = Losses(loss.motor_inertia, loss.viscous, loss.coulomb, widths, np.zeros(n))
+        losses = cls.losses_of(model)
         changes = []
         for law in model.named:  # its shape as parameters, its coefficients with their intervals
             parameters = {name: Interval(value, value, value) for name, value in law.shape.items()}
@@ -157,7 +163,7 @@ class IdentifiedArm:
     @classmethod
     def of_models(cls, model: HybridModel, nearest: bool = False) -> dict[str, IdentifiedArm]:
         """The arms that could be written of a model, by name; tuned without its laws, where it has any (`of_model`)."""
-        found = {"before": cls.as_urdf(model.nominal)}
+        found = {"given": cls.as_urdf(model.nominal)}
         if model.alone is not None:
             arm, loss = model.alone
             found["tuned"] = cls.of_model(replace(model, arm=arm, loss=loss, named=()), nearest)

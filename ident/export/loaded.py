@@ -131,11 +131,24 @@ class LoadedUrdf(LoadedModel):
 
     form = "urdf"
 
-    def __init__(self, path: Path, locked: tuple[str, ...], losses: Losses, payload: Payload | None) -> None:
+    def __init__(self, arm: ArmModel, losses: Losses, payload: Payload | None) -> None:
+        """An arm with losses, of which the rotor inertia stands in no URDF."""
+        self.losses = losses
+        self.arm = arm.with_payload(payload).with_rotors(losses.motor_inertia)
+
+    @classmethod
+    def read(
+        cls,
+        path: Path,
+        locked: tuple[str, ...],
+        losses: Losses,
+        payload: Payload | None,
+    ) -> LoadedUrdf:
+        """A file: damping and dry friction are what it says, whatever `losses` hold."""
         arm = ArmModel.from_urdf(path.read_text(encoding="utf-8"), path)
         arm = arm.locked([name for name in locked if name in arm.joint_names])
-        self.losses = replace(losses, viscous=arm.model.damping, coulomb=arm.model.friction)
-        self.arm = arm.with_payload(payload).with_rotors(losses.motor_inertia)
+        stated = replace(losses, viscous=arm.model.damping, coulomb=arm.model.friction)
+        return cls(arm, stated, payload)
 
     def own_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
         slip = np.tanh(dq / self.losses.transition) if interval <= 0.0 else self.losses.direction(q, dq)
@@ -317,7 +330,7 @@ class WrittenFile:
         model: LoadedModel = (
             LoadedMjcf(path, arm.joint_names, payload)
             if self.form == "mjcf"
-            else LoadedUrdf(path, tuple(arm.locked_joints), self.stated.losses, payload)
+            else LoadedUrdf.read(path, tuple(arm.locked_joints), self.stated.losses, payload)
         )
         model.module = module
         return model

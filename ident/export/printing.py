@@ -11,6 +11,7 @@ from rich.table import Table
 
 from ident.errors import plural, visible
 from ident.export.formats import FORMATS
+from ident.export.promotion import in_words
 from ident.show.console import say
 from ident.show.diagnosis_lines import print_numbers
 from ident.show.palette import FLEXIBLE, NAMED, NOISE, ORANGE
@@ -95,17 +96,23 @@ def write(console: Console, result: Any) -> None:
         lines.append(f"{place}: {value}, limit {check['bound']:g}: {mark}")
     for name, found in record.get("loaded_back", {}).items():
         error = found.get("torque_difference_Nm")
-        lines.append(
-            f"{name}: loaded back" + ("" if error is None else f", torque within {error:.1e} N m of what it states")
-        )
+        if found.get("loads") is None:
+            lines.append(f"{name}: {found['told']}")
+            continue
+        near = "" if error is None else f", torque within {error:.1e} N m of what it states"
+        lines.append(f"{name}: loaded back{near}")
     for name, error in record.get("torque_rmse_Nm", {}).items():
         lines.append(f"{name}: torque RMSE {error['before']:.3f} -> {error['after']:.3f} N m")
     if record.get("changed_links"):
         lines.append(f"nearest bodies written for: {', '.join(record['changed_links'])}")
     lines += [f"left out: {line}" for line in record.get("left_out", ())]
-    if record.get("in_sample"):
-        lines.append("the model was fitted on these recordings: they say nothing of others (--in-sample accepts them)")
-    end = f"written to {result.folder}" if "files" in record else "passed" if record["passed"] else "not passed"
+    promotion = record.get("promotion")
+    if promotion is not None:
+        lines += in_words(promotion)
+    if "files" not in record:
+        end = "passed" if record["passed"] else "not passed"
+    else:
+        end = f"written to {result.folder}" if record["files"] else "not promoted"
     console.print(visible("\n".join([*lines, end]), lines=True), highlight=False, soft_wrap=True)
 
 

@@ -7,21 +7,29 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ident.command_options import ExportOptions
 from ident.errors import InputError
 from ident.export.bodies import random_states
 from ident.export.choose import MOST_WINDOWS, SAID, WINDOW, Chosen, choose, measure_gap, mix
 from ident.export.controllers import InFile, write_cpp, write_isaac, write_limits, write_module, write_parameters
 from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, state_arm, stood_in, usual_run
+from ident.export.friction_files import FEED_FORWARD, UR, check_feed_forward, write_feed_forward, write_ur
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.into import is_mjcf, save_into, write_into
 from ident.export.learned import FILE as LEARNED
 from ident.export.learned import has_learned, write_learned
 from ident.export.loaded import FILE_OF, WrittenFile, load_module
+from ident.export.newton import FILE as NEWTON
+from ident.export.newton import check_newton, write_newton
+from ident.export.onnx_model import FILE as ONNX
+from ident.export.onnx_model import compare_onnx, write_onnx
+from ident.export.promotion import REMEDY, Contest, Promotion, contest_of_model, measure_distance, tool_of
 from ident.files import atomic_folder
 from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
@@ -41,8 +49,25 @@ FILES = {
     "isaaclab": "isaaclab.py",
     "ros2_control": "joint_limits.yaml",
     "cpp": "torque_model.hpp",
+    "onnx": ONNX,
+    "newton": NEWTON,
+    "feedforward": FEED_FORWARD,
+    "ur": UR,
 }
-WRITERS = {"isaaclab": write_isaac, "ros2_control": write_limits, "cpp": write_cpp}
+# Written where asked for: they need a package more, or hold less than every model has.
+BY_REQUEST = ("onnx", "ur")
+USUAL = tuple(name for name in FILES if name not in BY_REQUEST)
+WRITERS = {
+    "isaaclab": write_isaac,
+    "ros2_control": write_limits,
+    "cpp": write_cpp,
+    "newton": write_newton,
+    "feedforward": write_feed_forward,
+    "ur": write_ur,
+}
+# Of the formats above, what loads a file back and measures it.
+CHECKS = {"newton": check_newton, "feedforward": check_feed_forward}
+NO_READER = "nothing here loads it back"
 NOT_TUNED = "not in the diagnosis: losses and tuned inertias are zero"
 UNMEASURED = (
     "measured on no recordings: with --on SESSION the best of the candidates is written, the URDF's arm among them"
@@ -119,62 +144,89 @@ def write_patch(
 def write_export(
     model: HybridModel,
     out: Path,
-    formats: Sequence[str] = tuple(FILES),
-    nearest: bool = False,
+    chosen: ExportOptions | None = None,
     motions: Sequence[Motion] = (),
     origin: Provenance | None = None,
 ) -> dict[str, Any]:
-    """Writes the arm of a fitted model.
+    """Writes the arm of a fitted model; with recordings, only what beats the URDF alone on them.
 
     Args:
         model: The fitted model.
         out: Folder; an earlier export there is replaced.
-        formats: Which of `FILES`.
-        nearest: Whether links that no body could be are written as the nearest bodies.
+        chosen: Which of `FILES`, the usual ones if it doesn't say; whether links that no body could be are
+            written as the nearest bodies; whether recordings of the fit are accepted, and how long it is replayed.
         motions: As of `write_patch`.
         origin: Where it comes from.
 
     Returns:
-        What `export.json` holds.
+        What `export.json` holds; without files where one is not promoted: the folder is as it was.
 
     Raises:
         InputError: An unknown format, or links that no body could be.
     """
+    chosen = chosen or ExportOptions()
+    formats = USUAL if chosen.formats is None else tuple(chosen.formats)
     unknown = [name for name in formats if name not in FILES]
     if unknown:
         raise InputError("--format", f"{unknown[0]!r} is unknown", f"use one of: {', '.join(FILES)}")
-    options, origin = IdentifiedArm.of_models(model, nearest), origin or Provenance("ident export")
+    options = IdentifiedArm.of_models(model, chosen.nearest)
+    origin = origin or Provenance("ident export")
     after, module = options["after"], FILES["python"] if "python" in formats else None
-    with atomic_folder(out, EXPORT_KIND) as folder, tempfile.TemporaryDirectory() as scratch:
+    with suppress(_NotPromoted), atomic_folder(out, EXPORT_KIND) as folder, tempfile.TemporaryDirectory() as scratch:
         arm = _Files(options, [motion.select(model.joint_names) for motion in motions], folder, Path(scratch))
         arm.write_loaded([name for name in LOADED if name in formats])
         for name in formats:
             if name == "toml":
                 parameters = write_parameters(after, estimates=model.figures, urdf=arm.losses_of_urdf())
                 arm.write(FILES[name], parameters)
+            elif name == "onnx":
+                (folder / ONNX).write_bytes(write_onnx(model))
             elif name not in LOADED:
                 arm.write(FILES[name], arm.module() if name == "python" else WRITERS[name](arm.stated("losses")))
         learned = "cpp" in formats and has_learned(model)
         if learned:
             arm.write(LEARNED, write_learned(model))
+        notes = [*_notes(after, FILES["python"], model), *_plain_losses(after, formats)]
         record: dict[str, Any] = {
             "schema": EXPORT,
             "robot": model.robot.name,
             "joints": list(model.joint_names),
             "files": [*(FILES[name] for name in formats), *([LEARNED] if learned else [])],
             "changed_links": list(after.links.mended),
-            "left_out": (notes := _notes(after, FILES["python"], model)),
+            "left_out": notes,
             "loaded_back": arm.structure(module),
         }
+        for name in formats:
+            if name in CHECKS:
+                stated = arm.stated("losses")
+                record["loaded_back"][name] = CHECKS[name](folder / FILES[name], stated)
+            elif name == "onnx":
+                record["loaded_back"][name] = compare_onnx(folder / ONNX, arm.runs, model)
+            elif name in WRITERS:
+                record["loaded_back"][name] = {"loads": None, "told": NO_READER}
         if arm.chosen:
             record["torque_rmse_Nm"] = {
-                form: {"before": one.gaps["before"].rms, "after": one.gaps["after"].rms}
+                form: {"before": one.gaps["given"].rms, "after": one.gaps["after"].rms}
                 for form, one in arm.chosen.items()
             }
-        record |= arm.measured(module, bool(files_of(model.provenance) & runs_of(origin.sessions)), notes)
+        seen = bool(files_of(model.provenance) & runs_of(origin.sessions))
+        record |= arm.measured(module, seen, notes)
         record["provenance"] = origin.to_dict()
+        if motions:
+            contests = tuple(arm.contests(model, formats, chosen.horizon))
+            tool = tool_of(arm.nominal)
+            promotion = Promotion(contests, chosen.horizon, tool, seen, chosen.in_sample)
+            record["promotion"] = promotion.to_dict()
+            if not promotion.passed:
+                record["files"] = []
+                record["left_out"].append(REMEDY)
+                raise _NotPromoted
         arm.write("export.json", as_json(record) + "\n")
     return record
+
+
+class _NotPromoted(Exception):
+    """A file does not beat the URDF alone: the folder that was begun is not to be kept."""
 
 
 class _Files:
@@ -226,6 +278,19 @@ class _Files:
                 self.chosen[form] = choose(form, others, self.motions, self.scratch / form)
                 stated = self.chosen[form].stated
             self.written[form] = WrittenFile.write(form, self.folder, stated)
+
+    def contests(self, model: HybridModel, formats: Sequence[str], horizon: float) -> list[Contest]:
+        """Each simulator's file against the URDF alone; of other formats the model behind them."""
+        payload = self.motions[0].payload
+        contests = []
+        for form, file in self.written.items():
+            urdf = WrittenFile.write(form, self.scratch / f"{form}_nominal", self.options["given"])
+            nominal = measure_distance(urdf.load(payload), self.motions, self.nominal, horizon)
+            written = measure_distance(file.load(payload), self.motions, self.nominal, horizon)
+            contests.append(Contest(form, nominal, written, self.chosen[form].tried))
+        if any(name not in LOADED for name in formats):
+            contests.append(contest_of_model(model, self.motions, horizon))
+        return contests
 
     def effects(self) -> list[dict[str, Any]]:
         """Every effect, and how near each format comes to it."""
@@ -295,6 +360,16 @@ class _Files:
             "choice": {form: one.to_dict(joints) for form, one in self.chosen.items()},
         }
         return {"heldout": heldout, "written": {form: one.name for form, one in self.chosen.items()}}
+
+
+def _plain_losses(identified: IdentifiedArm, formats: Sequence[str]) -> list[str]:
+    """Which files know no law of an effect, and what stands in for it there."""
+    files = [FILES[name] for name in formats if name in WRITERS]
+    effects = [f"{change.effect} of {change.joints[0]}" for change in identified.changes]
+    if not files or not effects:
+        return []
+    stand = "of friction of a joint, what is nearest along these motions stands in"
+    return [f"{listed(files)}: no place for {listed(effects)}: {stand}"]
 
 
 def _notes(identified: IdentifiedArm, module: str, model: HybridModel | None = None) -> list[str]:

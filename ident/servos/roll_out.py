@@ -44,7 +44,8 @@ EVALUATIONS, ROUNDS = 1500, 3
 # What a parameter e times its first guess costs [rad]: settles what recordings can't part, as damping by the motor's
 # voltage and by grease.
 PRIOR = 1e-4
-STIFFNESS_GUESS = 3.0  # of a session whose log says nothing [N m/rad]
+# Stiffness that each session is first tried with [N m/rad]: hobby servos at low and high gains.
+STIFFNESSES = (0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6, 51.2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +153,22 @@ def _simulate(
         out[t] = q
 
 
+def guess_stiffness(drives: Sequence[Drive]) -> list[float]:
+    """Of each session the stiffness with which its roll-outs are best, all else being first guesses."""
+    sessions = 1 + max(drive.session for drive in drives)
+    shared = dict(SHARED)
+    best = [STIFFNESSES[0]] * sessions
+    least = [np.inf] * sessions
+    for stiffness in STIFFNESSES:
+        model = ServoModel(shared, (stiffness,) * sessions, 0.0)
+        for session in range(sessions):
+            error = model.error([drive for drive in drives if drive.session == session])
+            if error < least[session]:
+                least[session] = error
+                best[session] = stiffness
+    return best
+
+
 def fit_servo(drives: Sequence[Drive], guesses: Sequence[float] = (), rounds: int = ROUNDS) -> ServoModel:
     """The parameters whose free roll-outs are nearest to the measured positions.
 
@@ -160,8 +177,7 @@ def fit_servo(drives: Sequence[Drive], guesses: Sequence[float] = (), rounds: in
         guesses: Stiffness of each session to begin with [N m/rad].
         rounds: How many searches begin where the last one ended.
     """
-    sessions = 1 + max(drive.session for drive in drives)
-    first = list(guesses) or [STIFFNESS_GUESS] * sessions
+    first = list(guesses) or guess_stiffness(drives)
     start = np.log([*SHARED.values(), *first])
 
     def model(x: Array) -> ServoModel:

@@ -30,7 +30,7 @@ from ident.results import Result
 from ident.robot.arm import ArmModel
 
 if TYPE_CHECKING:
-    from ident.servos.servo_files import RolledOut
+    from ident.servos.rolled_out import RolledOut
 
 LIMIT = read_group(__file__, "servo")
 

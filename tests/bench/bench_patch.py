@@ -8,7 +8,8 @@ run is cut into six pieces. For every file the largest ratio over joints of its 
 tuned losses, and as it is) and the tuned arm's, in torque, energy and replay; the largest of which stretches make sure
 (97.5 %, of all joints, measures and rivals at once, as the largest of many is above one by chance); the geometric mean;
 and the least that the largest ratio of any of these rivals is itself, above one where none is the best everywhere: then
-no file need be. FOLDER keeps diagnoses and models: what is there is not made again.
+no file need be. An export that does not beat the URDF alone is not written, and said so.
+FOLDER keeps diagnoses and models: what is there is not made again.
 """
 
 import json
@@ -24,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from ident.checks.inspection import inspect_sessions
-from ident.command_options import FitOptions
+from ident.command_options import ExportOptions, FitOptions
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
@@ -142,11 +143,14 @@ def rows(name: str, cache: Path) -> str:
     jobs: dict[str, tuple[Mapping[str, Any], Mapping[str, IdentifiedArm]]] = {}
     if diagnosed is not None:
         jobs["patch"] = write_patch(diagnosed, arm, cache / "patch", choosing), diagnosed.candidates(arm)
-    written = write_export(model, cache / "export", nearest=True, motions=choosing)
+    written = write_export(model, cache / "export", ExportOptions(nearest=True), choosing)
     jobs["export"] = written, IdentifiedArm.of_models(model, nearest=True)
     for folder, (record, options) in jobs.items():
         nominal = options["after"].nominal
         rivals = {key: one for key, one in options.items() if key != "after"}
+        if not record.get("promotion", {"passed": True})["passed"]:
+            cells += ["not promoted"] * 4
+            continue
         for form, runs in product(("urdf", "mjcf"), (choosing, unseen)):
             payload = runs[0].payload
             own = measure_gap(load(cache / folder, form, nominal, payload), runs)
@@ -164,7 +168,7 @@ def load(folder: Path, form: str, arm: ArmModel, payload: Payload | None) -> Loa
     table = record.get("losses_of_urdf", record["losses"])
     keys = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm", "transition_rad_s", "sliding_range_rad")
     losses = Losses(*(np.array([table[joint][key] for joint in arm.joint_names]) for key in keys))
-    return LoadedUrdf(folder / FILE_OF[form], tuple(arm.locked_joints), losses, payload)
+    return LoadedUrdf.read(folder / FILE_OF[form], tuple(arm.locked_joints), losses, payload)
 
 
 def main(folder: str, *names: str) -> None:

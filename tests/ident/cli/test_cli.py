@@ -212,6 +212,21 @@ def test_a_gate_on_the_data_of_the_fit_passes_by_request_alone(run: Run, model: 
     assert run("verify", model, ONE_RUN, "--limits", limits, "--in-sample").status == 0
 
 
+def test_an_export_is_written_only_where_it_is_promoted(run: Run, model: Path, tmp_path: Path) -> None:
+    """Law: on the data of the fit exit 3, no folder, a record that says why; by request it beats the URDF alone."""
+    out = tmp_path / "out"
+    record = tmp_path / "export.json"
+    words = ("export", model, "--out", out, "--format", "toml", "--on", ONE_RUN)
+    assert run(*words, "--json", record).status == NOT_PASSED
+    told = json.loads(record.read_text())
+    assert told["files"] == []
+    assert told["promotion"]["in_sample"]
+    assert told["promotion"]["forms"]["model"]["beats"]
+    assert not out.exists()
+    assert run(*words, "--in-sample").status == 0
+    assert (out / "parameters.toml").is_file()
+
+
 def test_a_session_is_not_compared_with_itself(run: Run, tmp_path: Path) -> None:
     """The same recording on both sides is refused, with a result file and a page that say so."""
     out = tmp_path / "compared"

@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ident.files import run_python
 from ident.recordings.recording import Session
+from ident.servos.in_mujoco import roll_out as roll_out_file
 from ident.servos.roll_out import SHARED, Drive, ServoModel, fit_servo
-from ident.servos.servo_files import RolledOut, as_bam, drives_of, write_servos
+from ident.servos.rolled_out import RolledOut, drives_of, roll_out_servos
+from ident.servos.servo_files import as_bam, as_mjlab, as_mujoco, write_servos
 from tests.ident.servos.servo_plant import GRAVITY, LEVER, MASS, Servo, one_link, record
 
 
@@ -66,13 +69,48 @@ def test_the_files_hold_the_model(model: ServoModel, tmp_path: Path) -> None:
     folder = write_servos(tmp_path / "servo", [one], ["one_gain"])
     record_ = json.loads((folder / "servo.json").read_text())
     assert record_["joints"]["shoulder"]["shared"] == model.shared
-    bam = as_bam(one)
+    bam = as_bam("shoulder", model)
     assert bam["kt"] ** 2 / bam["R"] == pytest.approx(model.shared["back_emf_Nms_rad"])
     assert bam["kt"] * bam["volts"] / bam["R"] == pytest.approx(model.shared["limit_Nm"])
-    assert "ACTUATORS" in (folder / "mjlab.py").read_text()
+    keywords = run_python(folder / "mjlab.py", "mjlab_servo")
+    assert keywords.ACTUATORS["shoulder"]["stiffness"] == pytest.approx(model.stiffness[-1])
+    assert keywords.lags("shoulder", 1e-3)["delay_max_lag"] == round(1e3 * model.shared["delay_s"])
     mujoco = pytest.importorskip("mujoco")
     text = (folder / "servo.xml").read_text()
-    body = '<worldbody><body><joint name="shoulder" type="hinge"/><geom size="0.1"/></body></worldbody>'
+    body = '<worldbody><body><joint name="shoulder" class="servo_shoulder"/><geom size="0.1"/></body></worldbody>'
     loaded = mujoco.MjModel.from_xml_string(text.replace("<mujoco>", f"<mujoco>{body}"))
     assert loaded.actuator_gainprm[0, 0] == pytest.approx(model.stiffness[-1], rel=1e-5)
     assert loaded.actuator_forcerange[0, 1] == pytest.approx(model.shared["limit_Nm"], rel=1e-5)
+    assert loaded.actuator_delay[0] == pytest.approx(model.shared["delay_s"], rel=1e-5)
+    assert loaded.dof_armature[0] == pytest.approx(model.shared["inertia_kgm2"], rel=1e-5)
+
+
+def test_mujoco_goes_where_the_law_goes_that_its_file_can_hold(drives: list[Drive]) -> None:
+    """Without dead band, load friction and larger friction at rest, delay and limit included, within a milliradian."""
+    pytest.importorskip("mujoco")
+    plain = {**SHARED, "load_friction": 0.0, "dead_band_rad": 0.0, "static_share": 0.0, "delay_s": 0.02}
+    servo = ServoModel(plain, (5.0,), 0.01)
+    positions = roll_out_file(as_mujoco({"shoulder": servo}), "shoulder", servo.offset, drives[0])
+    wanted = servo.roll_out(drives[0])
+    assert np.ptp(wanted) > 0.3
+    assert np.mean(np.abs(positions - wanted)) < 1e-3
+
+
+def test_names_of_joints_are_names_in_every_file(model: ServoModel) -> None:
+    """What ends a comment, a string or an attribute in one of the files ends nothing there."""
+    hostile = 'a--b"c\'<d>\n"""'
+    for text in (as_mujoco({hostile: model}), as_mjlab({hostile: model})):
+        assert hostile.splitlines()[0] not in text
+    compile(as_mjlab({hostile: model}), "mjlab.py", "exec")
+    mujoco = pytest.importorskip("mujoco")
+    assert mujoco.MjModel.from_xml_string(as_mujoco({}).replace("<actuator>\n  </actuator>", "")).nu == 0
+
+
+@pytest.mark.parametrize("seconds", [12.0])
+def test_one_short_run_of_one_gain_gives_a_model(seconds: float) -> None:
+    """Twelve seconds are cut: on the last third both roll-outs are nearer than the goal itself."""
+    session = Session("short", (record(Servo(), 4, seconds=seconds),))
+    (servo,) = roll_out_servos([session], one_link())
+    told = servo.to_dict()["held_back"]
+    assert told["mean_absolute_rad"] < told["goal_as_position_rad"]
+    assert told["mujoco_rad"] is None or told["mujoco_rad"] < told["goal_as_position_rad"]

@@ -1,0 +1,40 @@
+"""A made-up arm whose friction grows with its load, bends, and remembers: a fit of it has laws, net and memory."""
+
+import numpy as np
+
+from ident.command_options import FitOptions
+from ident.fitting.fit import fit_hybrid
+from ident.model.hybrid import HybridModel
+from ident.model.linearisation import stop_operator
+from ident.motion.motion import Motion
+from ident.robot.arm import ArmModel
+from tests.ident.made_up import exact_motion, multisine, two_joint_arm
+
+RATE = 100.0
+RUNS = 5
+
+
+def learned_runs(arm: ArmModel, seed: int = 5) -> list[Motion]:
+    """Runs with friction that grows with the load, a bend that a net may learn, and a hysteresis."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(900) / RATE
+    motions = []
+    for k in range(RUNS):
+        q, dq, ddq = multisine(rng, time, 2)
+        rigid = arm.inverse_dynamics(q, dq, ddq)
+        hidden = 2.0 * stop_operator(np.ascontiguousarray(q[:, 0]), 0.1) / 0.1
+        loaded = 0.15 * np.abs(rigid[:, 1]) * np.tanh(dq[:, 1] / 0.01) + 1.5 * np.sin(3.0 * dq[:, 1])
+        tau = rigid + 6.0 * dq + 5.0 * np.tanh(dq / 0.01) + np.column_stack([hidden, loaded])
+        tau = tau + 0.1 * rng.standard_normal(dq.shape)
+        motions.append(exact_motion(time, (q, dq, ddq), tau, arm.joint_names, f"run_{k}"))
+    return motions
+
+
+def fit_learned(motions: list[Motion]) -> HybridModel:
+    """The default fit: it has laws, a net at one joint and a memory at the other."""
+    model = fit_hybrid(motions, two_joint_arm(), FitOptions()).model
+    assert model.named
+    assert model.memory is not None
+    assert model.memory.kept.any()
+    assert not model.memory.kept.all()
+    return model
