@@ -176,8 +176,16 @@ def diagnose(
             from ident.show.timeline.gap import gap_curves, gap_marks
             from ident.show.timeline.writing import write_timeline
 
-            issues, marks, curves = diagnosis.telemetry, gap_marks(analysis), gap_curves(analysis)
-            write_timeline(rrd, analysis.baseline.nominal, motions, loaded, issues, marks, curves)
+            write_timeline(
+                rrd,
+                analysis.baseline.nominal,
+                motions,
+                loaded,
+                diagnosis.telemetry,
+                gap_marks(analysis),
+                gap_curves(analysis),
+                diagnosis.summary(),
+            )
 
     def tell() -> None:
         print_diagnosis(console, diagnosis.to_dict(), details)

@@ -61,15 +61,13 @@ def open_kinds(record: Mapping[str, Any]) -> tuple[str, ...]:
     """The three kinds of motion that answer what a diagnosis leaves open, the most pressing first.
 
     Tied classes come first, then the identified effects, whose parameters more of the same motion sharpens, then what
-    came nearest without being identified, then what could not be tested.
+    could not be tested.
     """
     findings = record.get("findings", [])
     tied = [list(one["class"]) for one in findings if len(one["class"]) > 1]
     named = [[one["effect"]] for one in findings]
-    nearest = record.get("nearest") or {}
-    near = [[nearest["effect"]]] if nearest.get("effect") else []
     unseen = [[one["effect"]] for one in record.get("not_testable", [])]
-    wanted = [KIND_OF[family_for(one, CATALOGUE)] for one in (*tied, *named, *near, *unseen)]
+    wanted = [KIND_OF[family_for(one, CATALOGUE)] for one in (*tied, *named, *unseen)]
     found = [kind for kind in dict.fromkeys(wanted) if kind != "spline"]
     usual = [kind for kind in ("fourier", "chirp", "ladder") if kind not in found]
     return tuple((found + usual)[:3])

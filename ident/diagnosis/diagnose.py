@@ -131,7 +131,6 @@ def diagnose(
             *far,
         ),
         details=Details(
-            nearest=None,
             detectable=limits,
             maps=maps["before"],
             maps_fixed=maps["fixed"],

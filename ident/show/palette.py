@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 # Okabe and Ito's colours: distinguished by colour-blind eyes, and of different grey on paper.
 MEASURED = "#111111"
-# Of a gap: left by the model before tuning, by the tuned one, after the named effects, by a flexible function without
+# Of a gap: left by the model before tuning, by the tuned one, after the named effects, by a flexible function beside
 # them, noise.
 UNTUNED, TUNED, NAMED, FLEXIBLE, NOISE = "#cc79a7", "#d55e00", "#009e73", "#0072b2", "#9a9a9a"
 SKY, ORANGE = "#56b4e9", "#e69f00"

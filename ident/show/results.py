@@ -79,12 +79,11 @@ def _of_record(place: str) -> Callable[..., Any]:
 
 def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
     """Of each joint what is left by the tuned model, after the names and by a flexible function, and what is noise."""
-    gap, heldout = record["gap"], record["heldout"]
-    after, flexible = heldout.get("rms_after_Nm", {}), heldout.get("without_names_rms_Nm", {})
+    gap, after = record["gap"], record["heldout"].get("rms_after_Nm", {})
     rows = {
         "left by the tuned model": (TUNED, [one["rms_Nm"] for one in gap.values()]),
         "left after the named effects": (NAMED, [after.get(joint) for joint in gap]),
-        "left by a flexible function, without names": (FLEXIBLE, [flexible.get(joint) for joint in gap]),
+        "left by a flexible function": (FLEXIBLE, [one.get("ceiling_rms_Nm") for one in gap.values()]),
         "noise: nothing can go below": (NOISE, [one["noise_floor_Nm"] for one in gap.values()]),
     }
     if not record["findings"]:

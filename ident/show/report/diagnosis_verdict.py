@@ -18,7 +18,6 @@ from ident.checks.report import MISREAD
 from ident.diagnosis.heldout_gain import in_linear_units
 from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.settings import USUAL_VERDICT
-from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import setup_for
 from ident.show.report.numbers import describe_numbers
@@ -169,13 +168,9 @@ def is_likely(finding: Mapping[str, Any], alike: Collection[str] = ()) -> bool:
 
 
 def verdict_key(record: Mapping[str, Any]) -> str:
-    """The verdict by which words are chosen: of a gap without a name, whether it is small, or has names beside it."""
+    """The verdict by which words are chosen: of a gap without a name, whether it has names beside it."""
     if record["verdict"] != "none_of_catalogue":
         return str(record["verdict"])
-    gaps = record.get("gap", {}).values()
-    loud = any(gap.get("unexplained") or gap.get("tuned_away_Nm") or above_noise(gap) for gap in gaps)
-    if record.get("nearest") and not loud:  # all that speaks for a gap is a candidate that came near to a name
-        return "small"
     return "mostly" if record.get("findings") else "none_of_catalogue"
 
 
@@ -363,12 +358,6 @@ def describe_unnamed(record: Mapping[str, Any]) -> str:
         )
         if not first_action(record).endswith(OWN_INERTIAS):
             parts.append(OWN_INERTIAS)
-    if nearest := record.get("nearest"):
-        parts.append(
-            f"Nearest to a name came {effect_name(nearest['effect'])} in {join_words(nearest['joints'])}: more than "
-            f"chance (log evidence {nearest['log_evidence']:.0f}); it lowers the error on unseen parts by "
-            f"{percent(nearest['rms_fall'])}."
-        )
     return " ".join(parts)
 
 
