@@ -1,7 +1,5 @@
 """The timeline of a diagnosis, read back: its curves and words are those of the diagnosis that was just made."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
