@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ident.errors import plural, visible
+from ident.errors import plural
 from ident.export.formats import FORMATS
 from ident.show.console import say
 from ident.show.diagnosis_lines import print_numbers
@@ -102,11 +102,12 @@ def write(console: Console, result: Any) -> None:
         lines.append(f"{name}: torque RMSE {error['before']:.3f} -> {error['after']:.3f} N m")
     if record.get("changed_links"):
         lines.append(f"nearest bodies written for: {', '.join(record['changed_links'])}")
-    lines += [f"left out: {line}" for line in record.get("left_out", ())]
+    lines += record.get("left_out", ())
     if record.get("in_sample"):
         lines.append("the model was fitted on these recordings: they say nothing of others (--in-sample accepts them)")
     end = f"written to {result.folder}" if "files" in record else "passed" if record["passed"] else "not passed"
-    console.print(visible("\n".join([*lines, end]), lines=True), highlight=False, soft_wrap=True)
+    for line in (*lines, end):
+        say(console, line, "", "  ")
 
 
 def draw(result: Any) -> Any:

@@ -163,7 +163,9 @@ def _find(foreign: str, names: Sequence[str], session_file: SessionFile, where: 
 
 
 def listed(names: Sequence[str]) -> str:
-    """The first twelve of some names, and how many there are."""
+    """The first twelve of some names, and how many there are; numbers that follow one another as from one to another."""
+    if len(names) > 2 and list(names) == [str(int(names[0]) + k) for k in range(len(names)) if names[0].isdecimal()]:
+        return f"{names[0]} to {names[-1]}"
     shown = ", ".join(names[:12])
     return shown if len(names) <= 12 else f"{shown}, … ({len(names)} in all)"
 

@@ -21,7 +21,7 @@ RUNG_COLOURS = {
 OTHER_RUNGS = ("#7a5195", "#8c6d31", "#b8860b")
 MODEL_COLOURS = ("#332288", "#cc6677", "#44aa99", "#999933", "#aa4499", "#88ccee")
 RUNG_NAMES = {
-    "analytic": "analytic",
+    "analytic": "rigid body",
     "urdf": "URDF",
     "inertia": "+ inertia",
     "loss": "+ loss",
@@ -29,7 +29,7 @@ RUNG_NAMES = {
     "net": "+ net",
 }
 RUNG_MEANINGS = {
-    "analytic": "rigid body of the URDF",
+    "analytic": "the URDF's bodies, without friction",
     "urdf": "URDF as a simulator loads it, with the friction of its <dynamics>",
     "inertia": "link inertias from the recordings",
     "loss": "friction and rotor inertia",
