@@ -73,13 +73,13 @@ def draw_before_and_after(place: Path) -> None:
     traces = gather_traces(found.analysis)
     assert traces is not None
     run, joint = traces.runs[0], traces.shown[0]
-    measured = run.torque["measured"][:, joint]
-    judged = np.flatnonzero(np.isfinite(run.torque["tuned"][:, joint]))
+    measured = run.values["measured"][:, joint]
+    judged = np.flatnonzero(np.isfinite(run.values["tuned"][:, joint]))
     shown = slice(max(judged[0] - 20, 0), judged[-1] + 20)
     figure = Figure(figsize=(8.0, 3.6), layout="constrained", facecolor="white")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     for name in traces.curves:
-        values = run.torque[name][:, joint]
+        values = run.values[name][:, joint]
         upper.plot(run.time[shown], values[shown], color=COLOURS[name], linewidth=1.4, label=label(name))
         if name != "measured":
             lower.plot(run.time[shown], (measured - values)[shown], color=COLOURS[name], linewidth=1.4)

@@ -24,6 +24,7 @@ from ident.recordings.session_toml import NAME
 from ident.results import Provenance, stamp_sessions
 from ident.robot.arm import ArmModel
 from ident.servos.servo_fit import ServoArm, fit_servos, load_goals, runs_of
+from ident.servos.told_runs import told_runs
 from ident.sessions import Robot, Sources, load_robot, open_sessions
 
 if TYPE_CHECKING:
@@ -94,7 +95,8 @@ def servo(
         if session.joints != joints:
             what = f"its joints are not those of {loaded[0].name}"
             raise RecordingError(str(session.path or session.name), what, "give sessions of one arm together")
-    found = fit_servos(runs_of(loaded, cutoff), arm)
+    runs = runs_of(loaded, cutoff)
+    found = fit_servos(runs, arm)
     name = arm.name if arm is not None else loaded[0].name
     settings = {"robot": None if arm is None else arm.name, "cutoff_hz": cutoff}
     origin = Provenance("ident servo", settings=settings, sessions=stamp_sessions(loaded))
@@ -104,7 +106,7 @@ def servo(
 
         rolled = roll_out_servos(loaded, arm)
         write_servos(Path(out), rolled, [session.name for session in loaded])
-    return ServoArm(name, found, rolled).with_provenance(origin)
+    return ServoArm(name, found, rolled, told_runs(runs, arm, found)).with_provenance(origin)
 
 
 def watch(

@@ -163,11 +163,19 @@ def _find(foreign: str, names: Sequence[str], session_file: SessionFile, where: 
 
 
 def listed(names: Sequence[str]) -> str:
-    """The first twelve of some names, and how many there are; numbers that follow one another as from one to another."""
-    if len(names) > 2 and list(names) == [str(int(names[0]) + k) for k in range(len(names)) if names[0].isdecimal()]:
+    """The first twelve of some names and how many there are; numbers in a row by the first and the last."""
+    if len(names) > 2 and _in_a_row(names):
         return f"{names[0]} to {names[-1]}"
     shown = ", ".join(names[:12])
     return shown if len(names) <= 12 else f"{shown}, … ({len(names)} in all)"
+
+
+def _in_a_row(names: Sequence[str]) -> bool:
+    """Whether names are numbers that follow one another."""
+    if not names[0].isdecimal():
+        return False
+    first = int(names[0])
+    return list(names) == [str(first + k) for k in range(len(names))]
 
 
 def unequal(lengths: Mapping[str, int]) -> tuple[str, str]:

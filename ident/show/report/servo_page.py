@@ -1,0 +1,140 @@
+"""The page of arms that log goal and position only: what holds each joint back, and how far that explains it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.errors import plural
+from ident.servos.servo_fit import FIGURES, TEXT, ServoArm
+from ident.show.report.page import Section, describe_origin, facts_section, provenance_facts, render_page, save_page
+from ident.show.report.traces import MOST_JOINTS, MOST_RUNS, RunTraces, Traces, section_values
+from ident.show.report.words import significant
+
+CURVES = (
+    "Angle as it was measured, the goal, and where the figures put the joint. Below: what both are off by. Where a "
+    "joint rests or turns round the figures say nothing."
+)
+WRITE_FILES = "Write what was found for your simulator: `ident servo … --robot … --out servo` (MuJoCo, mjlab, BAM)."
+RECORD_MORE = "Record this again: every joint over its whole range, slowly both ways and with sudden starts."
+
+
+def write_servo_report(path: str | Path, result: ServoArm) -> Path:
+    """Writes the page, whole or not at all.
+
+    Raises:
+        InputError: The folder can't be written to.
+    """
+    return save_page(path, render_servo_report(result))
+
+
+def render_servo_report(result: ServoArm) -> str:
+    """The page as text, what was found first."""
+    record = result.to_dict()
+    sections = [
+        Section("verdict", "What was found", "servo.html", verdict_values(record)),
+        traces_section(result),
+        facts_section(provenance_facts(record)),
+    ]
+    return render_page(
+        f"{record['robot']}: why do its servos not stand where they were told?", sections, describe_origin(record)
+    )
+
+
+def verdict_values(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What the first section shows."""
+    joints = record["joints"]
+    judged = {name: one for name, one in joints.items() if one["heldout"] is not None}
+    untold = [
+        (name, [(FIGURES[figure]["name"], reason) for figure, reason in one["not_told"].items()])
+        for name, one in joints.items()
+        if one["not_told"]
+    ]
+    rows = servo_rows(record)
+    used = [name for name in FIGURES if any(row["cells"][name] is not None for row in rows)]
+    tied = any("dead_band_rad" in one["figures"] for one in joints.values())
+    return {
+        "headline": headline(judged),
+        "first": WRITE_FILES if judged else RECORD_MORE,
+        "columns": [(name, FIGURES[name]["name"], FIGURES[name]["shown"]) for name in used],
+        "rows": rows,
+        "rolled": any(row["rolled"] is not None for row in rows),
+        "untold": untold,
+        "parted": TEXT["parted_by"] if tied else "",
+    }
+
+
+def headline(judged: Mapping[str, Mapping[str, Any]]) -> str:
+    """The joint that follows worst, and what is known of it, in one sentence."""
+    if not judged:
+        return "These recordings tell nothing of the servos."
+    errors = {name: one["heldout"] for name, one in judged.items()}
+    worst = max(errors, key=lambda name: errors[name]["rms_before_rad"])
+    before, after = (1e3 * errors[worst][f"rms_{when}_rad"] for when in ("before", "after"))
+    late = judged[worst]["figures"].get("total_lag_s")
+    lag = f", {1e3 * late['value']:.0f} ms late" if late else ""
+    whose = f"{worst} follows" if len(judged) == 1 else f"Of {plural(len(judged), 'joint')} {worst} follows worst:"
+    known = f"all but {significant(after)} mrad of it is explained"
+    return f"{whose} its goal within {significant(before)} mrad{lag}; {known}."
+
+
+def servo_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Of each joint its error before and after, and its figures in words."""
+    rows = []
+    for name, one in record["joints"].items():
+        held = one["heldout"] or {}
+        rolled = one.get("roll_out")
+        rows.append(
+            {
+                "joint": name,
+                "before": milli(held.get("rms_before_rad")),
+                "after": milli(held.get("rms_after_rad")),
+                "rolled": milli(rolled["held_back"]["mean_absolute_rad"]) if rolled else None,
+                "cells": {key: figure_in_words(key, one["figures"].get(key)) for key in FIGURES},
+            }
+        )
+    return rows
+
+
+def milli(value: float | None) -> str | None:
+    """An angle in mrad [rad]."""
+    return None if value is None else significant(1e3 * value)
+
+
+def figure_in_words(key: str, figure: Mapping[str, float] | None) -> str | None:
+    """A figure with its interval, in the unit that people use."""
+    if figure is None:
+        return None
+    value, low, high = (float(FIGURES[key]["scale"]) * figure[end] for end in ("value", "low", "high"))
+    return f"{significant(value)} [{significant(low)}, {significant(high)}]"
+
+
+def traces_section(result: ServoArm) -> Section | None:
+    """Goal, position and what the figures say, over time."""
+    traces = gather_servo_traces(result)
+    if traces is None:
+        return None
+    return Section("traces", "Goal against position", "traces.html", section_values(traces, CURVES))
+
+
+def gather_servo_traces(result: ServoArm) -> Traces | None:
+    """The runs of which something was found, the joint that follows worst first."""
+    errors = np.array([one.rms_before for one in result.joints])
+    if not result.curves or not np.isfinite(errors).any():
+        return None
+    order = np.argsort(-np.nan_to_num(errors, nan=-1.0), kind="stable")
+    shown = [int(j) for j in order if np.isfinite(errors[j])][:MOST_JOINTS]
+    runs = [
+        RunTraces(run.name, run.time, {"measured": run.position, "goal": run.goal, "told": run.told})
+        for run in _worst_first(result, shown[0])[:MOST_RUNS]
+    ]
+    names = tuple(one.joint for one in result.joints)
+    return Traces(names, tuple(shown), ("rad",) * len(names), tuple(runs), "angle")
+
+
+def _worst_first(result: ServoArm, joint: int) -> Sequence[Any]:
+    """Runs by how far a joint is from its goal."""
+    return sorted(result.curves, key=lambda run: -float(np.mean((run.goal - run.position)[:, joint] ** 2)))
