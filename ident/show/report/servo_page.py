@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.errors import plural
 from ident.servos.servo_fit import FIGURES, TEXT, ServoArm
+from ident.show.report.numbers import with_error
 from ident.show.report.page import Section, describe_origin, facts_section, provenance_facts, render_page, save_page
 from ident.show.report.traces import MOST_JOINTS, MOST_RUNS, RunTraces, Traces, section_values
 from ident.show.report.words import significant
@@ -18,6 +19,8 @@ CURVES = (
     "Angle as it was measured, the goal, and where the figures put the joint. Below: what both are off by. Where a "
     "joint rests or turns round the figures say nothing."
 )
+# Figures that people have words for.
+SHOWN = tuple(name for name, figure in FIGURES.items() if "shown" in figure)
 WRITE_FILES = "Write what was found for your simulator: `ident servo … --robot … --out servo` (MuJoCo, mjlab, BAM)."
 RECORD_MORE = "Record this again: every joint over its whole range, slowly both ways and with sudden starts."
 
@@ -54,7 +57,7 @@ def verdict_values(record: Mapping[str, Any]) -> dict[str, Any]:
         if one["not_told"]
     ]
     rows = servo_rows(record)
-    used = [name for name in FIGURES if any(row["cells"][name] is not None for row in rows)]
+    used = [name for name in SHOWN if any(row["cells"][name] is not None for row in rows)]
     tied = any("dead_band_rad" in one["figures"] for one in joints.values())
     return {
         "headline": headline(judged),
@@ -93,7 +96,7 @@ def servo_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
                 "before": milli(held.get("rms_before_rad")),
                 "after": milli(held.get("rms_after_rad")),
                 "rolled": milli(rolled["held_back"]["mean_absolute_rad"]) if rolled else None,
-                "cells": {key: figure_in_words(key, one["figures"].get(key)) for key in FIGURES},
+                "cells": {key: figure_in_words(key, one["figures"].get(key)) for key in SHOWN},
             }
         )
     return rows
@@ -105,11 +108,11 @@ def milli(value: float | None) -> str | None:
 
 
 def figure_in_words(key: str, figure: Mapping[str, float] | None) -> str | None:
-    """A figure with its interval, in the unit that people use."""
+    """A figure with the farther end of its interval, in the unit that people use."""
     if figure is None:
         return None
-    value, low, high = (float(FIGURES[key]["scale"]) * figure[end] for end in ("value", "low", "high"))
-    return f"{significant(value)} [{significant(low)}, {significant(high)}]"
+    scale = float(FIGURES[key]["scale"])
+    return with_error({end: scale * figure[end] for end in ("value", "low", "high")})
 
 
 def traces_section(result: ServoArm) -> Section | None:

@@ -34,7 +34,7 @@ CURVES = {
     "tuned": ("with your arm's numbers", TUNED),
     "named": ("with the named effects, too", NAMED),
     "goal": ("the goal", FLEXIBLE),
-    "told": ("where the figures below put it", TUNED),
+    "told": ("where these figures put it", TUNED),
 }
 COLOURS = {name: colour for name, (_, colour) in CURVES.items()}
 
