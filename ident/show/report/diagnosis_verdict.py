@@ -46,7 +46,11 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
     key, size, lead, elsewhere = verdict_key(record), f"{beyond} beyond noise", "", ""
     misread = scale is not None and joint in scale["joints"]
-    if scale and misread:
+    # A likely body at the joint itself is said first: it may be why the torque reads a factor.
+    first = bool(scale and misread and scale["bodily"] and joint in shown[0]["joints"])
+    if scale and first:
+        elsewhere = f"{scale['reading']}{scale['others']}: the body may be why."
+    elif scale and misread:
         lead = f"{scale['reading']}{f' ({size})' * bool(record.get('where'))}{scale['others']}."
     elif scale:
         elsewhere = f"{scale['reading']}{scale['others']}." + f" {sentence(scale['remedy'])}." * (not scale["bodily"])
@@ -66,9 +70,9 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     words = words.format(has=has, named=named, size=size, rest=_largest_rest(record))
     if key == "no_gap" and (wrong := describe_numbers(record)):
         words = f"{wrong} {RIGHTED}"
-    if scale and misread and scale["bodily"]:
+    if scale and misread and scale["bodily"] and not first:
         words = f"A body may be why. {words}"
-    elif misread and (other or not shown):
+    elif misread and not first and (other or not shown):
         words = f"Beyond that, {words[:1].lower()}{words[1:]}"
     return " ".join(filter(None, (lead, words, elsewhere)))
 
