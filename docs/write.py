@@ -5,7 +5,8 @@
     python docs/write.py --sixty    # runs README's first snippet, and writes what it prints below it
     python docs/write.py --picture  # draws before and after of a shipped recording, for the front page
 
-Figures stand on a page between `<!-- figures: NAME -->` and `<!-- end of figures -->`; nobody types them there.
+Figures stand on a page between `<!-- figures: NAME -->`, or `<!-- in short: NAME -->`, and `<!-- end of figures -->`;
+nobody types them there.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -24,7 +26,7 @@ import typer
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 PAGES = (ROOT / "README.md", *sorted(HERE.glob("*.md")))
-BLOCK = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
+BLOCK = re.compile(r"(<!-- (figures|in short): (\w+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 SIXTY = re.compile(r"(<!-- sixty -->\n```python\n(.*?)```\n).*?(<!-- end of sixty -->)", re.DOTALL)
 # As much of what a snippet prints as a front page shows [paragraphs]: the verdict with what to do, and the numbers.
 SHOWN = 2
@@ -39,15 +41,42 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def figures(data: Mapping[str, Any]) -> str:
-    """One table of the data file, with the command, date and commit that it is of."""
-    text = table(data["columns"], data["rows"])
-    words = [data["about"], f"By `{data['command']}`, {data['date']}, commit {data['commit']}.", data.get("note", "")]
-    return f"{' '.join(word for word in words if word)}\n\n{text}"
+    """One table of the data file in plain words; the command, date and commit that it is of are folded."""
+    shown = table(data["columns"], data["rows"])
+    made = f"By `{data['command']}`, {data['date']}, commit {data['commit']}."
+    words = " ".join(word for word in (data["about"], made, data.get("note", "")) if word)
+    if data.get("folded"):
+        return f"{data['plain']}\n\n{folded(words + table_as_html(data))}"
+    return f"{data['plain']}\n\n{shown}\n{folded(words)}"
+
+
+def in_short(data: Mapping[str, Any]) -> str:
+    """The same without what only who repeats a measurement needs."""
+    return f"{data['plain']}\n\n{table(data['columns'], data['rows'])}"
+
+
+def folded(text: str) -> str:
+    """What only who repeats a measurement needs, in HTML, which every reader of Markdown passes on."""
+    inside = re.sub(r"`([^`]*)`", lambda code: f"<code>{escape(code[1])}</code>", text)
+    return f"<details><summary>How it was measured</summary><p>{inside}</p></details>\n"
+
+
+def table_as_html(data: Mapping[str, Any]) -> str:
+    """A table within HTML."""
+    head = "".join(f"<th>{escape(str(cell))}</th>" for cell in data["columns"])
+    rows = ["".join(f"<td>{escape(str(cell))}</td>" for cell in row) for row in data["rows"]]
+    body = "".join(f"<tr>{row}</tr>" for row in rows)
+    return f"</p><table><tr>{head}</tr>{body}</table><p>"
 
 
 def with_figures(text: str, data: Mapping[str, Any]) -> str:
     """A page with its blocks of figures as the data file has them."""
-    return BLOCK.sub(lambda block: f"{block[1]}{figures(data[block[2]])}{block[3]}", text)
+
+    def filled(block: re.Match[str]) -> str:
+        makes = figures if block[2] == "figures" else in_short
+        return f"{block[1]}{makes(data[block[3]])}{block[4]}"
+
+    return BLOCK.sub(filled, text)
 
 
 def with_output(text: str) -> str:
