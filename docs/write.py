@@ -4,6 +4,7 @@
     python docs/write.py --check    # status 1 where a figure on a page is not that of docs/figures.toml
     python docs/write.py --sixty    # runs README's first snippet, and writes what it prints below it
     python docs/write.py --picture  # draws before and after of a shipped recording, for the front page
+    python docs/write.py --page     # takes a picture of that recording's page in headless Chromium, likewise
 
 Figures stand on a page between `<!-- figures: NAME -->`, or `<!-- in short: NAME -->`, and `<!-- end of figures -->`;
 nobody types them there.
@@ -14,6 +15,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import tempfile
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
@@ -28,6 +30,9 @@ ROOT = HERE.parent
 PAGES = (ROOT / "README.md", *sorted(HERE.glob("*.md")))
 BLOCK = re.compile(r"(<!-- (figures|in short): (\w+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 SIXTY = re.compile(r"(<!-- sixty -->\n```python\n(.*?)```\n).*?(<!-- end of sixty -->)", re.DOTALL)
+# What of a page its picture shows: from below its head to the end of its first table [px].
+PAGE_WIDTH, PAGE_TOP, PAGE_BOTTOM = 1120, 140, 860
+CHROMIUM = ("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
 # As much of what a snippet prints as a front page shows [paragraphs]: the verdict with what to do, and the numbers.
 SHOWN = 2
 HEAD = "<!-- written by docs/write.py -->\n"
@@ -121,6 +126,23 @@ def draw_before_and_after(place: Path) -> None:
     figure.savefig(place, metadata={"Date": None, "Title": "armgap"})
 
 
+def picture_page(place: Path) -> None:
+    """The first screen of a shipped recording's page, as Chromium shows it."""
+    from PIL import Image
+
+    with tempfile.TemporaryDirectory() as folder:
+        page, shot = Path(folder) / "why.html", Path(folder) / "why.png"
+        start = "from ident.cli.start import main; main()"
+        given = ["diagnose", "logs/tm5_900/sealed_2", "--robot", "tm5-900", "--html", str(page)]
+        subprocess.run([sys.executable, "-c", start, *given], cwd=ROOT, check=True)
+        size = f"--window-size={PAGE_WIDTH},{PAGE_BOTTOM}"
+        subprocess.run(
+            [*CHROMIUM, f"--user-data-dir={folder}", size, f"--screenshot={shot}", page.as_uri()], check=True
+        )
+        whole = Image.open(shot).convert("RGB").crop((0, PAGE_TOP, PAGE_WIDTH, PAGE_BOTTOM))
+        whole.quantize(64).save(place, optimize=True)
+
+
 def describe_command(package: str, name: str, command: Any) -> str:
     """A command with its arguments and options."""
     rows = []
@@ -196,6 +218,9 @@ def main(options: list[str]) -> int:
         return 1 if stale else 0
     if "--picture" in options:
         draw_before_and_after(HERE / "before_after.svg")
+        return 0
+    if "--page" in options:
+        picture_page(HERE / "page.png")
         return 0
     if "--sixty" in options:
         front = ROOT / "README.md"
