@@ -14,6 +14,7 @@ from ident.errors import InputError, RecordingError
 from ident.export.controllers import write_ranges
 from ident.infer.new_session import NewSession, guess_session, place_of, require_own_guess
 from ident.model.hybrid import HybridModel
+from ident.monitor.bodies import estimate_bodies
 from ident.monitor.estimates import Ranges, find_ranges
 from ident.monitor.pages import write_pages
 from ident.monitor.watch import Watch, look
@@ -169,11 +170,12 @@ def ranges(sessions: Sources, robot: Robot | None = None, **options: Any) -> Ran
         names = [name for name, _ in opened.groups]
         twice = next(name for name in names if names.count(name) > 1)
         raise RecordingError(twice, "two sessions have this name", "give folders of different names")
-    found = find_ranges(days, reference)
+    found = find_ranges(days, reference, estimate_bodies)
     if chosen.out is not None:
         tables: dict[str, dict[str, tuple[float, float]]] = {joint: {} for joint in found.noise}
         for (joint, name), one in found.ranges.items():
-            tables[joint][name] = one.low, one.high
+            if joint in tables:
+                tables[joint][name] = one.low, one.high
         write_ranges(Path(chosen.out), found.robot, tables)
     named = None if loaded is None else loaded.robot.name
     settings = {"robot": opened.arm.name, "model": named, "cutoff_hz": chosen.cutoff}

@@ -10,7 +10,7 @@ motions are the same; other motions every day widen the day-to-day spread, again
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,12 +20,43 @@ from scipy.special import digamma, ndtri, polygamma, stdtrit
 
 from ident.arrays import Array, Float, Int
 from ident.checks.filtered_run import USUAL_EFFORT
+from ident.errors import plural
 from ident.motion.motion import Motion
 from ident.results import Result
 from ident.robot.arm import ArmModel
 
 # Parameter -> unit.
 UNITS = {"gain": "1", "rotor": "kg m²", "viscous": "N m s/rad", "coulomb": "N m", "offset": "N m", "gap": "N m"}
+# Further ones, of links and of the whole arm, of which there are ranges alone.
+BODY_UNITS = {
+    "mass_kg": "kg",
+    "centre_x_m": "m",
+    "centre_y_m": "m",
+    "centre_z_m": "m",
+    "payload_kg": "kg",
+    "payload_moment_x_kgm": "kg m",
+    "payload_moment_y_kgm": "kg m",
+    "payload_moment_z_kgm": "kg m",
+    "delay_s": "s",
+}
+RANGED_UNITS = {**UNITS, **BODY_UNITS}
+# What each is called.
+WORDS = {
+    "gain": "torque gain",
+    "rotor": "rotor inertia",
+    "viscous": "damping",
+    "coulomb": "dry friction",
+    "offset": "torque offset",
+    "mass_kg": "mass",
+    "centre_x_m": "centre x",
+    "centre_y_m": "centre y",
+    "centre_z_m": "centre z",
+    "payload_kg": "payload",
+    "payload_moment_x_kgm": "payload moment x",
+    "payload_moment_y_kgm": "payload moment y",
+    "payload_moment_z_kgm": "payload moment z",
+    "delay_s": "delay of the torque",
+}
 TERMS = ("gain", "rotor", "viscous", "coulomb", "offset")
 # Pieces whose errors are taken as independent: several times the correlation time of residuals (0.1 to 0.3 s) [s].
 PIECE_S = 1.5
@@ -37,7 +68,7 @@ LEAST_SETTLED = 0.1
 
 def unit_of(name: str) -> str:
     """What stands behind a parameter's number: a blank and its unit, if it has one."""
-    return "" if UNITS[name] == "1" else f" {UNITS[name]}"
+    return "" if RANGED_UNITS[name] == "1" else f" {RANGED_UNITS[name]}"
 
 
 @dataclass(frozen=True)
@@ -136,7 +167,7 @@ LEVEL = 0.95
 # What is randomised by habit where nobody has measured: a share to either side of each parameter.
 HABIT = 0.30
 # Parameters that follow the torque's scale and of which a share makes sense; a torque offset has none of its own.
-SCALED = ("gain", "rotor", "viscous", "coulomb")
+SCALED = ("gain", "rotor", "viscous", "coulomb", "mass_kg")
 # Figures of a kind of which their spreads tell each other; a size below which no share makes sense.
 FEWEST_ALIKE = 3
 LEAST_SIZE = 1e-12
@@ -174,7 +205,8 @@ class Ranges(Result):
             "joints": list(self.noise),
             "days": list(self.days),
             "ranges": {
-                f"{joint}/{name}": {**vars(one), "unit": UNITS[name]} for (joint, name), one in self.ranges.items()
+                f"{joint}/{name}": {**vars(one), "unit": RANGED_UNITS[name]}
+                for (joint, name), one in self.ranges.items()
             },
             "noise_Nm": dict(self.noise),
             "heldout": {"level": LEVEL, "inside": dict(self.inside), "narrower_than_habit": narrower, "habit": HABIT},
@@ -183,10 +215,11 @@ class Ranges(Result):
 
     def summary(self) -> str:
         """The ranges in a table of plain lines, and the check."""
-        lines = [f"{self.robot}: {len(self.days)} day(s)"]
+        lines = [f"{self.robot}: {plural(len(self.days), 'day')}"]
         for (joint, name), one in self.ranges.items():
             by = "day to day" if one.source == "days" else "its interval"
-            lines.append(f"{joint} {name}: {one.value:.4g} [{one.low:.4g}, {one.high:.4g}]{unit_of(name)}, by {by}")
+            size = f"{one.value:.4g} [{one.low:.4g}, {one.high:.4g}]{unit_of(name)}"
+            lines.append(f"{joint} {WORDS[name]}: {size}, by {by}")
         if self.inside:
             share = float(np.mean(list(self.inside.values())))
             lines.append(
@@ -198,9 +231,21 @@ class Ranges(Result):
         return "\n".join(lines)
 
 
-def find_ranges(days: Mapping[str, Sequence[Motion]], reference: ArmModel) -> Ranges:
-    """Ranges of an arm from its days, and how they do on days left out."""
-    found = {name: estimate_session(motions, reference) for name, motions in days.items()}
+def find_ranges(
+    days: Mapping[str, Sequence[Motion]],
+    reference: ArmModel,
+    further: Callable[[Sequence[Motion], ArmModel], Estimates] | None = None,
+) -> Ranges:
+    """Ranges of an arm from its days, and how they do on days left out.
+
+    Args:
+        days, reference: Motions of each day by its name, and the arm that all figures refer to.
+        further: What else is estimated of each day, such as its bodies; the check on days left out is without it.
+    """
+    found: dict[str, Estimates] = {}
+    for name, motions in days.items():
+        more = {} if further is None else further(motions, reference)
+        found[name] = {**estimate_session(motions, reference), **more}
     inside: dict[str, float] = {}
     narrower = float("nan")
     if len(days) > LEAST_DAYS:
@@ -225,7 +270,7 @@ def pool_days(days: Sequence[Estimates]) -> dict[tuple[str, str], ParameterRange
     Source: the prediction interval of a normal draw, Student's t.
     """
     found = {}
-    keys = [key for key in days[0] if key[1] in TERMS and all(key in day for day in days)]
+    keys = [key for key in days[0] if key[1] in WORDS and all(key in day for day in days)]
     spreads = moderated_spreads({key: np.array([day[key].value for day in days]) for key in keys})
     for key in keys:
         values = np.array([day[key].value for day in days])
