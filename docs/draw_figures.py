@@ -22,7 +22,12 @@ RIGHT, SILENT, WRONG, PLAIN, LINE = "#009e73", "#b0b0b0", "#d55e00", "#0072b2", 
 TOOLS = ("#009e73", "#56b4e9", "#e69f00", "#cc79a7", "#999999")
 WIDTH = 7.2  # [inch]
 # Text stays text, and two drawings of the same numbers are the same file.
-STYLE: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "armgap", "font.family": "sans-serif", "font.size": 9}
+STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "armgap",
+    "font.family": "sans-serif",
+    "font.size": 9,
+}
 
 
 def make_axes(height: float) -> tuple[Figure, Axes]:
@@ -68,7 +73,15 @@ def draw_calibration(data: dict[str, Any]) -> Figure:
     figure, axes = make_axes(2.8)
     axes.plot([0, 100], [0, 100], color=LINE, linewidth=0.8, linestyle="--", label="as often as it says")
     spread = 100.0 * np.sqrt(np.maximum(right * (1.0 - right), 0.25 / count) / count)
-    axes.errorbar(100 * said, 100 * right, 2 * spread, fmt="o", color=PLAIN, capsize=3, label="measured, ± 2 σ")
+    axes.errorbar(
+        100 * said,
+        100 * right,
+        2 * spread,
+        fmt="o",
+        color=PLAIN,
+        capsize=3,
+        label="measured, ± 2 σ",
+    )
     axes.set_xlim(-2.0, 102.0)
     axes.set_ylim(-2.0, 105.0)
     axes.set_xlabel("armgap says: so sure [%]")

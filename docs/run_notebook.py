@@ -38,7 +38,12 @@ def run_cell(source: str, names: dict[str, Any], number: int) -> list[dict[str, 
         text = printed.getvalue().splitlines(keepends=True)
         outputs.append({"name": "stdout", "output_type": "stream", "text": text})
     if value is not None:
-        shown = {"data": show(value), "execution_count": number, "metadata": {}, "output_type": "execute_result"}
+        shown = {
+            "data": show(value),
+            "execution_count": number,
+            "metadata": {},
+            "output_type": "execute_result",
+        }
         outputs.append(shown)
     return outputs
 
@@ -49,7 +54,10 @@ def show(value: Any) -> dict[str, Any]:
         return {"text/plain": repr(value).splitlines(keepends=True)}
     picture = io.BytesIO()
     value.savefig(picture, format="png", dpi=100, metadata={"Software": "armgap"})
-    return {"image/png": base64.b64encode(picture.getvalue()).decode(), "text/plain": ["<a figure>"]}
+    return {
+        "image/png": base64.b64encode(picture.getvalue()).decode(),
+        "text/plain": ["<a figure>"],
+    }
 
 
 def run_notebook(path: Path) -> None:

@@ -63,6 +63,8 @@ def print_into(console: Console, into: dict[str, Any]) -> None:
     )
     for line in into["left"]:
         say(console, f"not written: {line}", "  ", "    ")
+    name = Path(into["file"]).name
+    say(console, f"as it was, for this diagnosis and models fitted to it: before_{name} in the folder", "  ", "    ")
 
 
 def gap_table(heldout: dict[str, Any]) -> Table:

@@ -1,11 +1,12 @@
 """Masses and centres of links, what the flange carries, and how late the torque is, in one session.
 
-All joints together, through the common filter and clear of reversals, with the losses of each joint beside:
+All joints together, through the common filter and clear of reversals, with each joint's losses:
 
     tau = Y (π + δ) + rotor ddq + viscous dq + coulomb sign(dq) + offset − delay · d(Y π)/dt
 
-The links' changes δ have a normal prior as wide as URDFs are wrong by: what recordings don't determine stays as wide as
-that. What the flange carries is found apart, with the links as they are: a body at the last link, without a prior.
+The links' changes δ have a normal prior as wide as URDFs are wrong by: what recordings don't
+determine stays as wide as that. What the flange carries is found apart, with the links as they are:
+a body at the last link, without a prior.
 """
 
 from __future__ import annotations
@@ -32,11 +33,11 @@ LEAST_PIECES = 10
 FLANGE, ARM = "flange", "arm"
 REACH = float(ndtri(0.975))
 
-Found = dict[tuple[str, str], ParameterEstimate]
+Estimated = dict[tuple[str, str], ParameterEstimate]
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class SessionRows:
     """Rows of all joints, each over its joint's noise."""
 
     columns: Float[Array, "R k"]  # ten a link, then the delay's, then those of each joint's losses
@@ -44,7 +45,7 @@ class Table:
     piece: Int[Array, " R"]  # rows of one piece are not independent
 
 
-def estimate_bodies(motions: Sequence[Motion], reference: ArmModel) -> Found:
+def estimate_bodies(motions: Sequence[Motion], reference: ArmModel) -> Estimated:
     """Masses, centres, payload and delay that a session's motions tell.
 
     Args:
@@ -57,7 +58,7 @@ def estimate_bodies(motions: Sequence[Motion], reference: ArmModel) -> Found:
     return {**_links(table, reference), **_flange_and_delay(table, reference)}
 
 
-def gather_table(motions: Sequence[Motion], reference: ArmModel) -> Table | None:
+def gather_table(motions: Sequence[Motion], reference: ArmModel) -> SessionRows | None:
     """The rows of a session; None where it is too short.
 
     Args:
@@ -77,9 +78,9 @@ def gather_table(motions: Sequence[Motion], reference: ArmModel) -> Table | None
         number = ((motion.time[motion.coarse] - motion.time[0]) // PIECE_S).astype(int)
         for j in range(n):
             rows = motion.settled[:, j]
-            own = motion.filtered(np.column_stack([motion.ddq[:, j], motion.dq[:, j], np.sign(motion.dq[:, j])]))
-            losses = np.zeros((len(own), LOSSES * n))
-            losses[:, LOSSES * j : LOSSES * j + 3] = own
+            filtered = motion.filtered(np.column_stack([motion.ddq[:, j], motion.dq[:, j], np.sign(motion.dq[:, j])]))
+            losses = np.zeros((len(filtered), LOSSES * n))
+            losses[:, LOSSES * j : LOSSES * j + 3] = filtered
             losses[:, LOSSES * j + 3] = 1.0
             whole = np.column_stack([motion.filtered(bodies[:, j]), late[:, j], losses])
             tables[j].append(whole[rows])
@@ -90,13 +91,15 @@ def gather_table(motions: Sequence[Motion], reference: ArmModel) -> Table | None
 
 
 def _weighted(
-    tables: Sequence[Sequence[Array]], torques: Sequence[Sequence[Array]], pieces: Sequence[Sequence[Array]]
-) -> Table | None:
+    tables: Sequence[Sequence[Array]],
+    torques: Sequence[Sequence[Array]],
+    pieces: Sequence[Sequence[Array]],
+) -> SessionRows | None:
     """Each joint's rows over what its losses and bodies leave there."""
     columns = []
     torque = []
-    for own, error in zip(tables, torques, strict=True):
-        x = np.concatenate(own)
+    for parts, error in zip(tables, torques, strict=True):
+        x = np.concatenate(parts)
         y = np.concatenate(error)
         if len(y) <= x.shape[1]:
             continue
@@ -108,24 +111,24 @@ def _weighted(
         torque.append(y / noise)
     if len(columns) < len(tables):
         return None
-    number = np.concatenate([np.concatenate(own) for own in pieces])
+    number = np.concatenate([np.concatenate(numbers) for numbers in pieces])
     if len(np.unique(number)) < LEAST_PIECES:
         return None
-    return Table(np.concatenate(columns), np.concatenate(torque), number)
+    return SessionRows(np.concatenate(columns), np.concatenate(torque), number)
 
 
 def solve(
-    table: Table, kept: Int[Array, " k"], spread: Float[Array, " k"]
+    table: SessionRows, chosen: Int[Array, " k"], spread: Float[Array, " k"]
 ) -> tuple[Float[Array, " k"], Float[Array, "k k"]]:
     """Estimates of some columns' coefficients and their covariance, by how pieces differ.
 
     Args:
-        table, kept: The rows, and the columns that are in the model.
+        table, chosen: The rows, and the columns that are in the model.
         spread: Prior standard deviation of each coefficient; infinite for none.
 
-    Source: Liang and Zeger 1986, the sandwich over clusters; the prior is one more, independent observation.
+    Source: Liang and Zeger 1986, the sandwich over clusters; the prior is one more observation.
     """
-    x = table.columns[:, kept]
+    x = table.columns[:, chosen]
     length = np.linalg.norm(x, axis=0)
     has_prior = np.isfinite(spread)
     # In units of the prior, or of what makes a column's length one.
@@ -142,39 +145,39 @@ def solve(
     return beta * unit, bread @ meat @ bread * np.outer(unit, unit)
 
 
-def _links(table: Table, reference: ArmModel) -> Found:
-    """Mass and centre of each link; of what the recordings don't tell the URDF's, as wide as it may be off."""
+def _links(table: SessionRows, reference: ArmModel) -> Estimated:
+    """Mass and centre of each link; what recordings don't tell is the URDF's, with its tolerance."""
     n = reference.n
     spread = np.full(table.columns.shape[1], np.inf)
     spread[: 10 * n] = USUAL_REGRESSION.inertia_share * parameter_scale(reference)
     change, covariance = solve(table, np.arange(len(spread)), spread)
     whole = reference.inertial_parameters + change[: 10 * n]
-    found: Found = {}
+    estimates: Estimated = {}
     for k, link in enumerate(reference.links):
         places = 10 * k + np.arange(4)
         mass, moment = whole[places[0]], whole[places[1:]]
-        own = covariance[np.ix_(places, places)]
-        found[link, "mass_kg"] = _estimate(mass, own[0, 0])
+        block = covariance[np.ix_(places, places)]
+        estimates[link, "mass_kg"] = _estimate(mass, block[0, 0])
         if mass <= 0.0:
             continue
         for axis, name in enumerate(AXES):
             slope = np.zeros(4)
             slope[0] = -moment[axis] / mass**2
             slope[1 + axis] = 1.0 / mass
-            found[link, f"centre_{name}_m"] = _estimate(moment[axis] / mass, slope @ own @ slope)
-    return found
+            estimates[link, f"centre_{name}_m"] = _estimate(moment[axis] / mass, slope @ block @ slope)
+    return estimates
 
 
-def _flange_and_delay(table: Table, reference: ArmModel) -> Found:
-    """A body at the last link, and how late the torque is, beside the losses; the links as they are."""
+def _flange_and_delay(table: SessionRows, reference: ArmModel) -> Estimated:
+    """A body at the last link and how late the torque is, with the links as they are."""
     n = reference.n
     body = 10 * (n - 1) + np.arange(4)
-    kept = np.concatenate([body, np.arange(10 * n, table.columns.shape[1])])
-    values, covariance = solve(table, kept, np.full(len(kept), np.inf))
+    chosen = np.concatenate([body, np.arange(10 * n, table.columns.shape[1])])
+    values, covariance = solve(table, chosen, np.full(len(chosen), np.inf))
     names = ("payload_kg", *(f"payload_moment_{name}_kgm" for name in AXES))
-    found: Found = {(FLANGE, name): _estimate(values[k], covariance[k, k]) for k, name in enumerate(names)}
-    found[ARM, "delay_s"] = _estimate(values[4], covariance[4, 4])
-    return found
+    estimates: Estimated = {(FLANGE, name): _estimate(values[k], covariance[k, k]) for k, name in enumerate(names)}
+    estimates[ARM, "delay_s"] = _estimate(values[4], covariance[4, 4])
+    return estimates
 
 
 def _estimate(value: float, variance: float) -> ParameterEstimate:

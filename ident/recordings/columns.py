@@ -197,7 +197,9 @@ def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source
     found = _without_gaps_in_temperature(cells)
     joints = tuple(joint_of(column) for column in found if column.endswith("/position"))
     if not joints:
-        remedy = f"use `ident new`, or [columns] of session.toml; it has: {listed(columns.names or [*found]) or 'none'}"
+        names = listed(columns.names or [*found]) or "none"
+        way = "use `ident new`, or --session-file with the session.toml of a session alike"
+        remedy = f"{way}; it has: {names}"
         raise RecordingError(source, "no column <joint>/position", remedy)
     for column in found:
         if column != TIME and (joint := joint_of(column)) not in joints:

@@ -1,4 +1,4 @@
-"""Goals, measured positions, and where the reported figures put a servo: what a page draws of each run."""
+"""Goals, measured positions, and where the reported figures put a servo: the curves of a page."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def told_runs(runs: Sequence[GoalRun], arm: ArmModel | None, joints: Sequence[Se
     """What the figures say of every run.
 
     Args:
-        runs, arm, joints: The runs, what the joints carry (nobody knows if None), and what was found of each joint.
+        runs, joints: The runs, and what was found of each joint.
+        arm: What the joints carry; nobody knows if None.
     """
     return tuple(_told_run(run, arm, joints) for run in runs)
 

@@ -102,7 +102,7 @@ def test_pictures_of_how_sure_count_what_the_tables_say() -> None:
 
 
 def test_stored_outputs_are_of_the_cells_that_stand_there() -> None:
-    """A notebook of a real arm keeps what it printed: every code cell ran, in order, and shows no place of a machine."""
+    """A notebook of a real arm keeps what it printed: every cell ran, in order, and shows no place of a machine."""
     text = (ROOT / "examples" / "real_panda.ipynb").read_text(encoding="utf-8")
     cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
     assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))

@@ -1,4 +1,4 @@
-"""The page of arms that log goal and position only: what holds each joint back, and how far that explains it."""
+"""The page of arms that log goal and position only: what holds each joint back, and how far."""
 
 from __future__ import annotations
 
@@ -10,10 +10,21 @@ import numpy as np
 
 from ident.errors import plural
 from ident.servos.servo_fit import FIGURES, TEXT, ServoArm
+from ident.servos.told_runs import ToldRun
 from ident.show.report.numbers import with_error
-from ident.show.report.page import Section, describe_origin, facts_section, provenance_facts, render_page, save_page
+from ident.show.report.page import (
+    Section,
+    describe_origin,
+    facts_section,
+    provenance_facts,
+    render_page,
+    save_page,
+)
 from ident.show.report.traces import MOST_JOINTS, MOST_RUNS, RunTraces, Traces, section_values
 from ident.show.report.words import significant
+
+ServoRecord = Mapping[str, Any]
+"""`ident.servo/1`, or a part of it."""
 
 CURVES = (
     "Angle as it was measured, the goal, and where the figures put the joint. Below: what both are off by. Where a "
@@ -43,22 +54,23 @@ def render_servo_report(result: ServoArm) -> str:
         facts_section(provenance_facts(record)),
     ]
     return render_page(
-        f"{record['robot']}: why do its servos not stand where they were told?", sections, describe_origin(record)
+        f"{record['robot']}: why do its servos not stand where they were told?",
+        sections,
+        describe_origin(record),
     )
 
 
-def verdict_values(record: Mapping[str, Any]) -> dict[str, Any]:
+def verdict_values(record: ServoRecord) -> ServoRecord:
     """What the first section shows."""
     joints = record["joints"]
-    judged = {name: one for name, one in joints.items() if one["heldout"] is not None}
-    untold = [
-        (name, [(FIGURES[figure]["name"], reason) for figure, reason in one["not_told"].items()])
-        for name, one in joints.items()
-        if one["not_told"]
-    ]
+    judged = {name: joint for name, joint in joints.items() if joint["heldout"] is not None}
+    untold = [(name, reasons_of(joint)) for name, joint in joints.items() if joint["not_told"]]
     rows = servo_rows(record)
-    used = [name for name in SHOWN if any(row["cells"][name] is not None for row in rows)]
-    tied = any("dead_band_rad" in one["figures"] for one in joints.values())
+    told = set[str]()
+    for joint in joints.values():
+        told |= set(joint["figures"])
+    used = [name for name in SHOWN if name in told]
+    tied = any("dead_band_rad" in joint["figures"] for joint in joints.values())
     return {
         "headline": headline(judged),
         "first": WRITE_FILES if judged else RECORD_MORE,
@@ -70,11 +82,16 @@ def verdict_values(record: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def headline(judged: Mapping[str, Mapping[str, Any]]) -> str:
+def reasons_of(joint: ServoRecord) -> list[tuple[str, str]]:
+    """Figures of a joint that are not told, in words, and why."""
+    return [(FIGURES[name]["name"], reason) for name, reason in joint["not_told"].items()]
+
+
+def headline(judged: Mapping[str, ServoRecord]) -> str:
     """The joint that follows worst, and what is known of it, in one sentence."""
     if not judged:
         return "These recordings tell nothing of the servos."
-    errors = {name: one["heldout"] for name, one in judged.items()}
+    errors = {name: joint["heldout"] for name, joint in judged.items()}
     worst = max(errors, key=lambda name: errors[name]["rms_before_rad"])
     before, after = (1e3 * errors[worst][f"rms_{when}_rad"] for when in ("before", "after"))
     late = judged[worst]["figures"].get("total_lag_s")
@@ -84,19 +101,19 @@ def headline(judged: Mapping[str, Mapping[str, Any]]) -> str:
     return f"{whose} its goal within {significant(before)} mrad{lag}; {known}."
 
 
-def servo_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
+def servo_rows(record: ServoRecord) -> list[ServoRecord]:
     """Of each joint its error before and after, and its figures in words."""
     rows = []
-    for name, one in record["joints"].items():
-        held = one["heldout"] or {}
-        rolled = one.get("roll_out")
+    for name, joint in record["joints"].items():
+        held = joint["heldout"] or {}
+        rolled = joint.get("roll_out")
         rows.append(
             {
                 "joint": name,
                 "before": milli(held.get("rms_before_rad")),
                 "after": milli(held.get("rms_after_rad")),
                 "rolled": milli(rolled["held_back"]["mean_absolute_rad"]) if rolled else None,
-                "cells": {key: figure_in_words(key, one["figures"].get(key)) for key in SHOWN},
+                "cells": {key: figure_in_words(key, joint["figures"].get(key)) for key in SHOWN},
             }
         )
     return rows
@@ -125,7 +142,7 @@ def traces_section(result: ServoArm) -> Section | None:
 
 def gather_servo_traces(result: ServoArm) -> Traces | None:
     """The runs of which something was found, the joint that follows worst first."""
-    errors = np.array([one.rms_before for one in result.joints])
+    errors = np.array([joint.rms_before for joint in result.joints])
     if not result.curves or not np.isfinite(errors).any():
         return None
     order = np.argsort(-np.nan_to_num(errors, nan=-1.0), kind="stable")
@@ -134,10 +151,10 @@ def gather_servo_traces(result: ServoArm) -> Traces | None:
         RunTraces(run.name, run.time, {"measured": run.position, "goal": run.goal, "told": run.told})
         for run in _worst_first(result, shown[0])[:MOST_RUNS]
     ]
-    names = tuple(one.joint for one in result.joints)
+    names = tuple(joint.joint for joint in result.joints)
     return Traces(names, tuple(shown), ("rad",) * len(names), tuple(runs), "angle")
 
 
-def _worst_first(result: ServoArm, joint: int) -> Sequence[Any]:
+def _worst_first(result: ServoArm, joint: int) -> Sequence[ToldRun]:
     """Runs by how far a joint is from its goal."""
     return sorted(result.curves, key=lambda run: -float(np.mean((run.goal - run.position)[:, joint] ** 2)))

@@ -51,7 +51,9 @@ def test_a_late_torque_is_found(three_joints: ArmModel) -> None:
     assert abs(punctual.value) < 5e-4
 
 
-def test_links_stay_as_wide_as_urdfs_are_wrong_by_where_nothing_tells(three_joints: ArmModel) -> None:
+def test_links_stay_as_wide_as_urdfs_are_wrong_by_where_nothing_tells(
+    three_joints: ArmModel,
+) -> None:
     """Law: no interval is wider than the prior's, and the first link's mass, which no torque shows, is as wide."""
     found = estimate_bodies(record(three_joints, range(4)), three_joints)
     scale = USUAL_REGRESSION.inertia_share * parameter_scale(three_joints)

@@ -13,7 +13,13 @@ from ident.cli.app import app
 from ident.recordings.recording import Session
 from ident.recordings.save import write_session
 from ident.servos.servo_fit import ServoArm
-from ident.show.report.servo_page import SHOWN, gather_servo_traces, render_servo_report, servo_rows, write_servo_report
+from ident.show.report.servo_page import (
+    SHOWN,
+    gather_servo_traces,
+    render_servo_report,
+    servo_rows,
+    write_servo_report,
+)
 from tests.accessible import PHONE, find_violations, width_on_a_phone
 from tests.ident.servos.servo_plant import Servo, one_link, record
 
