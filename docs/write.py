@@ -30,8 +30,8 @@ ROOT = HERE.parent
 PAGES = (ROOT / "README.md", *sorted(HERE.glob("*.md")))
 BLOCK = re.compile(r"(<!-- (figures|in short): (\w+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 SIXTY = re.compile(r"(<!-- sixty -->\n```python\n(.*?)```\n).*?(<!-- end of sixty -->)", re.DOTALL)
-# What of a page its picture shows: from below its head to the end of its first table [px].
-PAGE_WIDTH, PAGE_TOP, PAGE_BOTTOM = 1120, 140, 860
+# What of a page its picture shows: from below its head to the third joint of its first table [px].
+PAGE_WIDTH, PAGE_TOP, PAGE_BOTTOM = 1120, 140, 680
 CHROMIUM = ("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
 # As much of what a snippet prints as a front page shows [paragraphs]: the verdict with what to do, and the numbers.
 SHOWN = 2
