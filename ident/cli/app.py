@@ -73,7 +73,7 @@ def fit(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Fits analytic + loss + residual net; with a diagnosis, the laws that it names too."""
+    """Fits rigid body + losses + residual net; with a diagnosis, the laws that it names too."""
     from ident.api.fitting import fit_hybrid
     from ident.sessions import open_sessions
 

@@ -101,7 +101,7 @@ def headline(judged: Mapping[str, ServoRecord]) -> str:
     return f"{whose} its goal within {significant(before)} mrad{lag}; {known}."
 
 
-def servo_rows(record: ServoRecord) -> list[ServoRecord]:
+def servo_rows(record: ServoRecord) -> Sequence[ServoRecord]:
     """Of each joint its error before and after, and its figures in words."""
     rows = []
     for name, joint in record["joints"].items():
