@@ -2,22 +2,29 @@
 
     python docs/gallery.py REAL [OUT]
 
-REAL holds the recordings as `SOURCES` names them; fetch them from where they were published.
+REAL holds the recordings as `SOURCES` names them; fetch them from where they were published. Writes the pages below
+OUT, and the table of docs/gallery.md.
 """
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from ident import InputError
+from ident.api.daily import servo
 from ident.api.diagnosing import examine
 from ident.command_options import DiagnoseOptions
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.diagnosis_verdict import diagnosis_headline
 from ident.show.report.laws import draw_laws
+from ident.show.report.servo_page import verdict_values, write_servo_report
 from ident.show.report.traces import gather_traces
+
+TABLE = Path(__file__).with_name("gallery.md")
+BLOCK = re.compile(r"(<!-- arms -->\n).*?(<!-- end of arms -->)", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -27,46 +34,84 @@ class RealArm:
     Attributes:
         title: What arm it is.
         file: Its recording, below REAL.
-        robot: What `--robot` takes.
+        robot: What `--robot` takes; a path is below REAL.
         origin: Where it was published, and under which licence.
+        is_servo: Whether goals and positions alone were logged.
     """
 
     title: str
     file: str
     robot: str
     origin: str
+    is_servo: bool = False
 
 
-UNISA = "github.com/unisa-acg/inverse-dynamics-solver at 41e196d, BSD-3-Clause"
 SOURCES = (
-    RealArm("UR10 CB", "ur10_cb/ur10_exciting_trajectory.db3", "ur10", UNISA),
-    RealArm("Franka Panda", "panda/unisa_fer/panda_exciting_trajectory.db3", "panda", UNISA),
+    RealArm(
+        title="Franka Panda, torque sensors",
+        file="panda/unisa_fer/panda_exciting_trajectory.db3",
+        robot="panda",
+        origin="github.com/unisa-acg/inverse-dynamics-solver at 41e196d, BSD-3-Clause",
+    ),
+    RealArm(
+        title="KUKA KR300 with 151 kg and a counterbalance, neither in the URDF",
+        file="kr300/session",
+        robot="kr300/robot_0.urdf",
+        origin="github.com/JonasWeigand/Robot_Identification at 9e403c0, MIT",
+    ),
+    RealArm(
+        title="Dynamixel XL330 with 0.49 kg at 0.1 m",
+        file="xl330/servo_kp400",
+        robot="xl330/robot.urdf",
+        origin="github.com/Rhoban/bam at af22604, Apache-2.0",
+        is_servo=True,
+    ),
 )
 
 
 def show(arm: RealArm, real: Path, out: Path) -> str:
-    """Diagnoses one arm, writes its page, and returns its row of the table."""
-    found = examine(real / arm.file, arm.robot, DiagnoseOptions())
+    """Writes the page of one arm, and returns its row of the table."""
+    file = out / f"{arm.file.split('/')[0]}.html"
+    robot = str(real / arm.robot) if arm.robot.endswith(".urdf") else arm.robot
+    if arm.is_servo:
+        headline = show_servo(real / arm.file, robot, file)
+    else:
+        headline = show_diagnosis(real / arm.file, robot, file)
+    return f"| {arm.title} | {headline} | `{file.name}` | {arm.origin} |"
+
+
+def show_diagnosis(recording: Path, robot: str, file: Path) -> str:
+    """The page of a diagnosis; its first sentence."""
+    found = examine(recording, robot, DiagnoseOptions())
     record = found.diagnosis.to_dict()
     pictures = () if found.analysis is None else draw_laws(found.analysis)
     traces = None if found.analysis is None else gather_traces(found.analysis)
-    file = out / f"{arm.title.lower().replace(' ', '_')}.html"
-    page = write_diagnosis_report(file, record, None, pictures, traces)
-    return f"| [{arm.title}]({page.name}) | {diagnosis_headline(record)} | {arm.origin} |"
+    write_diagnosis_report(file, record, None, pictures, traces)
+    return diagnosis_headline(record)
+
+
+def show_servo(recording: Path, robot: str, file: Path) -> str:
+    """The page of a servo; its first sentence."""
+    found = servo(recording, robot)
+    write_servo_report(file, found)
+    return str(verdict_values(found.to_dict())["headline"])
 
 
 def main(real: str, out: str = "out/gallery") -> None:
     """Writes all pages and a table of them; what is not there is left out, and it says so."""
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    rows = ["| arm | what was found | recordings |", "| --- | --- | --- |"]
+    rows = ["| arm | what was found | page | recordings |", "| --- | --- | --- | --- |"]
     for arm in SOURCES:
         try:
             rows.append(show(arm, Path(real), folder))
         except InputError as error:
             print(f"left out {arm.title}: {error}", file=sys.stderr)
-    (folder / "index.md").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    print(f"written to {folder / 'index.md'}")
+    if len(rows) == 2 + len(SOURCES):
+        text = TABLE.read_text(encoding="utf-8")
+        table = "\n".join(rows) + "\n"
+        TABLE.write_text(BLOCK.sub(lambda block: f"{block[1]}{table}{block[2]}", text), encoding="utf-8")
+    print(f"written to {folder}")
 
 
 if __name__ == "__main__":

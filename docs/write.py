@@ -4,8 +4,10 @@
     python docs/write.py --check    # status 1 where a figure on a page is not that of docs/figures.toml
     python docs/write.py --sixty    # runs README's first snippet, and writes what it prints below it
     python docs/write.py --picture  # draws before and after of a shipped recording, for the front page
+    python docs/write.py --page     # takes a picture of that recording's page in headless Chromium, likewise
 
-Figures stand on a page between `<!-- figures: NAME -->` and `<!-- end of figures -->`; nobody types them there.
+Figures stand on a page between `<!-- figures: NAME -->`, or `<!-- in short: NAME -->`, and `<!-- end of figures -->`;
+nobody types them there.
 """
 
 from __future__ import annotations
@@ -13,8 +15,10 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import tempfile
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -24,8 +28,11 @@ import typer
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 PAGES = (ROOT / "README.md", *sorted(HERE.glob("*.md")))
-BLOCK = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
+BLOCK = re.compile(r"(<!-- (figures|in short): (\w+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 SIXTY = re.compile(r"(<!-- sixty -->\n```python\n(.*?)```\n).*?(<!-- end of sixty -->)", re.DOTALL)
+# What of a page its picture shows: from below its head to the third joint of its first table [px].
+PAGE_WIDTH, PAGE_TOP, PAGE_BOTTOM = 1120, 140, 680
+CHROMIUM = ("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
 # As much of what a snippet prints as a front page shows [paragraphs]: the verdict with what to do, and the numbers.
 SHOWN = 2
 HEAD = "<!-- written by docs/write.py -->\n"
@@ -39,15 +46,42 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def figures(data: Mapping[str, Any]) -> str:
-    """One table of the data file, with the command, date and commit that it is of."""
-    text = table(data["columns"], data["rows"])
-    words = [data["about"], f"By `{data['command']}`, {data['date']}, commit {data['commit']}.", data.get("note", "")]
-    return f"{' '.join(word for word in words if word)}\n\n{text}"
+    """One table of the data file in plain words; the command, date and commit that it is of are folded."""
+    shown = table(data["columns"], data["rows"])
+    made = f"By `{data['command']}`, {data['date']}, commit {data['commit']}."
+    words = " ".join(word for word in (data["about"], made, data.get("note", "")) if word)
+    if data.get("folded"):
+        return f"{data['plain']}\n\n{folded(words + table_as_html(data))}"
+    return f"{data['plain']}\n\n{shown}\n{folded(words)}"
+
+
+def in_short(data: Mapping[str, Any]) -> str:
+    """The same without what only who repeats a measurement needs."""
+    return f"{data['plain']}\n\n{table(data['columns'], data['rows'])}"
+
+
+def folded(text: str) -> str:
+    """What only who repeats a measurement needs, in HTML, which every reader of Markdown passes on."""
+    inside = re.sub(r"`([^`]*)`", lambda code: f"<code>{escape(code[1])}</code>", text)
+    return f"<details><summary>How it was measured</summary><p>{inside}</p></details>\n"
+
+
+def table_as_html(data: Mapping[str, Any]) -> str:
+    """A table within HTML."""
+    head = "".join(f"<th>{escape(str(cell))}</th>" for cell in data["columns"])
+    rows = ["".join(f"<td>{escape(str(cell))}</td>" for cell in row) for row in data["rows"]]
+    body = "".join(f"<tr>{row}</tr>" for row in rows)
+    return f"</p><table><tr>{head}</tr>{body}</table><p>"
 
 
 def with_figures(text: str, data: Mapping[str, Any]) -> str:
     """A page with its blocks of figures as the data file has them."""
-    return BLOCK.sub(lambda block: f"{block[1]}{figures(data[block[2]])}{block[3]}", text)
+
+    def filled(block: re.Match[str]) -> str:
+        makes = figures if block[2] == "figures" else in_short
+        return f"{block[1]}{makes(data[block[3]])}{block[4]}"
+
+    return BLOCK.sub(filled, text)
 
 
 def with_output(text: str) -> str:
@@ -73,13 +107,13 @@ def draw_before_and_after(place: Path) -> None:
     traces = gather_traces(found.analysis)
     assert traces is not None
     run, joint = traces.runs[0], traces.shown[0]
-    measured = run.torque["measured"][:, joint]
-    judged = np.flatnonzero(np.isfinite(run.torque["tuned"][:, joint]))
+    measured = run.values["measured"][:, joint]
+    judged = np.flatnonzero(np.isfinite(run.values["tuned"][:, joint]))
     shown = slice(max(judged[0] - 20, 0), judged[-1] + 20)
     figure = Figure(figsize=(8.0, 3.6), layout="constrained", facecolor="white")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     for name in traces.curves:
-        values = run.torque[name][:, joint]
+        values = run.values[name][:, joint]
         upper.plot(run.time[shown], values[shown], color=COLOURS[name], linewidth=1.4, label=label(name))
         if name != "measured":
             lower.plot(run.time[shown], (measured - values)[shown], color=COLOURS[name], linewidth=1.4)
@@ -90,6 +124,23 @@ def draw_before_and_after(place: Path) -> None:
     for axes in (upper, lower):
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(place, metadata={"Date": None, "Title": "armgap"})
+
+
+def picture_page(place: Path) -> None:
+    """The first screen of a shipped recording's page, as Chromium shows it."""
+    from PIL import Image
+
+    with tempfile.TemporaryDirectory() as folder:
+        page, shot = Path(folder) / "why.html", Path(folder) / "why.png"
+        start = "from ident.cli.start import main; main()"
+        given = ["diagnose", "logs/tm5_900/sealed_2", "--robot", "tm5-900", "--html", str(page)]
+        subprocess.run([sys.executable, "-c", start, *given], cwd=ROOT, check=True)
+        size = f"--window-size={PAGE_WIDTH},{PAGE_BOTTOM}"
+        subprocess.run(
+            [*CHROMIUM, f"--user-data-dir={folder}", size, f"--screenshot={shot}", page.as_uri()], check=True
+        )
+        whole = Image.open(shot).convert("RGB").crop((0, PAGE_TOP, PAGE_WIDTH, PAGE_BOTTOM))
+        whole.quantize(64).save(place, optimize=True)
 
 
 def describe_command(package: str, name: str, command: Any) -> str:
@@ -167,6 +218,9 @@ def main(options: list[str]) -> int:
         return 1 if stale else 0
     if "--picture" in options:
         draw_before_and_after(HERE / "before_after.svg")
+        return 0
+    if "--page" in options:
+        picture_page(HERE / "page.png")
         return 0
     if "--sixty" in options:
         front = ROOT / "README.md"

@@ -14,6 +14,7 @@ from ident.errors import InputError, RecordingError
 from ident.export.controllers import write_ranges
 from ident.infer.new_session import NewSession, guess_session, place_of, require_own_guess
 from ident.model.hybrid import HybridModel
+from ident.monitor.bodies import estimate_bodies
 from ident.monitor.estimates import Ranges, find_ranges
 from ident.monitor.pages import write_pages
 from ident.monitor.watch import Watch, look
@@ -24,6 +25,7 @@ from ident.recordings.session_toml import NAME
 from ident.results import Provenance, stamp_sessions
 from ident.robot.arm import ArmModel
 from ident.servos.servo_fit import ServoArm, fit_servos, load_goals, runs_of
+from ident.servos.told_runs import told_runs
 from ident.sessions import Robot, Sources, load_robot, open_sessions
 
 if TYPE_CHECKING:
@@ -107,7 +109,8 @@ def servo(
             raise RecordingError(
                 str(session.path or session.name), what, "give sessions of one arm together"
             )
-    servos = fit_servos(runs_of(loaded, cutoff), arm)
+    goals = runs_of(loaded, cutoff)
+    servos = fit_servos(goals, arm)
     name = arm.name if arm is not None else loaded[0].name
     settings = {"robot": None if arm is None else arm.name, "cutoff_hz": cutoff}
     origin = Provenance("ident servo", settings=settings, sessions=stamp_sessions(loaded))
@@ -118,7 +121,7 @@ def servo(
 
         rolled = roll_out_servos(loaded, arm)
         write_servos(Path(out), rolled, [session.name for session in loaded])
-    return ServoArm(name, servos, rolled).with_provenance(origin)
+    return ServoArm(name, servos, rolled, told_runs(goals, arm, servos)).with_provenance(origin)
 
 
 def watch(
@@ -190,14 +193,15 @@ def ranges(sessions: Sources, robot: Robot | None = None, **options: Any) -> Ran
         raise RecordingError(
             twice, "two sessions have this name", "give folders of different names"
         )
-    pooled = find_ranges(days, reference)
+    found = find_ranges(days, reference, estimate_bodies)
     if chosen.out is not None:
-        tables: dict[str, dict[str, tuple[float, float]]] = {joint: {} for joint in pooled.noise}
-        for (joint, name), estimate in pooled.ranges.items():
-            tables[joint][name] = estimate.low, estimate.high
-        write_ranges(Path(chosen.out), pooled.robot, tables)
+        tables: dict[str, dict[str, tuple[float, float]]] = {joint: {} for joint in found.noise}
+        for (joint, name), one in found.ranges.items():
+            if joint in tables:
+                tables[joint][name] = one.low, one.high
+        write_ranges(Path(chosen.out), found.robot, tables)
     named = None if loaded is None else loaded.robot.name
     settings = {"robot": opened.arm.name, "model": named, "cutoff_hz": chosen.cutoff}
-    return pooled.with_provenance(
+    return found.with_provenance(
         Provenance("ident ranges", settings=settings, sessions=opened.stamps)
     )

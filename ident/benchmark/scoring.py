@@ -297,8 +297,7 @@ def _is_at(true: TrueEffect, joints: Sequence[str], answer: Answer) -> bool:
 def joints_told(record: Mapping[str, Any]) -> list[str]:
     """The joint of the largest gap, and those of the first name.
 
-    A gap is what exceeds the noise, by much or significantly, or what had to be tuned away; where there is neither, the
-    candidate that came nearest to a name says where.
+    A gap is what exceeds the noise, by much or significantly, or what had to be tuned away.
     """
 
     def size(joint: str, one: Mapping[str, Any]) -> float:
@@ -311,8 +310,6 @@ def joints_told(record: Mapping[str, Any]) -> list[str]:
     where = [max(gap, key=lambda j: gap[j])] if gap else []
     if record["findings"]:
         where += record["findings"][0]["joints"]
-    elif record.get("nearest") and not any(gap.values()):
-        where = record["nearest"]["joints"]
     return where
 
 

@@ -19,6 +19,7 @@ from ident.checks.effort import collect_states, explained_by_model, fit_signed
 from ident.checks.filtered_run import ANGLES as LIMIT
 from ident.checks.filtered_run import CLOCK, compare_velocities, filter_run
 from ident.checks.report import Findings, issue_of
+from ident.errors import plural
 from ident.recordings.recording import Recording, Session, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 
@@ -328,7 +329,8 @@ def _drop(
             joint = int(np.argmax(mask[first]))
             lost += int(rows.sum())
             seen = f", {run.channels()[channel][first, joint]:.4g}" if channel else ""
-            what = f"{words} in {rows.sum()} rows, first of {run.joints[joint]} in row {first + 1}{seen}"
+            count = plural(int(rows.sum()), "row")
+            what = f"{words} in {count}, first of {run.joints[joint]} in row {first + 1}{seen}"
             found.note(run, what, np.flatnonzero(mask.any(axis=0)))
             run = run.at(~rows)
         found.runs.append(run)

@@ -96,7 +96,7 @@ def fit(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Fits analytic + loss + residual net; with a diagnosis, the laws that it names too."""
+    """Fits rigid body + losses + residual net; with a diagnosis, the laws that it names too."""
     from ident.api.fitting import fit_hybrid
     from ident.sessions import open_sessions
 
@@ -228,10 +228,16 @@ def diagnose(
             from ident.show.timeline.gap import gap_curves, gap_marks
             from ident.show.timeline.writing import write_timeline
 
-            issues = diagnosis.telemetry
-            marks = gap_marks(analysis)
-            curves = gap_curves(analysis)
-            write_timeline(rrd, analysis.baseline.nominal, motions, loaded, issues, marks, curves)
+            write_timeline(
+                rrd,
+                analysis.baseline.nominal,
+                motions,
+                loaded,
+                diagnosis.telemetry,
+                gap_marks(analysis),
+                gap_curves(analysis),
+                diagnosis.summary(),
+            )
 
     def tell() -> None:
         print_diagnosis(console, diagnosis.to_dict(), details)

@@ -9,7 +9,17 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import READS, JsonFile, Robot, Sessions, Writes, command, console, hand_over
+from ident.cli.shared import (
+    READS,
+    Html,
+    JsonFile,
+    Robot,
+    Sessions,
+    Writes,
+    command,
+    console,
+    hand_over,
+)
 from ident.command_options import CheckOptions, CloseOptions, SimulateOptions, WatchOptions
 from ident.errors import InputError, visible
 from ident.files import write_record
@@ -54,13 +64,23 @@ def servo(
         typer.Option(help="Folder for models that roll out: MuJoCo, BAM, mjlab."),
         Writes("servo"),
     ] = None,
-) -> Result:
+    html: Html = None,
+    json_file: JsonFile = None,
+) -> None:
     """Arms that log goal and position only: lag, delay, dead band, droop, gain, and what can't be
     determined.
     """
     from ident.api.daily import servo as find
 
-    return find(sessions, robot, cutoff=cutoff, out=out)
+    found = find(sessions, robot, cutoff=cutoff, out=out)
+
+    def write_page() -> None:
+        if html is not None:
+            from ident.show.report.servo_page import write_servo_report
+
+            write_servo_report(html, found)
+
+    hand_over(found, json_file, write_page, places={"page": html})
 
 
 @command

@@ -86,15 +86,13 @@ def open_kinds(record: Mapping[str, Any]) -> tuple[str, ...]:
     """The three kinds of motion that answer what a diagnosis leaves open, the most pressing first.
 
     Tied classes come first, then the identified effects, whose parameters more of the same motion
-    sharpens, then what came nearest without being identified, then what could not be tested.
+    sharpens, then what could not be tested.
     """
     findings = record.get("findings", [])
     tied = [list(finding["class"]) for finding in findings if len(finding["class"]) > 1]
     named = [[finding["effect"]] for finding in findings]
-    nearest = record.get("nearest") or {}
-    near = [[nearest["effect"]]] if nearest.get("effect") else []
     unseen = [[entry["effect"]] for entry in record.get("not_testable", [])]
-    wanted = [KIND_OF[family_for(names, CATALOGUE)] for names in (*tied, *named, *near, *unseen)]
+    wanted = [KIND_OF[family_for(names, CATALOGUE)] for names in (*tied, *named, *unseen)]
     kinds = [kind for kind in dict.fromkeys(wanted) if kind != "spline"]
     usual = [kind for kind in ("fourier", "chirp", "ladder") if kind not in kinds]
     return tuple((kinds + usual)[:3])

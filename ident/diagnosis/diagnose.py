@@ -132,7 +132,6 @@ def diagnose(
             *far,
         ),
         details=Details(
-            nearest=None,
             detectable=limits,
             maps=maps["before"],
             maps_fixed=maps["fixed"],

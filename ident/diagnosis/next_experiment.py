@@ -24,20 +24,18 @@ def next_experiment(
     not_testable: Sequence[Mapping[str, Any]],
     known: Sequence[Effect] = CATALOGUE,
     robot: str = "tm5-900",
-    nearest: Mapping[str, Any] | None = None,
     loudest: str | None = None,
 ) -> dict[str, Any] | None:
     """The next motion to record.
 
-    It distinguishes the effects of the first class with more than one, or shows the best rejected candidate, or else
-    most of the effects that were not testable, each at the joint of the largest gap first. If that joint has neither a
-    likely finding nor an untestable effect, the motion is its path in many poses.
+    It distinguishes the effects of the first class with more than one, or else shows most of the effects that were not
+    testable, each at the joint of the largest gap first. If that joint has neither a likely finding nor an untestable
+    effect, the motion is its path in many poses.
 
     Args:
         findings, not_testable: Entries of `ident.diagnosis/1`, in their order.
         known: The effects that were tested.
         robot: Argument of `--robot`, so that the command can be run as it is shown.
-        nearest: The best rejected candidate, if nothing was accepted.
         loudest: The joint of the largest gap.
 
     Returns:
@@ -50,8 +48,6 @@ def next_experiment(
         return _for_tied(list(tied[0]["class"]), joint, known, robot)
     open_to = [one for one in not_testable if not any(words in one["reason"] for words in NOT_OF_MOTION)]
     unseen = [one for one in open_to if one["joints"]]
-    if nearest is not None and (loudest is None or loudest in nearest["joints"]):
-        return _for_tied([nearest["effect"]], loudest or nearest["joints"][0], known, robot)
     there = [{**one, "joints": [loudest]} for one in unseen if loudest in one["joints"]]
     likely = loudest is None or any(one.get("probability", 1.0) >= 0.5 for one in here)
     return _for_unseen(there or unseen, known, robot) if there or likely else _advise([], "poses", str(loudest), robot)

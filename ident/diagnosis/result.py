@@ -133,7 +133,6 @@ class Details:
     """Further results of a diagnosis, for pages and patches.
 
     Attributes:
-        nearest: Record of the best rejected candidate, if nothing was accepted.
         detectable: Detection limits of the effects that were not accepted.
         maps: All cells of the gap's map for the tuned model.
         maps_fixed: All cells for the model with the URDF's inertias fixed.
@@ -146,7 +145,6 @@ class Details:
         identified: The URDF's numbers beside those that the recordings say.
     """
 
-    nearest: Mapping[str, Any] | None
     detectable: Sequence[SizeLimit]
     maps: Sequence[Place]
     maps_fixed: Sequence[Place]
@@ -165,7 +163,6 @@ class Details:
             return {name: one.to_dict() for name, one in joints.items()}
 
         return {
-            "nearest": self.nearest,
             "detectable": [one.to_dict(names) for one in self.detectable],
             "maps": maps_record(self.maps),
             "maps_fixed": maps_record(self.maps_fixed),
@@ -254,9 +251,8 @@ class Diagnosis(Exportable):
     def to_dict(self) -> dict[str, Any]:
         findings = [one.to_dict() for one in self.findings]
         untestable = [one.to_dict(self.joints) for one in self.not_testable]
-        near = None if self.details is None else self.details.nearest
         loudest = self.where[0].joint if self.where else None
-        advice = next_experiment(findings, untestable, self.catalogue, self.robot_option or self.robot, near, loudest)
+        advice = next_experiment(findings, untestable, self.catalogue, self.robot_option or self.robot, loudest)
         return {
             "schema": SCHEMA,
             "robot": self.robot,

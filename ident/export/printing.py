@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ident.errors import plural, visible
+from ident.errors import plural
 from ident.export.formats import FORMATS
 from ident.export.promotion import in_words
 from ident.show.console import say
@@ -64,6 +64,8 @@ def print_into(console: Console, into: dict[str, Any]) -> None:
     )
     for line in into["left"]:
         say(console, f"not written: {line}", "  ", "    ")
+    name = Path(into["file"]).name
+    say(console, f"as it was, for this diagnosis and models fitted to it: before_{name} in the folder", "  ", "    ")
 
 
 def gap_table(heldout: dict[str, Any]) -> Table:
@@ -113,7 +115,8 @@ def write(console: Console, result: Any) -> None:
         end = "passed" if record["passed"] else "not passed"
     else:
         end = f"written to {result.folder}" if record["files"] else "not promoted"
-    console.print(visible("\n".join([*lines, end]), lines=True), highlight=False, soft_wrap=True)
+    for line in (*lines, end):
+        say(console, line, "", "  ")
 
 
 def draw(result: Any) -> Any:

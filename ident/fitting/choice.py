@@ -402,7 +402,7 @@ class Choice:
         lines.append(f"constant torques: {'one a joint' if self.offset else 'none'}")
         if self.selection.laws:
             named = ", ".join(
-                f"{self.sums.laws[k].effect} of {joint}"
+                f"{self.sums.laws[k].kind.words} at {joint}"
                 for k in self.selection.laws
                 for joint in [self.sums.nominal.joint_names[self.sums.laws[k].joint]]
                 if k >= self.given

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -191,6 +191,23 @@ def without_outliers(sizes: dict[str, float]) -> tuple[dict[str, float], dict[st
     return kept, unlike
 
 
+def common_scale(sizes: Mapping[str, float], swings: Mapping[str, float]) -> float:
+    """The scale that joints share: their median, each with the weight of what gravity does there.
+
+    A body at the flange that the URDF lacks is ten times a wrist's own weight, and little beside what a shoulder bears.
+
+    Args:
+        sizes: Gravity in a column over the URDF's, by joint; 1 where there is none.
+        swings: By how much the URDF's gravity changes along the recording [N m].
+    """
+    if not sizes:
+        return 1.0
+    order = sorted(sizes, key=sizes.__getitem__)
+    weights = np.cumsum([swings[joint] for joint in order])
+    middle = int(np.searchsorted(weights, 0.5 * weights[-1]))
+    return float(sizes[order[middle]])
+
+
 def torque_settings(
     signals: Signals, arm: ArmModel, states: States | None, joints: tuple[str, ...], nominal: str
 ) -> tuple[str, dict[str, dict[str, Any]], list[Reason]]:
@@ -220,7 +237,8 @@ def torque_settings(
         if clear and changes and sides[best].explained > LIMIT.trusted and error < LIMIT.sure_gain * best * size:
             sizes[joint] = best * size
     sizes, unlike = without_outliers(sizes)
-    scale = float(np.median([*sizes.values()])) if sizes else 1.0
+    swings = {joint: float(np.ptp(states.gravity[:, j])) for j, joint in enumerate(joints)}
+    scale = common_scale(sizes, swings)
     other = next(iter(OTHER_UNIT.findall(signals.columns[nominal][0])), "")
     is_torque = not other and USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high
     channel = nominal if nominal == "current" or is_torque else "current"

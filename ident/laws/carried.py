@@ -33,6 +33,8 @@ Shape = Mapping[str, float]
 LARGEST_EXPONENT = 10.0
 # A coefficient below this share of its interval's width lies on its bound, as far as a solver goes.
 ZERO_SHARE = 1e-3
+# Parameters that bend no law: how many columns it has, and their scale.
+SCALING = ("terms", "load_Nm")
 
 
 class LawKind(NamedTuple):
@@ -142,16 +144,20 @@ class NamedLaw:
 
     def describe(self, joints: Sequence[str]) -> str:
         """In words, with coefficients and intervals."""
+        reported = ", ".join(self._figure_in_words(k) for k in range(len(self.figures)))
+        shape = ", ".join(
+            f"{name} {value:.3g}" for name, value in self.shape.items() if name not in SCALING
+        )
+        bent = f" ({shape})" if shape else ""
+        return f"{joints[self.joint]}: {self.kind.words}{bent}: {reported}"
+
+    def _figure_in_words(self, index: int) -> str:
+        """One coefficient with its interval and unit."""
+        value, low, high = self.figures[index]
         units = self.kind.units
-        reported = ", ".join(
-            f"{value:.3g} [{low:.3g}, {high:.3g}] {units[min(k, len(units) - 1)]}"
-            for k, (value, low, high) in enumerate(self.figures)
-        )
-        shape = ", ".join(f"{name} {value:.3g}" for name, value in self.shape.items())
-        return (
-            f"{joints[self.joint]}: {self.kind.words} "
-            f"({self.effect}{', ' if shape else ''}{shape}): {reported}"
-        )
+        unit = units[min(index, len(units) - 1)]
+        shown = 0.0 if abs(value) <= ZERO_SHARE * (high - low) else value
+        return f"{shown:.3g} [{low:.3g}, {high:.3g}]{'' if unit == '1' else f' {unit}'}"
 
 
 def states_of(

@@ -17,6 +17,7 @@ from ident.laws.motion import direction
 
 NAMES = ("motor_inertia", "viscous", "coulomb", "offset")
 UNITS = ("kg m²", "N m s/rad", "N m", "N m")
+WORDS = dict(zip(NAMES, ("rotor inertia", "damping", "dry friction", "constant torque"), strict=True))
 # Widths tried where none is given [rad/s].
 TRANSITION_GRID = (0.002, 0.005, 0.01, 0.02, 0.04, 0.08)
 
@@ -69,7 +70,7 @@ class LossResults:
     def summary(self) -> str:
         """A table in text: one row a joint and parameter."""
         limits = self.conf_int()
-        lines = [f"{'joint':<19} {'parameter':<13} {'value':>9}  {'95 % interval':<22}unit"]
+        lines = [f"{'joint':<19} {'':<15} {'value':>9}  {'95 % interval':<20}unit"]
         for j, joint in enumerate(self.joints):
             for k, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
                 value = getattr(self.params, name)[j]
@@ -77,7 +78,7 @@ class LossResults:
                     continue  # was not fitted
                 note = "  on its bound" if name in self.at_bound[j] else ""
                 interval = f"[{limits[j, k, 0]:.4g}, {limits[j, k, 1]:.4g}]"
-                lines.append(f"{joint:<19} {name:<13} {value:>9.4g}  {interval:<22}{unit}{note}")
+                lines.append(f"{joint:<19} {WORDS[name]:<15} {value:>9.4g}  {interval:<20}{unit}{note}")
         return "\n".join(lines)
 
 

@@ -12,7 +12,7 @@ every day widen the day-to-day spread, against which every change is tested.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from scipy.special import digamma, ndtri, polygamma, stdtrit
 
 from ident.arrays import Array, Float, Int
 from ident.checks.filtered_run import USUAL_EFFORT
+from ident.errors import plural
 from ident.motion.motion import Motion
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -34,6 +35,36 @@ UNITS = {
     "coulomb": "N m",
     "offset": "N m",
     "gap": "N m",
+}
+# Further ones, of links and of the whole arm, of which there are ranges alone.
+BODY_UNITS = {
+    "mass_kg": "kg",
+    "centre_x_m": "m",
+    "centre_y_m": "m",
+    "centre_z_m": "m",
+    "payload_kg": "kg",
+    "payload_moment_x_kgm": "kg m",
+    "payload_moment_y_kgm": "kg m",
+    "payload_moment_z_kgm": "kg m",
+    "delay_s": "s",
+}
+RANGED_UNITS = {**UNITS, **BODY_UNITS}
+# What each is called.
+WORDS = {
+    "gain": "torque gain",
+    "rotor": "rotor inertia",
+    "viscous": "damping",
+    "coulomb": "dry friction",
+    "offset": "torque offset",
+    "mass_kg": "mass",
+    "centre_x_m": "centre x",
+    "centre_y_m": "centre y",
+    "centre_z_m": "centre z",
+    "payload_kg": "payload",
+    "payload_moment_x_kgm": "payload moment x",
+    "payload_moment_y_kgm": "payload moment y",
+    "payload_moment_z_kgm": "payload moment z",
+    "delay_s": "delay of the torque",
 }
 TERMS = ("gain", "rotor", "viscous", "coulomb", "offset")
 # Pieces whose errors are taken as independent: several times the correlation time of residuals (0.1
@@ -50,7 +81,7 @@ LEVEL = 0.95
 HABIT = 0.30
 # Parameters that follow the torque's scale and of which a share makes sense; a torque offset has
 # none of its own.
-SCALED = ("gain", "rotor", "viscous", "coulomb")
+SCALED = ("gain", "rotor", "viscous", "coulomb", "mass_kg")
 # Figures of a kind of which their spreads tell each other; a size below which no share makes sense.
 FEWEST_ALIKE = 3
 LEAST_SIZE = 1e-12
@@ -60,7 +91,7 @@ LEAST_DAYS = 3
 
 def unit_of(name: str) -> str:
     """What stands behind a parameter's number: a blank and its unit, if it has one."""
-    return "" if UNITS[name] == "1" else f" {UNITS[name]}"
+    return "" if RANGED_UNITS[name] == "1" else f" {RANGED_UNITS[name]}"
 
 
 @dataclass(frozen=True)
@@ -208,7 +239,7 @@ class Ranges(Result):
             "joints": list(self.noise),
             "days": list(self.days),
             "ranges": {
-                f"{joint}/{name}": {**vars(parameter_range), "unit": UNITS[name]}
+                f"{joint}/{name}": {**vars(parameter_range), "unit": RANGED_UNITS[name]}
                 for (joint, name), parameter_range in self.ranges.items()
             },
             "noise_Nm": dict(self.noise),
@@ -223,13 +254,12 @@ class Ranges(Result):
 
     def summary(self) -> str:
         """The ranges in a table of plain lines, and the check."""
-        lines = [f"{self.robot}: {len(self.days)} day(s)"]
+        lines = [f"{self.robot}: {plural(len(self.days), 'day')}"]
         for (joint, name), parameter_range in self.ranges.items():
             by = "day to day" if parameter_range.source == "days" else "its interval"
-            lines.append(
-                f"{joint} {name}: {parameter_range.value:.4g} [{parameter_range.low:.4g}, "
-                f"{parameter_range.high:.4g}]{unit_of(name)}, by {by}"
-            )
+            ends = f"[{parameter_range.low:.4g}, {parameter_range.high:.4g}]"
+            size = f"{parameter_range.value:.4g} {ends}{unit_of(name)}"
+            lines.append(f"{joint} {WORDS[name]}: {size}, by {by}")
         if self.inside:
             share = float(np.mean(list(self.inside.values())))
             lines.append(
@@ -244,9 +274,22 @@ class Ranges(Result):
         return "\n".join(lines)
 
 
-def find_ranges(days: Mapping[str, Sequence[Motion]], reference: ArmModel) -> Ranges:
-    """Ranges of an arm from its days, and how they do on days left out."""
-    by_day = {name: estimate_session(motions, reference) for name, motions in days.items()}
+def find_ranges(
+    days: Mapping[str, Sequence[Motion]],
+    reference: ArmModel,
+    further: Callable[[Sequence[Motion], ArmModel], Estimates] | None = None,
+) -> Ranges:
+    """Ranges of an arm from its days, and how they do on days left out.
+
+    Args:
+        days, reference: Motions of each day by its name, and the arm that all figures refer to.
+        further: What else is estimated of each day, such as its bodies; the check on days left out
+            is without it.
+    """
+    by_day: dict[str, Estimates] = {}
+    for name, motions in days.items():
+        more = {} if further is None else further(motions, reference)
+        by_day[name] = {**estimate_session(motions, reference), **more}
     inside: dict[str, float] = {}
     narrower = float("nan")
     if len(days) > LEAST_DAYS:
@@ -274,7 +317,7 @@ def pool_days(days: Sequence[Estimates]) -> dict[tuple[str, str], ParameterRange
     """
     ranges = {}
     of_all_days = set(days[0]).intersection(*days[1:])
-    keys = [key for key in days[0] if key[1] in TERMS and key in of_all_days]
+    keys = [key for key in days[0] if key[1] in WORDS and key in of_all_days]
     by_key = {}
     for key in keys:
         of_days = [day[key].value for day in days]

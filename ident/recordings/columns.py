@@ -199,9 +199,21 @@ def _find(foreign: str, names: Sequence[str], session_file: SessionFile, where: 
 
 
 def listed(names: Sequence[str]) -> str:
-    """The first twelve of some names, and how many there are."""
+    """The first twelve of some names and how many there are; numbers in a row by the first and the
+    last.
+    """
+    if len(names) > 2 and _in_a_row(names):
+        return f"{names[0]} to {names[-1]}"
     shown = ", ".join(names[:12])
     return shown if len(names) <= 12 else f"{shown}, … ({len(names)} in all)"
+
+
+def _in_a_row(names: Sequence[str]) -> bool:
+    """Whether names are numbers that follow one another."""
+    if not names[0].isdecimal():
+        return False
+    first = int(names[0])
+    return list(names) == [str(first + k) for k in range(len(names))]
 
 
 def unequal(lengths: Mapping[str, int]) -> tuple[str, str]:
@@ -229,10 +241,9 @@ def take_run(
     sound = _without_gaps_in_temperature(cells)
     joints = tuple(joint_of(column) for column in sound if column.endswith("/position"))
     if not joints:
-        remedy = (
-            "use `ident new`, or [columns] of session.toml; it has: "
-            f"{listed(columns.names or [*sound]) or 'none'}"
-        )
+        names = listed(columns.names or [*sound]) or "none"
+        way = "use `ident new`, or --session-file with the session.toml of a session alike"
+        remedy = f"{way}; it has: {names}"
         raise RecordingError(source, "no column <joint>/position", remedy)
     for column in sound:
         if column != TIME and (joint := joint_of(column)) not in joints:

@@ -7,11 +7,13 @@ stands for: `observation.state` is the position, `observation.velocity`, `observ
 stands for the channel (`shoulder_pan.pos`).
 
 Source: LeRobotDataset v2.1 and v3.0 (folders `meta/`, `data/chunk-000/`, keys `codebase_version`,
-`fps`, `features` with `dtype`, `shape` and `names`; columns `timestamp`, `episode_index`).
+`fps`, `features` with `dtype`, `shape` and `names`; columns `timestamp`, `episode_index`); its
+motors' calibration (`range_min`, `range_max`) and norm modes (−100…100, of a gripper 0…100).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -41,12 +43,16 @@ CHANNEL_OF = {
 ENDINGS = (".pos", ".vel", ".effort", ".torque", ".current", "_pos", "_vel")
 # Two turns: no joint of an arm turns farther [rad].
 MOST_RADIANS = 12.6
+# Counts a turn of the servos that LeRobot calibrates (Feetech STS, Dynamixel XL).
+COUNTS = 4096
+# What it calls a gripper.
+GRIPPER = "gripper"
 # The ends of LeRobot's normalised range, and robots that log it (`robot_type` of meta/info.json).
 NORMALISED = 100.0
 SHARE_LOGGERS = ("so100", "so101", "so_100", "so_101", "koch", "omx", "lekiwi")
 SHARES = (
-    "record with use_degrees, or convert by the calibration file "
-    "(100 is half of range_max − range_min, 4096 a turn); "
+    'write lerobot_calibration = "FILE.json" in session.toml, the file that '
+    "lerobot-calibrate wrote, or record with use_degrees; "
     'where they are degrees all the same, write angle_unit = "deg" in session.toml'
 )
 EPISODE = "episode_index"
@@ -76,18 +82,23 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
     notes: tuple[TelemetryIssue, ...] = ()
     for number, file in enumerate(data_files(path)):
         columns = load_columns(file, labels)
-        state_columns = (
+        own = (
             [name for name in columns if name.startswith("observation.state.")]
             if number == 0
             else []
         )
         far = [
             np.nanmax(np.abs(column_numbers(columns[name], name, file)), initial=0.0)
-            for name in state_columns
+            for name in own
         ]
-        if session_file.angle_factor is None:
-            require_angles(path, state_columns, max(far, default=0.0))
-        if session_file.angle_factor is None and max(far, default=0.0) > MOST_RADIANS:
+        given = session_file.lerobot_calibration
+        if given is None and session_file.angle_factor is None:
+            require_angles(path, own, max(far, default=0.0))
+        if (
+            given is None
+            and session_file.angle_factor is None
+            and max(far, default=0.0) > MOST_RADIANS
+        ):
             session_file = replace(session_file, angle_factor=ANGLE_UNITS["deg"])
             what = (
                 f"{path.name}: angles reach beyond {MOST_RADIANS:g}: taken as degrees, as LeRobot "
@@ -105,6 +116,9 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
             and settings.sample_rate_hz is None
         ):
             settings = replace(settings, columns={CLOCK: TIME, **settings.columns})
+        if given is not None:
+            require_shares(given, path, max(far, default=0.0))
+            settings = replace(settings, units=share_units(given, settings) | dict(settings.units))
         for run in _episodes(file, columns, settings):
             yield run.replace(issues=(*run.issues, *notes))
             notes = ()
@@ -133,6 +147,68 @@ def require_angles(path: Path, names: Sequence[str], far: float) -> None:
             "angles"
         )
         raise RecordingError(path / DATASET, what, SHARES)
+
+
+def require_shares(calibration: Path, path: Path, far: float) -> None:
+    """Passes if positions may be shares of a range.
+
+    Args:
+        calibration, path: LeRobot's calibration that makes angles of them, and the data set.
+        far: The largest position, without sign.
+
+    Raises:
+        RecordingError: They are more than the whole range.
+    """
+    if far > NORMALISED:  # LeRobot keeps them within
+        what = f"positions reach {far:.4g}: no shares of a range, as {calibration.name} asks for"
+        raise RecordingError(path / DATASET, what, "take lerobot_calibration out of session.toml")
+
+
+def share_units(calibration: Path, settings: SessionFile) -> dict[str, float]:
+    """What makes radians of the shares of each joint that positions are mapped to [rad].
+
+    Raises:
+        RecordingError: The file is no calibration, or lacks a joint.
+    """
+    ranges = read_calibration(calibration)
+    units = {}
+    for column, native in settings.columns.items():
+        joint, _, channel = native.partition("/")
+        if channel != "position":
+            continue
+        motor = joint_name(column.rpartition("observation.state.")[2])
+        if motor not in ranges:
+            known = ", ".join(ranges)
+            raise RecordingError(
+                calibration, f"has no motor {motor!r}", f"it has {known}: give that of this arm"
+            )
+        # A gripper's share is 0 to 100 of its range, any other joint's −100 to 100.
+        whole = NORMALISED if motor == GRIPPER else 2.0 * NORMALISED
+        units[joint] = ranges[motor] / whole * math.tau / COUNTS
+    return units
+
+
+def read_calibration(path: Path) -> dict[str, float]:
+    """Width of each motor's calibrated range [counts].
+
+    Raises:
+        RecordingError: It can't be read, or holds no ranges.
+    """
+    remedy = "give the JSON that lerobot-calibrate wrote: motor -> range_min, range_max"
+    record = read_json(path, remedy, RecordingError)
+    ranges = {}
+    for motor, numbers in record.items():
+        ends = [
+            numbers.get(end) if isinstance(numbers, dict) else None
+            for end in ("range_min", "range_max")
+        ]
+        low, high = (
+            end if isinstance(end, int) and not isinstance(end, bool) else 0 for end in ends
+        )
+        if not 0 < high - low <= COUNTS:
+            raise RecordingError(path, f"{motor} has no range of 1 to {COUNTS} counts", remedy)
+        ranges[motor] = float(high - low)
+    return ranges
 
 
 def longest_episode(path: Path) -> tuple[dict[str, Float[Array, " T"]], float | None]:

@@ -62,6 +62,9 @@ class SessionFile:
     units: Mapping[str, float] = field(default_factory=dict)
     # Whether gravity is in the effort, one of `EFFORT_KINDS`; None where the file says nothing.
     effort_kind: str | None = None
+    # LeRobot's calibration of the arm, by which shares of each joint's range are angles; None where
+    # none is given.
+    lerobot_calibration: Path | None = None
     time_factor: float = 1.0  # what recorded times are multiplied with to be seconds
     # what of `FREE` the file has, and own keys
     metadata: Mapping[str, Any] = field(default_factory=dict)
@@ -121,6 +124,11 @@ def load_session_file(path: Path) -> SessionFile:
     robot = data.get("robot")
     if robot is not None and not isinstance(robot, str):
         raise RecordingError(path, f"robot = {robot!r}", "give a name or a URDF path in quotes")
+    calibration = data.get("lerobot_calibration")
+    if calibration is not None and not isinstance(calibration, str):
+        raise RecordingError(
+            path, f"lerobot_calibration = {calibration!r}", "give the JSON file's path in quotes"
+        )
     return SessionFile(
         path=path,
         columns=keys.columns(),
@@ -136,6 +144,7 @@ def load_session_file(path: Path) -> SessionFile:
         zeros=keys.numbers("zero_rad"),
         units=keys.joint_units(),
         effort_kind=kind,
+        lerobot_calibration=None if calibration is None else path.parent / calibration,
         time_factor=TIME_UNITS[times or "s"],
         gravity=keys.three(data["gravity_mps2"], "gravity_mps2", "base")
         if "gravity_mps2" in data

@@ -31,6 +31,7 @@ from ident.robot.arm import ArmModel
 
 if TYPE_CHECKING:
     from ident.servos.rolled_out import RolledOut
+    from ident.servos.told_runs import ToldRun
 
 LIMIT = read_group(__file__, "servo")
 
@@ -304,6 +305,7 @@ class ServoArm(Result):
     robot: str  # its name, or of the session where nobody knows it
     joints: tuple[ServoJoint, ...]  # what is reported of each
     rolled: tuple[RolledOut, ...] = ()  # models that roll out, where they were asked for
+    curves: tuple[ToldRun, ...] = ()  # goals, positions and what the figures say of them, for a page
 
     def to_dict(self) -> dict[str, Any]:
         joints = {}
@@ -335,7 +337,7 @@ class ServoArm(Result):
                     lines.append("  " + FIGURES[name]["words"].format(*(1e3 * end for end in figure)))
             if "dead_band_rad" in one.figures:
                 lines.append(f"    dead band, dry friction or backlash: {TEXT['parted_by']}")
-            lines += [f"  not reported: {name}: {reason}" for name, reason in one.untold.items()]
+            lines += [f"  not reported: {FIGURES[name]['name']}: {reason}" for name, reason in one.untold.items()]
         for model in self.rolled:
             held = f"{1e3 * model.held_error:.0f} mrad on average over {len(model.held)} runs held back"
             lines.append(f"{model.joint}: rolled out from its goals alone it is off by {held}")

@@ -59,7 +59,8 @@ def ladder_table(score: SessionScore) -> Table:
     for name, *rows in zip(score.rungs, score.energy_mean, score.energy_std, score.rmse_mean, strict=True):
         rung = rung_name(name)
         for joint, mean, std, rmse in zip([*score.joints, "total"], *rows, strict=True):
-            table.add_row(rung, joint, f"{mean:.2f} ± {std:.2f}", f"{rmse:.2f}", end_section=joint == "total")
+            spread = f" ± {std:.2f}" if len(score.runs) > 1 else ""
+            table.add_row(rung, joint, f"{mean:.2f}{spread}", f"{rmse:.2f}", end_section=joint == "total")
             rung = ""
     return table
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
+from ident.checks.report import MISREAD
 from ident.errors import plural
 from ident.show.console import print_issues, say, text_width
 from ident.show.report.diagnosis_verdict import (
@@ -50,8 +51,9 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
     runs = int(record["session"]["runs"])
     amount = f"{plural(runs, 'run')}, {record['session']['samples']} samples"
     say(console, f"{record['robot']}: {amount}, {record['session']['duration_s']:.0f} s", style="dim")
-    print_issues(console, record["telemetry"], "warning")
-    say(console, diagnosis_headline(record), style="bold")
+    headline = diagnosis_headline(record)
+    print_issues(console, untold_issues(record, headline), "warning")
+    say(console, headline, style="bold")
     if action := first_action(record):
         say(console, f"Do: {action}", hanging="    ")
     _print_findings(console, record, details)
@@ -65,6 +67,13 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
         say(console, describe_looks(until))
         if not until["enough"] and record["next_experiment"] is not None:
             say(console, f"Record next: {record['next_experiment']['motion']}", hanging="    ")
+
+
+def untold_issues(record: Mapping[str, Any], headline: str) -> list[Mapping[str, Any]]:
+    """Telemetry issues, without that of a factor which the headline begins with and the first action is about."""
+    issues = record["telemetry"]
+    said = [one for one in issues if one["issue"] == MISREAD and headline.split(" of the model")[0] in one["evidence"]]
+    return [one for one in issues if one not in said]
 
 
 def _print_findings(console: Console, record: Mapping[str, Any], details: bool) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 # Okabe and Ito's colours: distinguished by colour-blind eyes, and of different grey on paper.
 MEASURED = "#111111"
-# Of a gap: left by the model before tuning, by the tuned one, after the named effects, by a flexible function without
+# Of a gap: left by the model before tuning, by the tuned one, after the named effects, by a flexible function beside
 # them, noise.
 UNTUNED, TUNED, NAMED, FLEXIBLE, NOISE = "#cc79a7", "#d55e00", "#009e73", "#0072b2", "#9a9a9a"
 SKY, ORANGE = "#56b4e9", "#e69f00"
@@ -21,7 +21,7 @@ RUNG_COLOURS = {
 OTHER_RUNGS = ("#7a5195", "#8c6d31", "#b8860b")
 MODEL_COLOURS = ("#332288", "#cc6677", "#44aa99", "#999933", "#aa4499", "#88ccee")
 RUNG_NAMES = {
-    "analytic": "analytic",
+    "analytic": "rigid body",
     "urdf": "URDF",
     "inertia": "+ inertia",
     "loss": "+ loss",
@@ -29,7 +29,7 @@ RUNG_NAMES = {
     "net": "+ net",
 }
 RUNG_MEANINGS = {
-    "analytic": "rigid body of the URDF",
+    "analytic": "the URDF's bodies, without friction",
     "urdf": "URDF as a simulator loads it, with the friction of its <dynamics>",
     "inertia": "link inertias from the recordings",
     "loss": "friction and rotor inertia",

@@ -16,8 +16,9 @@ from rich.console import Console
 
 from ident.errors import plural, visible
 from ident.results import Result
-from ident.show.console import WIDE, PlainConsole, ladder_table, print_issues, styled
+from ident.show.console import WIDE, PlainConsole, ladder_table, print_issues, say, styled
 from ident.show.palette import FLEXIBLE, MEASURED, NAMED, NOISE, TUNED, rung_colours
+from ident.show.report.words import TABLES, with_units
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,12 +80,11 @@ def _of_record(place: str) -> Callable[..., Any]:
 
 def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
     """Of each joint what is left by the tuned model, after the names and by a flexible function, and what is noise."""
-    gap, heldout = record["gap"], record["heldout"]
-    after, flexible = heldout.get("rms_after_Nm", {}), heldout.get("without_names_rms_Nm", {})
+    gap, after = record["gap"], record["heldout"].get("rms_after_Nm", {})
     rows = {
         "left by the tuned model": (TUNED, [one["rms_Nm"] for one in gap.values()]),
         "left after the named effects": (NAMED, [after.get(joint) for joint in gap]),
-        "left by a flexible function, without names": (FLEXIBLE, [flexible.get(joint) for joint in gap]),
+        "left by a flexible function": (FLEXIBLE, [one.get("ceiling_rms_Nm") for one in gap.values()]),
         "noise: nothing can go below": (NOISE, [one["noise_floor_Nm"] for one in gap.values()]),
     }
     if not record["findings"]:
@@ -113,14 +113,16 @@ def print_fit(console: Console, result: FitResults) -> None:
     """What was identified, and what was left out of it."""
     from ident.fitting.identification import describe
 
-    lines = [result.loss.summary(), *describe(result.identified), *result.choice.describe()]
+    console.print(visible(result.loss.summary(), lines=True), highlight=False, soft_wrap=True)
+    lines = [*describe(result.identified), *result.choice.describe()]
     lines += [one.describe(result.model.joint_names) for one in result.model.carried]
     lines += [f"left out of what the diagnosis names: {one}" for one in result.model.provenance["named_left_out"]]
     if result.model.net is not None and result.model.net.gate:
         from ident.model.net_gate import describe_gate
 
         lines.append(describe_gate(result.model.net.gate, result.model.joint_names))
-    console.print("\n".join(lines), soft_wrap=True)
+    for line in lines:
+        say(console, with_units(line), hanging="  ")
 
 
 def draw_fit(result: FitResults) -> Figure:
@@ -141,9 +143,9 @@ def print_inspection(console: Console, result: Inspection) -> None:
         size = f"{plural(len(session.runs), 'run')}, {session.samples} samples, {session.duration:.1f} s"
         console.print(f"{session.name}: {size}")
         for one in report.effort:
-            console.print(visible(f"effort of {one.joint}: {one.kind} ({one.evidence})"), soft_wrap=True)
+            say(console, f"effort of {one.joint}: {TABLES['efforts'][one.kind]} ({one.evidence})", hanging="  ")
         print_issues(console, report.to_dict()["telemetry"])
-        console.print(report.verdict if report.is_fit else styled((report.verdict, "red")))
+        say(console, report.verdict, style="" if report.is_fit else "red")
 
 
 def draw_inspection(result: Inspection) -> Figure:
@@ -161,7 +163,8 @@ def draw_inspection(result: Inspection) -> Figure:
 
 def print_guesses(console: Console, result: NewSession) -> None:
     """The guesses with their evidence, and what the telemetry check finds under them."""
-    console.print(visible(result.summary(), lines=True), highlight=False, soft_wrap=True)
+    for line in result.summary().splitlines():
+        say(console, line, hanging="    ")
     print_issues(console, result.to_dict()["telemetry"])
 
 

@@ -1,16 +1,19 @@
 """What the README, the documentation and the example scripts show a reader does what they say."""
 
+import base64
 import json
 import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 import typer
 
 from docs import write
+from docs.run_notebook import run_cell
 from examples import find_and_patch_an_effect, panda_from_a_bag, plan_with_the_patched_model
 from ident.cli import app as ident_app
 from ident.robot.names import data_path
@@ -84,6 +87,38 @@ def test_the_front_page_is_short_and_shows_few_numbers() -> None:
     sure = text.partition("## How sure")[2].partition("\n## ")[0]
     plain = re.sub(r"`[^`]*`|commit \w+|\d{4}-\d\d-\d\d|Seed \d+", "", sure)
     assert len(re.findall(r"\d[\d.,]*", plain)) <= 40
+
+
+def test_pictures_of_how_sure_count_what_the_tables_say() -> None:
+    """Law: a bar's right answers over all are the percentage of its row, and no bar has other recordings."""
+    sure = tomllib.loads((ROOT / "docs" / "figures.toml").read_text(encoding="utf-8"))["sure"]
+    answers = [answer for _, answer in sure["rows"]]
+    for (_, right, silent, wrong), answer in zip(sure["outcomes"][:2], answers[:2], strict=True):
+        share, count = re.match(r"(\d+) % of (\d+)", answer).groups()  # type: ignore[union-attr]
+        assert right + silent + wrong == int(count)
+        assert round(100.0 * right / int(count)) == int(share)
+    for (_, right, _, wrong), answer in zip(sure["outcomes"][2:], answers[3:5], strict=True):
+        assert answer == f"{wrong} of {right + wrong}"
+
+
+def test_stored_outputs_are_of_the_cells_that_stand_there() -> None:
+    """A notebook of a real arm keeps what it printed: every cell ran, in order, and shows no place of a machine."""
+    text = (ROOT / "examples" / "real_panda.ipynb").read_text(encoding="utf-8")
+    cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    assert all(cell["outputs"] for cell in cells[1:])
+    assert "/tmp" not in text
+    assert "/home" not in text
+
+
+def test_a_notebooks_outputs_are_what_its_cells_print_and_show() -> None:
+    names: dict[str, object] = {}
+    printed = run_cell("x = 3\nprint('a')\nprint(x)", names, 1)
+    assert printed == [{"name": "stdout", "output_type": "stream", "text": ["a\n", "3\n"]}]
+    (shown,) = run_cell("x + 1", names, 2)
+    assert shown["data"] == {"text/plain": ["4"]}
+    (drawn,) = run_cell("from matplotlib.figure import Figure\nFigure()", names, 3)
+    assert base64.b64decode(drawn["data"]["image/png"]).startswith(b"\x89PNG")
 
 
 def test_every_link_between_pages_leads_somewhere() -> None:

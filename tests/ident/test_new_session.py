@@ -13,9 +13,9 @@ from ident.api.daily import new
 from ident.api.inspecting import inspect
 from ident.cli.app import app
 from ident.errors import InputError
-from ident.infer.units import without_outliers
+from ident.infer.units import common_scale, without_outliers
 from ident.recordings.load import load_session
-from ident.recordings.recording import Recording
+from ident.recordings.recording import Payload, Recording
 from ident.robot.arm import ArmModel
 from tests.ident.foreign import lerobot, write_states
 from tests.ident.made_up import Law, made_session, sliding_arm
@@ -148,6 +148,24 @@ def test_a_gain_unlike_its_neighbours_is_no_guess() -> None:
     assert without_outliers(like) == (like, {})
     assert without_outliers({**like, "e": 1.5}) == (like, {"e": 1.5})
     assert without_outliers({"a": 0.1, "b": 1.5}) == ({"a": 0.1, "b": 1.5}, {})  # two say nothing of each other
+
+
+def test_the_common_scale_is_that_of_what_weighs_most() -> None:
+    """Law: light wrists outvote no shoulder; of joints alike in weight it is the median."""
+    assert common_scale({}, {}) == 1.0
+    assert common_scale({"a": 1.1, "b": 10.0, "c": 12.0}, {"a": 40.0, "b": 0.3, "c": 0.2}) == 1.1
+    assert common_scale({"a": 0.1, "b": 0.12, "c": 5.0}, {"a": 1.0, "b": 1.0, "c": 1.0}) == 0.12
+
+
+def test_a_torque_stays_one_though_the_wrist_carries_what_the_urdf_lacks(arm: ArmModel, tmp_path: Path) -> None:
+    """A body of 3 kg turns the wrists' torque into several times the URDF's: no reason to call it a current."""
+    carrying = arm.with_payload(Payload(3.0, (0.08, 0.0, 0.1)))
+    run = made_session(arm, driven(carrying), [3], duration=20.0).runs[0]
+    names = ["stamp", *(f"q{i}" for i in range(1, 7)), *(f"trq{i}" for i in range(1, 7))]
+    text_table(tmp_path / "run.csv", names, np.column_stack([run.time, run.position, run.effort]))
+    found = new(tmp_path, "tm5-900")
+    assert "drive_gain_Nm_per_A" not in found.settings
+    assert found.columns["trq2"] == "joint_2/effort"
 
 
 def test_a_corrected_guess_and_a_users_file_stay(run: Recording, tmp_path: Path) -> None:

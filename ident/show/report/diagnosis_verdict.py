@@ -18,7 +18,6 @@ from ident.checks.report import MISREAD
 from ident.diagnosis.heldout_gain import in_linear_units
 from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.settings import USUAL_VERDICT
-from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import setup_for
 from ident.show.report.numbers import describe_numbers
@@ -47,7 +46,11 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
     key, size, lead, elsewhere = verdict_key(record), f"{beyond} beyond noise", "", ""
     misread = scale is not None and joint in scale["joints"]
-    if scale and misread:
+    # A likely body at the joint itself is said first: it may be why the torque reads a factor.
+    first = bool(scale and misread and scale["bodily"] and joint in shown[0]["joints"])
+    if scale and first:
+        elsewhere = f"{scale['reading']}{scale['others']}: the body may be why."
+    elif scale and misread:
         lead = f"{scale['reading']}{f' ({size})' * bool(record.get('where'))}{scale['others']}."
     elif scale:
         elsewhere = f"{scale['reading']}{scale['others']}." + f" {sentence(scale['remedy'])}." * (not scale["bodily"])
@@ -67,9 +70,9 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     words = words.format(has=has, named=named, size=size, rest=_largest_rest(record))
     if key == "no_gap" and (wrong := describe_numbers(record)):
         words = f"{wrong} {RIGHTED}"
-    if scale and misread and scale["bodily"]:
+    if scale and misread and scale["bodily"] and not first:
         words = f"A body may be why. {words}"
-    elif misread and (other or not shown):
+    elif misread and not first and (other or not shown):
         words = f"Beyond that, {words[:1].lower()}{words[1:]}"
     return " ".join(filter(None, (lead, words, elsewhere)))
 
@@ -169,13 +172,9 @@ def is_likely(finding: Mapping[str, Any], alike: Collection[str] = ()) -> bool:
 
 
 def verdict_key(record: Mapping[str, Any]) -> str:
-    """The verdict by which words are chosen: of a gap without a name, whether it is small, or has names beside it."""
+    """The verdict by which words are chosen: of a gap without a name, whether it has names beside it."""
     if record["verdict"] != "none_of_catalogue":
         return str(record["verdict"])
-    gaps = record.get("gap", {}).values()
-    loud = any(gap.get("unexplained") or gap.get("tuned_away_Nm") or above_noise(gap) for gap in gaps)
-    if record.get("nearest") and not loud:  # all that speaks for a gap is a candidate that came near to a name
-        return "small"
     return "mostly" if record.get("findings") else "none_of_catalogue"
 
 
@@ -363,12 +362,6 @@ def describe_unnamed(record: Mapping[str, Any]) -> str:
         )
         if not first_action(record).endswith(OWN_INERTIAS):
             parts.append(OWN_INERTIAS)
-    if nearest := record.get("nearest"):
-        parts.append(
-            f"Nearest to a name came {effect_name(nearest['effect'])} in {join_words(nearest['joints'])}: more than "
-            f"chance (log evidence {nearest['log_evidence']:.0f}); it lowers the error on unseen parts by "
-            f"{percent(nearest['rms_fall'])}."
-        )
     return " ".join(parts)
 
 

@@ -1,4 +1,4 @@
-"""Measured against modelled torque over time, at the worst joint and at each named one: numbers that a page draws.
+"""Measured against modelled curves over time, at the worst joint and at each named one: numbers that a page draws.
 
 Three models stand beside the measurement: the URDF as a simulator loads it, the arm as tuned, and the arm with the
 named effects. The last two were fitted without the part of the recording that they are shown on.
@@ -27,8 +27,16 @@ from ident.show.report.figures import WIDE, make_panel, thin, to_svg
 MOST_JOINTS, MOST_RUNS, MOST_SAMPLES = 6, 12, 1500
 # Steps that a curve's range is divided into: a screen has no more.
 STEPS = 4000
-# Curves in the order in which they are drawn, with their colours.
-COLOURS = {"measured": MEASURED, "URDF": FLEXIBLE, "tuned": TUNED, "named": NAMED}
+# Curves of torque, then of a servo's angle, in the order in which they are drawn: what each is, and its colour.
+CURVES = {
+    "measured": ("measured", MEASURED),
+    "URDF": ("your URDF, as a simulator loads it", FLEXIBLE),
+    "tuned": ("with your arm's numbers", TUNED),
+    "named": ("with the named effects, too", NAMED),
+    "goal": ("the goal", FLEXIBLE),
+    "told": ("where these figures put it", TUNED),
+}
+COLOURS = {name: colour for name, (_, colour) in CURVES.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +45,9 @@ class RunTraces:
 
     name: str
     time: Float[Array, " t"]  # from its start [s]
-    # By curve [N m]; a model's is no number where the joint rests or turns round, for there it is not judged.
-    torque: dict[str, Float[Array, "t n"]]
+    # By curve, what was measured first; a model's is no number where the joint rests or turns round, for there it is
+    # not judged.
+    values: dict[str, Float[Array, "t n"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,14 +58,16 @@ class Traces:
     shown: tuple[int, ...]  # which of them are shown
     units: tuple[str, ...]  # of each joint
     runs: tuple[RunTraces, ...]
+    quantity: str = "torque"
 
     @property
     def curves(self) -> tuple[str, ...]:
-        return tuple(self.runs[0].torque)
+        return tuple(self.runs[0].values)
 
     def to_json(self) -> Markup:
         """All numbers for a script within a page."""
         record = {
+            "quantity": self.quantity,
             "joints": [{"name": self.joints[j], "unit": self.units[j]} for j in self.shown],
             "curves": [{"name": name, "label": label(name)} for name in self.curves],
             "runs": [self._run_record(run) for run in self.runs],
@@ -69,7 +80,7 @@ class Traces:
         rows = slice(None, None, stride)
         joints = []
         for j in self.shown:
-            values = np.stack([run.torque[name][rows, j] for name in self.curves])
+            values = np.stack([run.values[name][rows, j] for name in self.curves])
             low, high = float(np.nanmin(values)), float(np.nanmax(values))
             step = max(high - low, 1e-9) / STEPS
             steps = np.rint(np.nan_to_num((values - low) / step, nan=-1.0)).astype(int)
@@ -83,16 +94,17 @@ class Traces:
         return {"name": run.name, "time": time.tolist(), "joints": joints}
 
     def static(self) -> list[Markup]:
-        """Torque and error of the worst run at the worst joint, for who prints the page or runs no scripts."""
+        """Curves and errors of the worst run at the worst joint, for who prints the page or runs no scripts."""
         run, j = self.runs[0], self.shown[0]
         pictures = []
-        measured = run.torque["measured"][:, j]
-        for what in ("torque", "error"):
+        first = self.curves[0]
+        measured = run.values[first][:, j]
+        for what in (self.quantity, "error"):
             figure, axes = make_panel(f"time in {run.name} [s]", f"{what} [{self.units[j]}]", WIDE, left=0.65)
             for name in self.curves:
-                values = run.torque[name][:, j]
-                values = values if what == "torque" else measured - values
-                if what == "error" and name == "measured":
+                values = run.values[name][:, j]
+                values = values if what == self.quantity else measured - values
+                if what == "error" and name == first:
                     continue
                 axes.plot(*thin(run.time, values), color=COLOURS[name], linewidth=0.9)
             pictures.append(to_svg(figure, f"{what} of {self.joints[j]} in {run.name}, measured and modelled"))
@@ -101,13 +113,7 @@ class Traces:
 
 def label(curve: str) -> str:
     """What a curve is, in words."""
-    words = {
-        "measured": "measured",
-        "URDF": "your URDF, as a simulator loads it",
-        "tuned": "with your arm's numbers",
-        "named": "with the named effects, too",
-    }
-    return words[curve]
+    return CURVES[curve][0]
 
 
 def gather_traces(analysis: Analysis) -> Traces | None:
@@ -169,3 +175,18 @@ def urdf_torque(item: RunResidual, arm: ArmModel) -> Float[Array, "t n"]:
 def legend_of(curves: Sequence[str]) -> list[tuple[str, str]]:
     """Words and colour of each curve."""
     return [(label(name), COLOURS[name]) for name in curves]
+
+
+def section_values(traces: Traces, words: str) -> dict[str, Any]:
+    """What the template of curves gets.
+
+    Args:
+        traces, words: The curves, and what they are.
+    """
+    return {
+        "data": traces.to_json(),
+        "static": traces.static(),
+        "legend": legend_of(traces.curves),
+        "quantity": traces.quantity,
+        "words": words,
+    }

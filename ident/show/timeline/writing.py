@@ -27,6 +27,7 @@ from ident.robot.arm import ArmModel
 from ident.show.timeline.series import Curve, Mark, marked, run_curves
 
 TIMELINE = "time"
+FOUND = "/found"
 
 
 def require_screen() -> None:
@@ -39,7 +40,7 @@ def require_screen() -> None:
         raise InputError("viewer", "there is no screen here", "save the timeline with --rrd FILE, open it elsewhere")
 
 
-def make_blueprint(joints: Sequence[str], with_model: bool, reach: float) -> rrb.Blueprint:
+def make_blueprint(joints: Sequence[str], with_model: bool, reach: float, with_words: bool = False) -> rrb.Blueprint:
     """The layout; the camera stands as far off as the arm reaches [m], which is 0 where there are no boxes to show."""
     groups = [("torque", "torque [N m]")]
     if with_model:
@@ -51,13 +52,15 @@ def make_blueprint(joints: Sequence[str], with_model: bool, reach: float) -> rrb
     overview = rrb.Grid(*[_series(joint, what, joint) for joint in joints], grid_columns=2, name=f"all joints: {what}")
     series = rrb.Tabs(overview, *tabs, active_tab=0)
     left: list[rrb.View] = [rrb.TextLogView(origin="/log", name="runs, telemetry, marks")]
+    if with_words:
+        left.insert(0, rrb.TextDocumentView(origin=FOUND, name="what was found"))
     if reach > 0:  # the arm from the side and a little above, whole in any posture
         eye = rrb.EyeControls3D(
             position=[1.5 * reach, -1.5 * reach, reach], look_target=[0.0, 0.0, 0.3 * reach], eye_up=[0.0, 0.0, 1.0]
         )
         left.insert(0, rrb.Spatial3DView(origin="/arm", name="arm", eye_controls=eye))
     return rrb.Blueprint(
-        rrb.Horizontal(rrb.Vertical(*left, row_shares=[3, 2][: len(left)]), series, column_shares=[2, 5]),
+        rrb.Horizontal(rrb.Vertical(*left, row_shares=[3, 2, 2][: len(left)]), series, column_shares=[2, 5]),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="paused"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
@@ -129,6 +132,7 @@ def write_timeline(
     issues: Sequence[TelemetryIssue] = (),
     marks: Sequence[Mark] = (),
     further: Sequence[Sequence[Curve]] = (),
+    words: str = "",
 ) -> Path:
     """Writes the timeline to a `.rrd` file, whole or not at all.
 
@@ -140,6 +144,7 @@ def write_timeline(
         issues: What the telemetry check found.
         marks: Moments to point at.
         further: Curves of each run beside its own, such as what a diagnosis leaves.
+        words: What was found, such as a diagnosis's summary.
 
     Raises:
         InputError: The folder can't be written to.
@@ -149,7 +154,8 @@ def write_timeline(
         name = f"{len(motions)}-runs-{motions[0].name}-{motions[-1].name}"
         recording = rr.RecordingStream("armgap", recording_id=name)
         joints = motions[0].joints
-        layout = make_blueprint(joints, model is not None or bool(further), arm_reach(arm) if link_boxes(arm) else 0.0)
+        reach = arm_reach(arm) if link_boxes(arm) else 0.0
+        layout = make_blueprint(joints, model is not None or bool(further), reach, bool(words))
         recording.save(part, default_blueprint=layout)
         starts = run_starts(motions)
         rows: Rows = defaultdict(list)
@@ -163,6 +169,8 @@ def write_timeline(
             _send_curve(recording, entity(joint, *path_of), pieces)
         _send_arm(recording, arm, motions, starts)
         _send_log(recording, motions, starts, issues, marks)
+        if words:
+            recording.log(FOUND, rr.TextDocument(words), static=True)
         recording.flush()
         recording.disconnect()
     return target

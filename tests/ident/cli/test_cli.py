@@ -59,7 +59,7 @@ def test_evaluate(run: Run, model: Path, tmp_path: Path) -> None:
     """Law: the ladder is printed and written; the loss rung's torque error is less than the analytic one's."""
     ended = run("evaluate", E1, "--model", model, "--html", tmp_path / "e.html", "--json", tmp_path / "e.json")
     assert ended.status == 0, ended.err
-    assert "analytic" in ended.out
+    assert "rigid body" in ended.out
     assert "+ loss" in ended.out
     record = json.loads((tmp_path / "e.json").read_text())
     assert record["schema"] == "ident.evaluations/1"

@@ -117,18 +117,12 @@ def test_exact_twins_get_another_set_up() -> None:
 
 
 def test_a_gap_without_a_name_is_asked_about_where_it_is_largest() -> None:
-    """By what came nearest there; else by what could not be tested there; not at another joint's first."""
-    near = {"effect": "joint_elasticity", "joints": ["joint_2"]}
+    """By what could not be tested there; not by what comes first at another joint."""
     silent = [unseen("joint_elasticity", "joint_6"), unseen("backlash", "joint_2", "joint_6")]
-    for nearest, effect in (
-        (near, "joint_elasticity"),
-        (None, "backlash"),
-        ({**near, "joints": ["joint_4"]}, "backlash"),
-    ):
-        found = next_experiment([], silent, nearest=nearest, loudest="joint_2")
-        assert found is not None
-        assert found["separates"] == [effect]
-        assert "--joint joint_2 " in found["motion"]
+    found = next_experiment([], silent, loudest="joint_2")
+    assert found is not None
+    assert found["separates"] == ["backlash"]
+    assert "--joint joint_2 " in found["motion"]
 
 
 def test_unseen_effects_get_the_motion_that_shows_most_of_them() -> None:

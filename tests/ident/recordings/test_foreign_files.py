@@ -64,6 +64,55 @@ def test_shares_of_a_range_are_not_read_as_degrees(kind: str, names: list[str], 
     np.testing.assert_allclose(load_session(folder).runs[0].position, np.radians(shares), rtol=1e-5)
 
 
+CALIBRATION = {
+    "shoulder_pan": {"id": 1, "drive_mode": 0, "homing_offset": -41, "range_min": 745, "range_max": 3345},
+    "gripper": {"id": 6, "drive_mode": 0, "homing_offset": 12, "range_min": 2040, "range_max": 3500},
+}
+
+
+def shares_of(run: Recording, folder: Path, share: float = 90.0) -> tuple[Path, np.ndarray]:
+    """A data set of an SO-101 that logs shares of its range, and these."""
+    shares = share * run.position / np.abs(run.position).max()
+    columns = {"observation.state": shares, "observation.effort": run.effort, "timestamp": run.time}
+    lerobot(folder, ["shoulder_pan.pos", "gripper.pos"], columns)
+    info = json.loads((folder / "meta/info.json").read_text())
+    (folder / "meta/info.json").write_text(json.dumps(info | {"robot_type": "so101_follower"}))
+    (folder / "so101.json").write_text(json.dumps(CALIBRATION))
+    (folder / "session.toml").write_text('lerobot_calibration = "so101.json"\n')
+    return folder, shares
+
+
+def test_shares_become_angles_by_the_calibration(run: Recording, tmp_path: Path) -> None:
+    """Law: 100 is half of a joint's range of counts, a gripper's 100 all of it; 4096 counts are a turn."""
+    folder, shares = shares_of(run, tmp_path / "set")
+    read = load_session(folder).runs[0]
+    turns = shares * np.array([2600.0 / 200.0, 1460.0 / 100.0]) / 4096.0
+    np.testing.assert_allclose(read.position, 2.0 * np.pi * turns, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        (json.dumps({"elbow_flex": CALIBRATION["gripper"]}), "has no motor 'shoulder_pan'"),
+        (json.dumps({**CALIBRATION, "gripper": {"range_min": 5}}), "gripper has no range"),
+        (json.dumps({"shoulder_pan": 3}), "shoulder_pan has no range"),
+        ("[]", "no JSON object"),
+    ],
+)
+def test_a_file_that_is_no_calibration_is_refused(run: Recording, tmp_path: Path, text: str, what: str) -> None:
+    folder, _ = shares_of(run, tmp_path / "set")
+    (folder / "so101.json").write_text(text)
+    with pytest.raises(RecordingError, match=what):
+        load_session(folder)
+
+
+def test_more_than_the_whole_range_is_no_share(run: Recording, tmp_path: Path) -> None:
+    """Degrees, for which somebody gives a calibration, are not scaled in silence."""
+    folder, _ = shares_of(run, tmp_path / "set", 150.0)
+    with pytest.raises(RecordingError, match="no shares of a range"):
+        load_session(folder)
+
+
 def test_a_lerobot_data_set_of_version_2_has_a_file_for_each_episode(run: Recording, tmp_path: Path) -> None:
     """Version 2.1: lists of any length, `episode_000001.parquet`; a column that stands twice is refused."""
     folder = lerobot(tmp_path / "set", ["a.pos", "b.pos"], {"observation.state": run.position, "timestamp": run.time})

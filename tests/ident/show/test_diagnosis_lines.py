@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from ident.show.console import PlainConsole, wrap
-from ident.show.diagnosis_lines import print_diagnosis
+from ident.show.diagnosis_lines import print_diagnosis, untold_issues
 from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action
 from ident.show.report.numbers import describe_numbers, numbers_of, table_of, with_error
 from tests.ident.show.report.test_report_diagnosis import RECORD
@@ -171,3 +171,12 @@ def test_a_command_is_not_broken_over_lines() -> None:
     lines = wrap(f"record this to tell them apart: {command}, then 4.45 N m more", 40).splitlines()
     assert any(command in line for line in lines)
     assert "4.45 N m" in wrap("aaaa bbbb cccc dddd eeee ffff gggg 4.45 N m more", 38).replace("\n", "|")
+
+
+def test_a_factor_is_said_once() -> None:
+    """Law: what the headline begins with stands in no warning above it; any other warning does."""
+    scale = {"issue": "torque_scale", "evidence": "log: elbow reads 0.89 ± 0.03 of the model's gravity torque"}
+    gains = {"issue": "guessed_gains", "evidence": "log: the drive gains are guesses"}
+    record = {"telemetry": [scale, gains]}
+    assert untold_issues(record, "elbow reads 0.89 ± 0.03 of the model's gravity torque.") == [gains]
+    assert untold_issues(record, "The gap has a name: payload in elbow.") == [scale, gains]

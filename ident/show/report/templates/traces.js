@@ -63,7 +63,7 @@
     const x = (at) => MARGIN.left + ((at - low) / (high - low)) * (width - MARGIN.left - MARGIN.right);
     let top = MARGIN.top;
     const panels = [
-      {label: `torque [${joint().unit}]`, rows: rows.map((row, k) => [k, row])},
+      {label: `${data.quantity} [${joint().unit}]`, rows: rows.map((row, k) => [k, row])},
       {label: `error [${joint().unit}]`, rows: rows.map((row, k) => [k, row.map((one, i) => (one === null ? null : rows[0][i] - one))]).slice(1)},
     ];
     panels.forEach((panel, number) => {

@@ -52,8 +52,8 @@ def test_curves_are_what_the_diagnosis_counted(traces: Traces) -> None:
     joint = traces.joints[first]
     left = {name: [] for name in traces.curves}  # type: ignore[var-annotated]
     for run in traces.runs:
-        for name, values in run.torque.items():
-            rest = (run.torque["measured"] - values)[:, first]
+        for name, values in run.values.items():
+            rest = (run.values["measured"] - values)[:, first]
             left[name].append(rest[np.isfinite(rest)])
     rms = {name: float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for name, parts in left.items()}
     gap = analysis.diagnosis.to_dict()["gap"][joint]
@@ -70,7 +70,7 @@ def test_the_leading_joint_is_first_and_the_worst_run_too(traces: Traces) -> Non
     assert named <= {traces.joints[j] for j in traces.shown}
     errors = []
     for run in traces.runs:
-        left = (run.torque["measured"] - run.torque["tuned"])[:, traces.shown[0]]
+        left = (run.values["measured"] - run.values["tuned"])[:, traces.shown[0]]
         errors.append(np.sqrt(np.nanmean(left**2)))
     assert errors == sorted(errors, reverse=True)
 
@@ -80,7 +80,7 @@ def test_the_page_holds_the_curves_to_a_screen_s_resolution(page: Path, traces: 
     record = json.loads(text)
     run, own = traces.runs[0], record["runs"][0]["joints"][0]
     values = np.array(own["values"][0], dtype=float) * own["step"] + own["low"]
-    measured = run.torque["measured"][:, traces.shown[0]]
+    measured = run.values["measured"][:, traces.shown[0]]
     stride = -(-len(measured) // len(values))
     reach = float(np.ptp(measured))
     assert values == pytest.approx(measured[::stride], abs=2.0 * reach / STEPS + 1e-5)

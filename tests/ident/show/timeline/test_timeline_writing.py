@@ -3,14 +3,11 @@
 import subprocess
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from ident.arrays import Array
 from ident.errors import InputError
 from ident.model.evaluation import trace_run
 from ident.model.hybrid import HybridModel
@@ -21,31 +18,10 @@ from ident.robot.arm import ArmModel
 from ident.show.timeline.series import Mark
 from ident.show.timeline.writing import link_boxes, run_starts, show_timeline, write_timeline
 from tests.ident.made_up import made_motions
+from tests.ident.show.timeline.saved import Saved
 
 MARK = Mark(1, 1.0, 2.0, "joint_2", "slow reversal")
 ISSUE = TelemetryIssue("jitter", ("joint_1",), "warning", "2 % of the interval", "none")
-
-
-class Saved:
-    """A saved timeline: static components and columns over time, entity by entity."""
-
-    def __init__(self, path: Path) -> None:
-        self.static: dict[str, dict[str, list[Any]]] = {}
-        self.columns: dict[str, dict[str, list[Any]]] = {}
-        for chunk in RrdReader(path).stream().to_chunks():
-            into = self.static if chunk.is_static else self.columns
-            table = into.setdefault(chunk.entity_path, {})
-            for name, values in chunk.to_record_batch().to_pydict().items():
-                table.setdefault(name, []).extend(values)
-
-    def curve(self, path: str) -> tuple[Array, Array]:
-        """Times [s] and values, breaks between the runs left out."""
-        table = self.columns[path]
-        time = np.array([t.total_seconds() for t in table["time"]])
-        values = np.array([cell[0] for cell in table["Scalars:scalars"]])
-        order = np.argsort(time, kind="stable")
-        there = np.isfinite(values[order])
-        return time[order][there], values[order][there]
 
 
 @pytest.fixture(scope="module")
