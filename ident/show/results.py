@@ -111,16 +111,24 @@ def draw_evaluation(result: Evaluation) -> Figure:
 
 def print_fit(console: Console, result: FitResults) -> None:
     """What was identified, and what was left out of it."""
+    console.print("\n".join(describe_fit(result)), soft_wrap=True)
+
+
+def describe_fit(result: FitResults) -> list[str]:
+    """What was identified, chosen and carried, and what was left out, a line each."""
     from ident.fitting.identification import describe
 
     lines = [result.loss.summary(), *describe(result.identified), *result.choice.describe()]
     lines += [one.describe(result.model.joint_names) for one in result.model.carried]
+    coupled = result.model.provenance.get("coupled_by_choice", [])
+    for first, second in zip(coupled[::2], coupled[1::2], strict=True):
+        lines.append(f"{first} and {second} turn each other, as runs left out ask for; --coupling none leaves it out")
     lines += [f"left out of what the diagnosis names: {one}" for one in result.model.provenance["named_left_out"]]
     if result.model.net is not None and result.model.net.gate:
         from ident.model.net_gate import describe_gate
 
         lines.append(describe_gate(result.model.net.gate, result.model.joint_names))
-    console.print("\n".join(lines), soft_wrap=True)
+    return lines
 
 
 def draw_fit(result: FitResults) -> Figure:
