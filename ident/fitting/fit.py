@@ -261,7 +261,7 @@ def fit_hybrid(
         if options.net == "default":
             from ident.model.memory import fit_memory_of_arm
 
-            memory = fit_memory_of_arm(motions, arm, known, options.seed, net.gate)
+            memory = fit_memory_of_arm(motions, arm, known, options.seed)
     model = HybridModel(
         robot=robot,
         nominal=nominal,

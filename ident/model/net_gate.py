@@ -64,6 +64,7 @@ def shrink_net(
     travel: Float[Array, "T n"],
     witness: Int[Array, " T"],
     run: Int[Array, " T"] | None = None,
+    errors: float | None = None,
 ) -> tuple[JointGate, ...]:
     """The verdict on each joint's net.
 
@@ -74,13 +75,14 @@ def shrink_net(
         travel: Displacement of each joint from sample to sample [rad].
         witness: Number of the run, or stretch of one, that a sample lies in: what doubt is counted over.
         run: Number of the run, over which energies are reported; the same if None.
+        errors: Standard errors by which squares must fall; as Student's test has it if None.
     """
 
     def squares(weight: Array | float) -> Float[Array, "g n"]:
         return _by_group(np.where(moving, (left - weight * predicted) ** 2, 0.0), witness)
 
     without, own = (_by_group(np.where(moving, part * travel, 0.0), witness) for part in (left, predicted))
-    needed = float(stdtrit(max(1, len(without) - 1), SURE))
+    needed = float(stdtrit(max(1, len(without) - 1), SURE)) if errors is None else errors
     best, weight = np.zeros(left.shape[1]), np.zeros(left.shape[1])
     alone = squares(0.0)
     for share in WEIGHTS:
