@@ -123,8 +123,8 @@ def _by_group(values: Float[Array, "T n"], group: Int[Array, " T"]) -> Float[Arr
     return sums
 
 
-def describe_gate(gate: tuple[JointGate, ...], joints: tuple[str, ...]) -> str:
-    """What each joint keeps of its net and why, with figures from runs that the net never saw."""
+def describe_gate(gate: tuple[JointGate, ...], joints: tuple[str, ...], what: str = "residual net") -> str:
+    """What each joint keeps of its net, or of another learner, and why, with figures from runs that it never saw."""
     pairs = list(zip(joints, gate, strict=True))
     share = {one: "" if one.weight == 1.0 else f"by {100 * one.weight:.0f} %: " for one in gate}
     kept = [f"{name} ({share[one]}{_figures(one)})" for name, one in pairs if one.kept]
@@ -132,7 +132,7 @@ def describe_gate(gate: tuple[JointGate, ...], joints: tuple[str, ...]) -> str:
     parts = [f"kept for {', '.join(kept)}"] if kept else []
     if silent:
         parts.append(f"left out for {', '.join(silent)}: no surely better torque there, or worse energy")
-    return f"residual net, on runs held back: {'; '.join(parts)}"
+    return f"{what}, on runs held back: {'; '.join(parts)}"
 
 
 def _figures(one: JointGate) -> str:

@@ -128,6 +128,8 @@ def describe_fit(result: FitResults) -> list[str]:
         from ident.model.net_gate import describe_gate
 
         lines.append(describe_gate(result.model.net.gate, result.model.joint_names))
+        if result.model.memory is not None:
+            lines.append(describe_gate(result.model.memory.gate, result.model.joint_names, "memory of the last second"))
     return lines
 
 
