@@ -8,9 +8,10 @@ trees of the joint's own inputs, trees that see the states of all joints too, or
 blocks of the recordings that it did not see best.
 
 A joint's memory stands in for its net where it lowers the error of blocks left out by more than one standard error of
-that fall, and does not make the work worse by as much. Blocks and not whole runs: a recording has few runs, and half
-of it foretells the other half far worse than all of it foretells a third motion. A net needs whole runs for its gate,
-since it makes up torques where it never was; trees do not, and on twelve real arms blocks chose better than runs did.
+that fall, and does not surely make the work worse. A veto of the work by one standard error left more of both on runs
+that nobody saw: on eight real arms, three splits, torque 0.88 of the fit without, where this leaves 0.86. Blocks and
+not whole runs: a recording has few runs, and half of it foretells the other half far worse than all of it foretells a
+third motion. A net needs whole runs for its gate, since it makes up torques where it never was; trees do not.
 States that do not follow one another, as a planner's nodes, have no memory: there the net alone counts.
 
 Source: Al-Bender 2005 (stop operators); Kohavi 1994 (oblivious trees); Breiman 1996 (means of predictors).
@@ -48,8 +49,8 @@ TURNING = 0.02
 MOST_ROWS = 5000
 # Fewer rows than this tell nothing of a joint.
 FEWEST_ROWS = 100
-# Blocks that recordings are cut into at least, and standard errors by which the error on those left out must fall.
-BLOCKS, SURELY = 8, 1.0
+# Blocks that recordings are cut into at least.
+BLOCKS = 8
 # Whose inputs the trees of a joint are given: its own, those of all joints, or half of the torque by each.
 OWN, ALL, BOTH = range(3)
 FILE, RECORD = "memory.safetensors", "memory.json"
@@ -215,7 +216,7 @@ def fit_memory(motions: Sequence[Motion], arm: ArmModel, left: Sequence[Float[Ar
     for joint, x in enumerate(tables):
         predicted[:, joint], kind = _foretell(x, y[:, joint], moving[:, joint], blocks % FOLDS, seed)
         chosen.append(kind)
-    gate = shrink_net(predicted, y, moving, step * every * pace, blocks, run, SURELY)
+    gate = shrink_net(predicted, y, moving, step * every * pace, blocks, run, bounded=True)
     trees: list[Trees | None] = []
     for joint, verdict in enumerate(gate):
         if not verdict.kept:

@@ -64,7 +64,7 @@ def shrink_net(
     travel: Float[Array, "T n"],
     witness: Int[Array, " T"],
     run: Int[Array, " T"] | None = None,
-    errors: float | None = None,
+    bounded: bool = False,
 ) -> tuple[JointGate, ...]:
     """The verdict on each joint's net.
 
@@ -75,21 +75,23 @@ def shrink_net(
         travel: Displacement of each joint from sample to sample [rad].
         witness: Number of the run, or stretch of one, that a sample lies in: what doubt is counted over.
         run: Number of the run, over which energies are reported; the same if None.
-        errors: Standard errors by which squares must fall; as Student's test has it if None.
+        bounded: Whether the prediction never leaves what it saw. Then squares need to fall by one standard error alone,
+            and energies may grow by what Student's test does not find sure: the two tests change places.
     """
 
     def squares(weight: Array | float) -> Float[Array, "g n"]:
         return _by_group(np.where(moving, (left - weight * predicted) ** 2, 0.0), witness)
 
     without, own = (_by_group(np.where(moving, part * travel, 0.0), witness) for part in (left, predicted))
-    needed = float(stdtrit(max(1, len(without) - 1), SURE)) if errors is None else errors
+    sure = float(stdtrit(max(1, len(without) - 1), SURE))
+    needed, allowed = (1.0, sure) if bounded else (sure, 1.0)
     best, weight = np.zeros(left.shape[1]), np.zeros(left.shape[1])
     alone = squares(0.0)
     for share in WEIGHTS:
         # Of all moving samples alike: a run in which a joint hardly moves says little of it.
         gain = alone - squares(share)
         doubt = gain.std(axis=0, ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.full(gain.shape[1], np.inf)
-        helps = (gain.mean(axis=0) > needed * doubt) & ~_is_worse(without, without - share * own)
+        helps = (gain.mean(axis=0) > needed * doubt) & ~_is_worse(without, without - share * own, allowed)
         weight = np.where(helps & (gain.mean(axis=0) > best), share, weight)
         best = np.where(weight == share, gain.mean(axis=0), best)
     # Joints go until the energy error of all joints together is no worse than without any net.
@@ -98,7 +100,7 @@ def shrink_net(
     def mixed(choice: Array) -> Float[Array, "g 1"]:
         return (without - choice * own).sum(axis=1, keepdims=True)
 
-    while weight.any() and _is_worse(together, mixed(weight))[0]:
+    while weight.any() and _is_worse(together, mixed(weight), allowed)[0]:
         trials = [np.where(np.arange(len(weight)) == j, 0.0, weight) for j in np.flatnonzero(weight)]
         weight = min(trials, key=lambda choice: float(np.sum(mixed(choice) ** 2)))
     after = left - np.where(weight > 0.0, weight, 1.0) * predicted
@@ -109,11 +111,11 @@ def shrink_net(
     return tuple(JointGate(*map(float, row)) for row in zip(*rmse, *energy, weight, strict=True))
 
 
-def _is_worse(without: Float[Array, "g n"], with_net: Float[Array, "g n"]) -> Bool[Array, " n"]:
-    """Whether squares over the groups grew by more than one standard error of their change."""
+def _is_worse(without: Float[Array, "g n"], with_net: Float[Array, "g n"], errors: float) -> Bool[Array, " n"]:
+    """Whether squares over the groups grew by more than some standard errors of their change."""
     growth = with_net**2 - without**2
     doubt = growth.std(axis=0, ddof=1) / np.sqrt(len(growth)) if len(growth) > 1 else np.zeros(growth.shape[1])
-    return np.asarray(growth.mean(axis=0) > doubt)
+    return np.asarray(growth.mean(axis=0) > errors * doubt)
 
 
 def _by_group(values: Float[Array, "T n"], group: Int[Array, " T"]) -> Float[Array, "g n"]:
