@@ -222,8 +222,8 @@ def _gather(motions: Sequence[Motion], arm: ArmModel, pairs: Sequence[tuple[int,
     base = base_parameters(arm)
     neighbours: list[tuple[int, ...]] = []
     for joint in range(arm.n):
-        others = [pair[1 - pair.index(joint)] for pair in pairs if joint in pair]
-        neighbours.append(tuple(others))
+        beside = [pair[1 - pair.index(joint)] for pair in pairs if joint in pair]
+        neighbours.append(tuple(beside))
     parts = split_parts(motions)
     count = 1 + max(int(part.max()) for part in parts)
     sizes = [base.rank + OWN + BESIDE * len(others) + 1 for others in neighbours]
