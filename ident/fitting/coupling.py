@@ -5,10 +5,10 @@
 m is 1 where a motor turns by the sum of both angles, −1 where by their difference. I, V and C of each joint are found
 by least squares beside base parameters, losses and offsets of both; of the two m the one that leaves less.
 
-Where no pair is given, neighbours are tried. Two joints are coupled where parts of the recordings that were left out
-are foretold surely better with the coupling at both of them, with friction that brakes.
+Where no pair is given, neighbours are tried. Two joints are coupled where parts of the recordings
+that were left out are foretold surely better at both of them, with friction that brakes.
 
-Source: Gautier, Janot and Jubien 2013 (the coupled wrist of the TX series); Stone 1974 (choice by runs left out).
+Source: Gautier, Janot and Jubien 2013 (the coupled wrist of the TX series); Stone 1974.
 """
 
 from __future__ import annotations
@@ -32,12 +32,14 @@ from ident.robot.arm import ArmModel
 
 # Speed over which the sum of both speeds turns friction round [rad/s].
 WIDTH = 0.02
+# The effect that a coupling is carried as.
+EFFECT = "joint_coupling"
 # What asks for no coupling, and for none to be looked for.
 NO_COUPLING = "none"
 # By what a joint's motor turns beside its own angle: the sum of both, or their difference.
 MIXES = (1.0, -1.0)
-# A joint's own columns: acceleration, speed, direction, one; those of each other joint: acceleration, speed, and the
-# direction of both mixes.
+# A joint's own columns: acceleration, speed, direction, one; those of each other joint:
+# acceleration, speed, and the direction of both mixes.
 OWN, BESIDE = 4, 2 + len(MIXES)
 # Samples that couplings are looked for in; of a longer session stretches from all over it.
 SEARCHED_SAMPLES = 50_000
@@ -74,9 +76,8 @@ def fit_coupling(motions: Sequence[Motion], arm: ArmModel, first: int, second: i
         first, second: The joints.
     """
     sums = _gather(motions, arm, [(first, second)])
-    found = [_solve(sums, (first, second), mix) for mix in MIXES]
-    best = min(found, key=lambda numbers: numbers.left.sum())
-    return best.effects
+    trials = [_solve(sums, (first, second), mix) for mix in MIXES]
+    return min(trials, key=lambda coupled: coupled.left.sum()).effects
 
 
 def find_coupling(motions: Sequence[Motion], arm: ArmModel) -> tuple[CarriedEffect, ...]:
@@ -93,12 +94,12 @@ def find_coupling(motions: Sequence[Motion], arm: ArmModel) -> tuple[CarriedEffe
     sums = _gather(hold(motions, SEARCHED_SAMPLES).motions, arm, pairs)
     ranked: list[tuple[float, Coupled]] = []
     for pair in pairs:
-        found = _sure_coupling(sums, pair)
-        if found is not None:
-            ranked.append(found)
+        sure = _sure_coupling(sums, pair)
+        if sure is not None:
+            ranked.append(sure)
     effects: list[CarriedEffect] = []
     taken: set[int] = set()
-    for _, coupled in sorted(ranked, key=lambda one: one[0]):
+    for _, coupled in sorted(ranked, key=lambda row: row[0]):
         if taken.isdisjoint(coupled.pair):
             effects += fit_coupling(motions, arm, *coupled.pair)
             taken.update(coupled.pair)
@@ -107,7 +108,7 @@ def find_coupling(motions: Sequence[Motion], arm: ArmModel) -> tuple[CarriedEffe
 
 @dataclass(frozen=True, eq=False)
 class PairSums:
-    """Sums over parts of the recordings of each joint's columns: base parameters, its own, its neighbours', torque."""
+    """Sums over parts of each joint's columns: base parameters, its own, its neighbours', torque."""
 
     base: BaseParameters
     prior: Float[Array, "r r"]  # what is known of the base parameters before
@@ -117,10 +118,10 @@ class PairSums:
     @property
     def parts(self) -> Int[Array, " f"]:
         """Numbers of the parts."""
-        return np.arange(max(len(one) for one in self.squares))
+        return np.arange(max(map(len, self.squares)))
 
     def columns(self, joint: int, other: int, mix: float | None) -> Int[Array, " c"]:
-        """Places of a joint's columns: base parameters, its own, and those of a coupling where there is one."""
+        """Places of a joint's columns: base parameters, its own, and those of a coupling."""
         rank = self.base.rank
         plain = np.arange(rank + OWN)
         if mix is None:
@@ -154,12 +155,12 @@ class Coupled:
                 "viscous_Nms_rad": viscous,
                 "coulomb_Nm": coulomb,
             }
-            effects.append(CarriedEffect("joint_coupling", joint, parameters))
+            effects.append(CarriedEffect(EFFECT, joint, parameters))
         return tuple(effects)
 
 
 def _sure_coupling(sums: PairSums, pair: tuple[int, int]) -> tuple[float, Coupled] | None:
-    """The coupling of a pair that helps both joints on parts left out, and the share of squares that it leaves."""
+    """The coupling that helps both joints on parts left out, and the share that it leaves."""
     plain = _left_out(sums, pair, None)
     sure: list[tuple[float, Coupled]] = []
     for mix in MIXES:
@@ -168,11 +169,11 @@ def _sure_coupling(sums: PairSums, pair: tuple[int, int]) -> tuple[float, Couple
         if np.all(whole.numbers[:, -1] > 0.0) and _falls(plain, left):
             share = left.sum(axis=0) / plain.sum(axis=0)
             sure.append((float(share.mean()), whole))
-    return min(sure, key=lambda one: one[0], default=None)
+    return min(sure, key=lambda row: row[0], default=None)
 
 
 def _falls(before: Float[Array, "f 2"], after: Float[Array, "f 2"]) -> bool:
-    """Whether the squares of parts fall at both joints, by Student's test of the logarithms of their shares."""
+    """Whether squares of parts fall at both joints, by Student's test of their logarithms."""
     fall = np.log(np.maximum(before, LEAST)) - np.log(np.maximum(after, LEAST))
     if len(fall) < 2:
         return False
@@ -189,7 +190,12 @@ def _left_out(sums: PairSums, pair: tuple[int, int], mix: float | None) -> Float
     return left
 
 
-def _solve(sums: PairSums, pair: tuple[int, int], mix: float | None, parts: Int[Array, " k"] | None = None) -> Coupled:
+def _solve(
+    sums: PairSums,
+    pair: tuple[int, int],
+    mix: float | None,
+    parts: Int[Array, " k"] | None = None,
+) -> Coupled:
     """Least squares over both joints: base parameters of both, own columns of each."""
     rank = sums.base.rank
     both = [sums.columns(*pair, mix), sums.columns(*pair[::-1], mix)]
@@ -245,7 +251,7 @@ def _gather(motions: Sequence[Motion], arm: ArmModel, pairs: Sequence[tuple[int,
 
 
 def _joint_columns(motion: Motion, joint: int, others: Sequence[int]) -> Float[Array, "T c"]:
-    """A joint's own columns, then of each other joint acceleration, speed, and the directions of both mixes."""
+    """A joint's own columns, then acceleration, speed and directions with each other joint."""
     speed = motion.dq[:, joint]
     columns = [motion.ddq[:, joint], speed, np.tanh(speed / WIDTH), np.ones(len(speed))]
     for other in others:

@@ -16,7 +16,7 @@ from ident.arrays import Array, Float
 from ident.command_options import LUMPED, FitOptions
 from ident.errors import InputError, RecordingError
 from ident.fitting.choice import Choice, choose
-from ident.fitting.coupling import NO_COUPLING, find_coupling, fit_coupling, read_coupling, without_carried
+from ident.fitting.coupling import EFFECT, NO_COUPLING, find_coupling, fit_coupling, read_coupling, without_carried
 from ident.fitting.identification import Identified, identify
 from ident.fitting.joint_estimate import FitSums, quantile
 from ident.laws.carried import KINDS, NamedLaw, named_torque
@@ -281,7 +281,7 @@ def fit_hybrid(
             **_provenance(motions, options, data, found, net),
             "named_left_out": list(named.left_out),
             "choice": choice.to_dict(),
-            "coupled_by_choice": [nominal.joint_names[one.joint] for one in coupled if options.coupling is None],
+            "coupled_by_choice": [nominal.joint_names[effect.joint] for effect in coupled if options.coupling is None],
             "memory_gate": [gate.to_dict() for gate in memory.gate] if memory else [],
         },
     )
@@ -306,7 +306,7 @@ def coupling_of(
         return ()
     if options.coupling is not None:
         return fit_coupling(motions, nominal, *read_coupling(options.coupling, nominal))
-    known = any(one.effect == "joint_coupling" for one in carried)
+    known = any(effect.effect == EFFECT for effect in carried)
     if known or options.laws == "none":
         return ()
     return find_coupling(motions, nominal)

@@ -1,8 +1,8 @@
-"""What a model of base parameters, losses and laws leaves of the parts of recordings that it was not fitted to.
+"""What a model leaves of the parts of recordings that it was not fitted to.
 
-    min_x  Σ_j (xᵀ G_j x) / s_j² + prior,   over all parts but one;   left of that one: wᵀ G w, w = (-x, 1)
+    min_x  Σ_j (xᵀ G_j x) / s_j² + prior   over all parts but one;   wᵀ G w, w = (-x, 1), of that one
 
-Beside it what is said of a change by the parts: whether it helps, surely, and without making the work worse.
+Beside it what the parts say of a change: whether it helps, and whether it makes the work worse.
 
 Source: Stone 1974; Student 1908 (the test over parts).
 """

@@ -98,34 +98,31 @@ def _evaluate(x: Array, inputs: Array, thresholds: Array, leaves: Array, out: Ar
 
 
 @compiled(error_model="numpy", nogil=True)
-def _fill(table: Array, row: Array, sample: Array, leaf: Array, target: Array, bins: int, count: int) -> None:
+def _fill(table: Array, row: Array, sample: Array, leaf: Array, target: Array) -> None:
     """Sum and number of a sample's targets by leaf and bin of one input."""
-    for k in range(count * bins):
-        table[k, 0] = 0.0
-        table[k, 1] = 0.0
+    table[:] = 0.0
     for i in range(len(sample)):
-        k = leaf[i] * bins + row[sample[i]]
-        table[k, 0] += target[i]
-        table[k, 1] += 1.0
+        cell = table[leaf[i], row[sample[i]]]
+        cell[0] += target[i]
+        cell[1] += 1.0
 
 
 @compiled(error_model="numpy", nogil=True)
-def _weigh(table: Array, gain: Array, bins: int, count: int, shrinkage: float) -> None:
+def _weigh(table: Array, gain: Array, shrinkage: float) -> None:
     """What each threshold of one input would explain, over all leaves."""
     gain[:] = 0.0
-    for a in range(count):
-        first = a * bins
+    for a in range(table.shape[0]):
         all_sum, all_rows = 0.0, 0.0
-        for b in range(bins):
-            all_sum += table[first + b, 0]
-            all_rows += table[first + b, 1]
+        for b in range(table.shape[1]):
+            all_sum += table[a, b, 0]
+            all_rows += table[a, b, 1]
         low_sum, low_rows = 0.0, 0.0
-        for b in range(bins - 1):
-            low_sum += table[first + b, 0]
-            low_rows += table[first + b, 1]
+        for b in range(table.shape[1] - 1):
+            low_sum += table[a, b, 0]
+            low_rows += table[a, b, 1]
             high_sum, high_rows = all_sum - low_sum, all_rows - low_rows
-            low, high = low_sum**2 / (low_rows + shrinkage), high_sum**2 / (high_rows + shrinkage)
-            gain[b] += low + high
+            low = low_sum**2 / (low_rows + shrinkage)
+            gain[b] += low + high_sum**2 / (high_rows + shrinkage)
 
 
 @compiled(error_model="numpy", nogil=True)
@@ -145,13 +142,13 @@ def _grow(
     places = np.zeros(depth, dtype=np.int64)
     leaf = np.zeros(drawn, dtype=np.int64)
     target = left[sample]
-    table = np.zeros((bins << depth, 2))
+    table = np.zeros((1 << depth, bins, 2))
     gain = np.zeros(bins)
     for d in range(depth):
         best = -1.0
         for f in among:
-            _fill(table, binned[f], sample, leaf, target, bins, 1 << d)
-            _weigh(table, gain, bins, 1 << d, shrinkage)
+            _fill(table[: 1 << d], binned[f], sample, leaf, target)
+            _weigh(table[: 1 << d], gain, shrinkage)
             for b in range(bins - 1):
                 if gain[b] > best:
                     best = gain[b]

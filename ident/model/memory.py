@@ -2,19 +2,21 @@
 
 Grease, hysteresis of gears and cables, filters in drives and thermal swings leave a torque that no function of angle,
 speed and acceleration tells. The inputs are what a joint does now, the load that it bears, states of stop operators of
-three ranges (where it stands since its last reversals) and slow averages of its direction, pace, load and angle over a
-tenth of a second to 0.8 s. They are given to boosted trees, which never leave the range of torques that they have seen:
-trees of the joint's own inputs, trees that see the states of all joints too, or the mean of both, whichever foretells
-blocks of the recordings that it did not see best.
+three ranges (where it stands since its last reversals) and slow averages of its direction, pace,
+load and angle over a tenth of a second to 0.8 s. They are given to boosted trees, which never leave
+the range of torques that they have seen: trees of the joint's own inputs, trees that see the states
+of all joints too, or the mean of both, whichever foretells best what it did not see.
 
-A joint's memory stands in for its net where it lowers the error of blocks left out by more than one standard error of
-that fall, and does not surely make the work worse. A veto of the work by one standard error left more of both on runs
-that nobody saw: on eight real arms, three splits, torque 0.88 of the fit without, where this leaves 0.86. Blocks and
-not whole runs: a recording has few runs, and half of it foretells the other half far worse than all of it foretells a
-third motion. A net needs whole runs for its gate, since it makes up torques where it never was; trees do not.
-States that do not follow one another, as a planner's nodes, have no memory: there the net alone counts.
+A joint's memory stands in for its net where it lowers the error of blocks left out by more than one
+standard error of that fall, and does not surely make the work worse. A veto of the work by one
+standard error left more of both on runs that nobody saw: on eight real arms, three splits, torque
+0.88 of the fit without, where this leaves 0.86. Blocks and not whole runs: a recording has few, and
+half of it foretells the other half far worse than all of it foretells a third motion. A net needs
+whole runs for its gate, since it makes up torques where it never was; trees do not.
 
-Source: Al-Bender 2005 (stop operators); Kohavi 1994 (oblivious trees); Breiman 1996 (means of predictors).
+States that do not follow one another, as a planner's nodes, have no memory: there the net counts.
+
+Source: Al-Bender 2005 (stop operators); Kohavi 1994 (oblivious trees); Breiman 1996 (bagging).
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ from ident.files import atomic_write
 from ident.model.boosted import DEPTH, Trees, fit_trees, join_trees
 from ident.model.joint_nets import joint_features
 from ident.model.linearisation import stop_operator
-from ident.model.net_gate import FOLDS, JointGate, shrink_net
+from ident.model.net_gate import FOLDS, JointGate, shrink_bounded
 from ident.model.residual_net import TRAINED_SAMPLES, Known
 from ident.motion.motion import Motion
 from ident.motion.stretches import hold
@@ -51,7 +53,7 @@ MOST_ROWS = 5000
 FEWEST_ROWS = 100
 # Blocks that recordings are cut into at least.
 BLOCKS = 8
-# Whose inputs the trees of a joint are given: its own, those of all joints, or half of the torque by each.
+# Whose inputs a joint's trees are given: its own, those of all joints, or half of each.
 OWN, ALL, BOTH = range(3)
 FILE, RECORD = "memory.safetensors", "memory.json"
 SEVERAL = 4  # channels of every joint: angle, speed, acceleration, load
@@ -189,7 +191,12 @@ def own_inputs() -> int:
     return 6 + len(RANGES) + 4 * len(TIMES)
 
 
-def fit_memory(motions: Sequence[Motion], arm: ArmModel, left: Sequence[Float[Array, "t n"]], seed: int) -> JointMemory:
+def fit_memory(
+    motions: Sequence[Motion],
+    arm: ArmModel,
+    left: Sequence[Float[Array, "t n"]],
+    seed: int,
+) -> JointMemory:
     """Fits each joint's trees, as far as they help on blocks that they did not see.
 
     Args:
@@ -216,7 +223,7 @@ def fit_memory(motions: Sequence[Motion], arm: ArmModel, left: Sequence[Float[Ar
     for joint, x in enumerate(tables):
         predicted[:, joint], kind = _foretell(x, y[:, joint], moving[:, joint], blocks % FOLDS, seed)
         chosen.append(kind)
-    gate = shrink_net(predicted, y, moving, step * every * pace, blocks, run, bounded=True)
+    gate = shrink_bounded(predicted, y, moving, step * every * pace, blocks, run)
     trees: list[Trees | None] = []
     for joint, verdict in enumerate(gate):
         if not verdict.kept:
@@ -257,7 +264,12 @@ def _of_one_size(trees: Sequence[Trees | None]) -> tuple[Trees | None, ...]:
     return tuple(None if one is None else one.padded(most) for one in trees)
 
 
-def fit_memory_of_arm(motions: Sequence[Motion], arm: ArmModel, known: Known, seed: int) -> JointMemory:
+def fit_memory_of_arm(
+    motions: Sequence[Motion],
+    arm: ArmModel,
+    known: Known,
+    seed: int,
+) -> JointMemory:
     """Fits the memory, of a long session to stretches from all over it.
 
     Args:
@@ -298,6 +310,6 @@ def _fit_kind(x: Float[Array, "T f"], y: Float[Array, " T"], kind: int, seed: in
     every = fit_trees(x, y, seed) if kind != OWN else None
     if own is not None and every is not None:
         return join_trees(own.scaled(0.5), every.scaled(0.5))
-    found = every if own is None else own
-    assert found is not None
-    return found
+    trees = every if own is None else own
+    assert trees is not None
+    return trees

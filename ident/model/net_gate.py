@@ -64,7 +64,6 @@ def shrink_net(
     travel: Float[Array, "T n"],
     witness: Int[Array, " T"],
     run: Int[Array, " T"] | None = None,
-    bounded: bool = False,
 ) -> tuple[JointGate, ...]:
     """The verdict on each joint's net.
 
@@ -75,16 +74,47 @@ def shrink_net(
         travel: Displacement of each joint from sample to sample [rad].
         witness: Number of the run, or stretch of one, that a sample lies in: what doubt is counted over.
         run: Number of the run, over which energies are reported; the same if None.
-        bounded: Whether the prediction never leaves what it saw. Then squares need to fall by one standard error alone,
-            and energies may grow by what Student's test does not find sure: the two tests change places.
     """
+    groups = (witness, witness if run is None else run)
+    return _shrink(predicted, left, moving, travel, groups, (_surely(witness), 1.0))
+
+
+def shrink_bounded(
+    predicted: Float[Array, "T n"],
+    left: Float[Array, "T n"],
+    moving: Bool[Array, "T n"],
+    travel: Float[Array, "T n"],
+    witness: Int[Array, " T"],
+    run: Int[Array, " T"],
+) -> tuple[JointGate, ...]:
+    """The verdict on what never leaves the torques that it saw: arguments as of `shrink_net`.
+
+    The two tests change places: squares fall by one standard error, energies may not surely grow.
+    """
+    return _shrink(predicted, left, moving, travel, (witness, run), (1.0, _surely(witness)))
+
+
+def _surely(witness: Int[Array, " T"]) -> float:
+    """Standard errors that are sure over so many witnesses, by Student's test."""
+    return float(stdtrit(max(1, len(np.unique(witness)) - 1), SURE))
+
+
+def _shrink(
+    predicted: Float[Array, "T n"],
+    left: Float[Array, "T n"],
+    moving: Bool[Array, "T n"],
+    travel: Float[Array, "T n"],
+    groups: tuple[Int[Array, " T"], Int[Array, " T"]],
+    doubts: tuple[float, float],
+) -> tuple[JointGate, ...]:
+    """The verdict; `doubts`: standard errors by which squares must fall, and energies may grow."""
+    witness, run = groups
+    needed, allowed = doubts
 
     def squares(weight: Array | float) -> Float[Array, "g n"]:
         return _by_group(np.where(moving, (left - weight * predicted) ** 2, 0.0), witness)
 
     without, own = (_by_group(np.where(moving, part * travel, 0.0), witness) for part in (left, predicted))
-    sure = float(stdtrit(max(1, len(without) - 1), SURE))
-    needed, allowed = (1.0, sure) if bounded else (sure, 1.0)
     best, weight = np.zeros(left.shape[1]), np.zeros(left.shape[1])
     alone = squares(0.0)
     for share in WEIGHTS:
@@ -106,7 +136,7 @@ def shrink_net(
     after = left - np.where(weight > 0.0, weight, 1.0) * predicted
     count = np.maximum(moving.sum(axis=0), 1.0)
     rmse = [np.sqrt(np.where(moving, part**2, 0.0).sum(axis=0) / count) for part in (left, after)]
-    works = [_by_group(np.where(moving, part * travel, 0.0), witness if run is None else run) for part in (left, after)]
+    works = [_by_group(np.where(moving, part * travel, 0.0), run) for part in (left, after)]
     energy = [np.sqrt(np.mean(part**2, axis=0)) for part in works]
     return tuple(JointGate(*map(float, row)) for row in zip(*rmse, *energy, weight, strict=True))
 
@@ -126,7 +156,7 @@ def _by_group(values: Float[Array, "T n"], group: Int[Array, " T"]) -> Float[Arr
 
 
 def describe_gate(gate: tuple[JointGate, ...], joints: tuple[str, ...], what: str = "residual net") -> str:
-    """What each joint keeps of its net, or of another learner, and why, with figures from runs that it never saw."""
+    """What each joint keeps of its net, or another learner, by what that never saw."""
     pairs = list(zip(joints, gate, strict=True))
     share = {one: "" if one.weight == 1.0 else f"by {100 * one.weight:.0f} %: " for one in gate}
     kept = [f"{name} ({share[one]}{_figures(one)})" for name, one in pairs if one.kept]

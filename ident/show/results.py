@@ -122,14 +122,15 @@ def describe_fit(result: FitResults) -> list[str]:
     lines += [one.describe(result.model.joint_names) for one in result.model.carried]
     coupled = result.model.provenance.get("coupled_by_choice", [])
     for first, second in zip(coupled[::2], coupled[1::2], strict=True):
-        lines.append(f"{first} and {second} turn each other, as runs left out ask for; --coupling none leaves it out")
+        lines.append(f"{first} and {second} turn each other, say runs left out (--coupling none: leave it)")
     lines += [f"left out of what the diagnosis names: {one}" for one in result.model.provenance["named_left_out"]]
     if result.model.net is not None and result.model.net.gate:
         from ident.model.net_gate import describe_gate
 
         lines.append(describe_gate(result.model.net.gate, result.model.joint_names))
         if result.model.memory is not None:
-            lines.append(describe_gate(result.model.memory.gate, result.model.joint_names, "memory of the last second"))
+            gate, joints = result.model.memory.gate, result.model.joint_names
+            lines.append(describe_gate(gate, joints, "memory of the last second"))
     return lines
 
 

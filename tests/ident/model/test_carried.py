@@ -1,4 +1,4 @@
-"""Laws of what a fit takes from a diagnosis beside friction: springs, links, offsets, gains, delays, and what else."""
+"""Laws of what a fit takes from a diagnosis beside friction: springs, links, offsets, delays."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -111,7 +111,7 @@ def diagnose_by_hand(path: Path, arm: ArmModel, effect: str) -> NamedLaws:
 
 
 def held_out_error(model: HybridModel, run: Motion) -> float:
-    """Root mean square of what a model leaves of a run's filtered torque, where the joints move [N m]."""
+    """What a model leaves of a run's filtered torque where joints move, root mean square [N m]."""
     left = run.filtered(model.torque(run.q, run.dq, run.ddq)) - run.tau_filtered
     return float(np.sqrt(np.mean(left[run.moving] ** 2)))
 
@@ -128,7 +128,7 @@ def healthy_error() -> float:
 def test_a_named_effect_is_carried_and_foretold(
     two_joints: ArmModel, healthy_error: float, tmp_path: Path, effect: str
 ) -> None:
-    """With it a run that no fit saw is foretold as of an arm without it, else much worse; the folder keeps it."""
+    """With it an unseen run is foretold as of an arm without it, else much worse; it is kept."""
     runs = record_runs(two_joints, TRUTHS[effect])
     named = diagnose_by_hand(tmp_path / "why.json", two_joints, effect)
     assert [one.effect for one in named.carried] == [effect]

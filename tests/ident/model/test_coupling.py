@@ -18,7 +18,7 @@ Further = Callable[[Array, Array, Array, Array], Array]
 
 
 def coupled_by(mix: float) -> Further:
-    """What a shaft does to both joints that turns by the sum of their angles, or by their difference."""
+    """What a shaft does to both joints that turns by their sum, or by their difference."""
 
     def further(q: Array, dq: Array, ddq: Array, rigid: Array) -> Array:
         columns = []
@@ -50,7 +50,7 @@ def test_an_arm_without_a_coupling_is_given_none(two_joints: ArmModel, further: 
 
 
 def test_one_line_tells_of_a_coupling_and_none_leaves_it_out(two_joints: ArmModel) -> None:
-    """A fit that took one by itself says so; with `none` there is none, and held-out torque is worse."""
+    """A fit that took one by itself says so; with `none` held-out torque is worse."""
     runs = made_runs(two_joints, coupled_by(1.0))
     taken = fit_hybrid(runs[:4], two_joints, FitOptions(net="none"))
     told = [line for line in describe_fit(taken) if "turn each other" in line]
