@@ -214,7 +214,9 @@ class FitOptions(Options):
         one_of=get_args(Laws),
     )
     coupling: str | None = option(
-        None, "Two joints whose motors turn each other, as 5,6: friction and inertia of each act on the other."
+        None,
+        "Two joints whose motors turn each other, as 5,6: friction and inertia of each act on the other; or none. "
+        "If not given, neighbours are tried on runs left out.",
     )
     robust: bool = option(False, "Stretches that fit badly lose their pull.")
     seed: int = option(0, "Seed of the net.", min=0)

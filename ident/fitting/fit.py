@@ -16,7 +16,7 @@ from ident.arrays import Array, Float
 from ident.command_options import LUMPED, FitOptions
 from ident.errors import InputError, RecordingError
 from ident.fitting.choice import Choice, choose
-from ident.fitting.coupling import fit_coupling, read_coupling, without_carried
+from ident.fitting.coupling import EFFECT, NO_COUPLING, find_coupling, fit_coupling, read_coupling, without_carried
 from ident.fitting.identification import Identified, identify
 from ident.fitting.joint_estimate import FitSums, quantile
 from ident.laws.carried import KINDS, NamedLaw, named_torque
@@ -236,9 +236,10 @@ def fit_hybrid(
     stage("inertias and losses", 0.0, 0.5)
     named = (named or NamedLaws()).within(nominal.n)
     carried = named.carried
-    if options.coupling is not None:
-        carried = (*carried, *fit_coupling(motions, nominal, *read_coupling(options.coupling, nominal)))
     motions = [without_carried(motion, nominal, carried) for motion in motions] if carried else motions
+    coupled = coupling_of(motions, nominal, options, carried)
+    motions = [without_carried(motion, nominal, coupled) for motion in motions] if coupled else motions
+    carried += coupled
     choice, sums = choose_and_gather(motions, nominal, options, named.laws)
     found, named = identify_named(sums, named.left_out, choice)
     arm, loss = found.inertia.arm, found.loss
@@ -260,7 +261,7 @@ def fit_hybrid(
         if options.net == "default":
             from ident.model.memory import fit_memory_of_arm
 
-            memory = fit_memory_of_arm(motions, arm, known, options.seed, net.gate)
+            memory = fit_memory_of_arm(motions, arm, known, options.seed)
     model = HybridModel(
         robot=robot,
         nominal=nominal,
@@ -280,10 +281,35 @@ def fit_hybrid(
             **_provenance(motions, options, data, found, net),
             "named_left_out": list(named.left_out),
             "choice": choice.to_dict(),
+            "coupled_by_choice": [nominal.joint_names[effect.joint] for effect in coupled if options.coupling is None],
             "memory_gate": [gate.to_dict() for gate in memory.gate] if memory else [],
         },
     )
     return FitResults(model, found, choice)
+
+
+def coupling_of(
+    motions: Sequence[Motion], nominal: ArmModel, options: FitOptions, carried: Sequence[CarriedEffect]
+) -> tuple[CarriedEffect, ...]:
+    """What coupled joints do to each other: of the pair that is given, or of pairs that parts left out ask for.
+
+    Args:
+        motions: Training runs, without what is carried already.
+        nominal: The arm as its URDF describes it.
+        options: What is fitted.
+        carried: What is carried already; where a coupling is among it, none is looked for.
+
+    Raises:
+        InputError: What is given is no pair of joints.
+    """
+    if options.coupling == NO_COUPLING:
+        return ()
+    if options.coupling is not None:
+        return fit_coupling(motions, nominal, *read_coupling(options.coupling, nominal))
+    known = any(effect.effect == EFFECT for effect in carried)
+    if known or options.laws == "none":
+        return ()
+    return find_coupling(motions, nominal)
 
 
 def choose_and_gather(

@@ -18,7 +18,7 @@ from ident.arrays import Array, Float, Int
 from ident.compiled import compiled
 
 # Trees, questions of each, share by which a tree counts, and rows that a leaf is shrunk by.
-TREES, DEPTH, RATE, SHRINKAGE = 100, 4, 0.1, 20.0
+TREES, DEPTH, RATE, SHRINKAGE = 100, 5, 0.2, 20.0
 # Bins of an input, and shares of rows and of inputs that a tree is drawn.
 BINS, ROW_SHARE, INPUT_SHARE = 32, 0.5, 0.6
 
@@ -40,6 +40,20 @@ class Trees:
     def scaled(self, share: float) -> Trees:
         """The same, of its torque a share."""
         return Trees(self.inputs, self.thresholds, share * self.leaves)
+
+    def padded(self, count: int) -> Trees:
+        """The same, with trees that say nothing up to a number of them."""
+        further = ((0, count - len(self.inputs)), (0, 0))
+        return Trees(np.pad(self.inputs, further), np.pad(self.thresholds, further), np.pad(self.leaves, further))
+
+
+def join_trees(first: Trees, second: Trees) -> Trees:
+    """Trees of both, whose torques add up; their inputs are numbered alike."""
+    return Trees(
+        np.concatenate([first.inputs, second.inputs]),
+        np.concatenate([first.thresholds, second.thresholds]),
+        np.concatenate([first.leaves, second.leaves]),
+    )
 
 
 def fit_trees(x: Float[Array, "T f"], y: Float[Array, " T"], seed: int) -> Trees:
@@ -84,6 +98,34 @@ def _evaluate(x: Array, inputs: Array, thresholds: Array, leaves: Array, out: Ar
 
 
 @compiled(error_model="numpy", nogil=True)
+def _fill(table: Array, row: Array, sample: Array, leaf: Array, target: Array) -> None:
+    """Sum and number of a sample's targets by leaf and bin of one input."""
+    table[:] = 0.0
+    for i in range(len(sample)):
+        cell = table[leaf[i], row[sample[i]]]
+        cell[0] += target[i]
+        cell[1] += 1.0
+
+
+@compiled(error_model="numpy", nogil=True)
+def _weigh(table: Array, gain: Array, shrinkage: float) -> None:
+    """What each threshold of one input would explain, over all leaves."""
+    gain[:] = 0.0
+    for a in range(table.shape[0]):
+        all_sum, all_rows = 0.0, 0.0
+        for b in range(table.shape[1]):
+            all_sum += table[a, b, 0]
+            all_rows += table[a, b, 1]
+        low_sum, low_rows = 0.0, 0.0
+        for b in range(table.shape[1] - 1):
+            low_sum += table[a, b, 0]
+            low_rows += table[a, b, 1]
+            high_sum, high_rows = all_sum - low_sum, all_rows - low_rows
+            low = low_sum**2 / (low_rows + shrinkage)
+            gain[b] += low + high_sum**2 / (high_rows + shrinkage)
+
+
+@compiled(error_model="numpy", nogil=True)
 def _grow(
     binned: Array,
     left: Array,
@@ -96,48 +138,36 @@ def _grow(
     shrinkage: float,
 ) -> Array:
     """Grows one tree on a sample of rows, and takes its torque off all rows; places of its thresholds."""
-    depth = inputs.shape[0]
+    depth, drawn = inputs.shape[0], len(sample)
     places = np.zeros(depth, dtype=np.int64)
-    leaf = np.zeros(len(sample), dtype=np.int64)
+    leaf = np.zeros(drawn, dtype=np.int64)
+    target = left[sample]
+    table = np.zeros((1 << depth, bins, 2))
+    gain = np.zeros(bins)
     for d in range(depth):
-        count, best = 1 << d, -1.0
+        best = -1.0
         for f in among:
-            row = binned[f]
-            sums = np.zeros((count, bins))
-            rows = np.zeros((count, bins))
-            for i in range(len(sample)):
-                s = sample[i]
-                sums[leaf[i], row[s]] += left[s]
-                rows[leaf[i], row[s]] += 1.0
-            gain = np.zeros(bins)
-            for a in range(count):
-                all_sum, all_rows = 0.0, 0.0
-                for b in range(bins):
-                    all_sum += sums[a, b]
-                    all_rows += rows[a, b]
-                low_sum, low_rows = 0.0, 0.0
-                for b in range(bins - 1):
-                    low_sum += sums[a, b]
-                    low_rows += rows[a, b]
-                    high_sum, high_rows = all_sum - low_sum, all_rows - low_rows
-                    gain[b] += low_sum**2 / (low_rows + shrinkage) + high_sum**2 / (high_rows + shrinkage)
+            _fill(table[: 1 << d], binned[f], sample, leaf, target)
+            _weigh(table[: 1 << d], gain, shrinkage)
             for b in range(bins - 1):
                 if gain[b] > best:
                     best = gain[b]
                     inputs[d] = f
                     places[d] = b
-        for i in range(len(sample)):
-            leaf[i] = 2 * leaf[i] + (1 if binned[inputs[d], sample[i]] > places[d] else 0)
-    sums_of = np.zeros(1 << depth)
-    rows_of = np.zeros(1 << depth)
-    for i in range(len(sample)):
-        sums_of[leaf[i]] += left[sample[i]]
-        rows_of[leaf[i]] += 1.0
+        answers = binned[inputs[d]]
+        for i in range(drawn):
+            leaf[i] = 2 * leaf[i] + (1 if answers[sample[i]] > places[d] else 0)
+    sums = np.zeros((1 << depth, 2))
+    for i in range(drawn):
+        sums[leaf[i], 0] += target[i]
+        sums[leaf[i], 1] += 1.0
     for a in range(1 << depth):
-        leaves[a] = rate * sums_of[a] / (rows_of[a] + shrinkage)
+        leaves[a] = rate * sums[a, 0] / (sums[a, 1] + shrinkage)
+    number = np.zeros(len(left), dtype=np.int64)
+    for d in range(depth):
+        answers = binned[inputs[d]]
+        for t in range(len(left)):
+            number[t] = 2 * number[t] + (1 if answers[t] > places[d] else 0)
     for t in range(len(left)):
-        number = 0
-        for d in range(depth):
-            number = 2 * number + (1 if binned[inputs[d], t] > places[d] else 0)
-        left[t] -= leaves[number]
+        left[t] -= leaves[number[t]]
     return places

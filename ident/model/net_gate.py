@@ -75,19 +75,53 @@ def shrink_net(
         witness: Number of the run, or stretch of one, that a sample lies in: what doubt is counted over.
         run: Number of the run, over which energies are reported; the same if None.
     """
+    groups = (witness, witness if run is None else run)
+    return _shrink(predicted, left, moving, travel, groups, (_surely(witness), 1.0))
+
+
+def shrink_bounded(
+    predicted: Float[Array, "T n"],
+    left: Float[Array, "T n"],
+    moving: Bool[Array, "T n"],
+    travel: Float[Array, "T n"],
+    witness: Int[Array, " T"],
+    run: Int[Array, " T"],
+) -> tuple[JointGate, ...]:
+    """The verdict on what never leaves the torques that it saw: arguments as of `shrink_net`.
+
+    The two tests change places: squares fall by one standard error, energies may not surely grow.
+    """
+    return _shrink(predicted, left, moving, travel, (witness, run), (1.0, _surely(witness)))
+
+
+def _surely(witness: Int[Array, " T"]) -> float:
+    """Standard errors that are sure over so many witnesses, by Student's test."""
+    return float(stdtrit(max(1, len(np.unique(witness)) - 1), SURE))
+
+
+def _shrink(
+    predicted: Float[Array, "T n"],
+    left: Float[Array, "T n"],
+    moving: Bool[Array, "T n"],
+    travel: Float[Array, "T n"],
+    groups: tuple[Int[Array, " T"], Int[Array, " T"]],
+    doubts: tuple[float, float],
+) -> tuple[JointGate, ...]:
+    """The verdict; `doubts`: standard errors by which squares must fall, and energies may grow."""
+    witness, run = groups
+    needed, allowed = doubts
 
     def squares(weight: Array | float) -> Float[Array, "g n"]:
         return _by_group(np.where(moving, (left - weight * predicted) ** 2, 0.0), witness)
 
     without, own = (_by_group(np.where(moving, part * travel, 0.0), witness) for part in (left, predicted))
-    needed = float(stdtrit(max(1, len(without) - 1), SURE))
     best, weight = np.zeros(left.shape[1]), np.zeros(left.shape[1])
     alone = squares(0.0)
     for share in WEIGHTS:
         # Of all moving samples alike: a run in which a joint hardly moves says little of it.
         gain = alone - squares(share)
         doubt = gain.std(axis=0, ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.full(gain.shape[1], np.inf)
-        helps = (gain.mean(axis=0) > needed * doubt) & ~_is_worse(without, without - share * own)
+        helps = (gain.mean(axis=0) > needed * doubt) & ~_is_worse(without, without - share * own, allowed)
         weight = np.where(helps & (gain.mean(axis=0) > best), share, weight)
         best = np.where(weight == share, gain.mean(axis=0), best)
     # Joints go until the energy error of all joints together is no worse than without any net.
@@ -96,22 +130,22 @@ def shrink_net(
     def mixed(choice: Array) -> Float[Array, "g 1"]:
         return (without - choice * own).sum(axis=1, keepdims=True)
 
-    while weight.any() and _is_worse(together, mixed(weight))[0]:
+    while weight.any() and _is_worse(together, mixed(weight), allowed)[0]:
         trials = [np.where(np.arange(len(weight)) == j, 0.0, weight) for j in np.flatnonzero(weight)]
         weight = min(trials, key=lambda choice: float(np.sum(mixed(choice) ** 2)))
     after = left - np.where(weight > 0.0, weight, 1.0) * predicted
     count = np.maximum(moving.sum(axis=0), 1.0)
     rmse = [np.sqrt(np.where(moving, part**2, 0.0).sum(axis=0) / count) for part in (left, after)]
-    works = [_by_group(np.where(moving, part * travel, 0.0), witness if run is None else run) for part in (left, after)]
+    works = [_by_group(np.where(moving, part * travel, 0.0), run) for part in (left, after)]
     energy = [np.sqrt(np.mean(part**2, axis=0)) for part in works]
     return tuple(JointGate(*map(float, row)) for row in zip(*rmse, *energy, weight, strict=True))
 
 
-def _is_worse(without: Float[Array, "g n"], with_net: Float[Array, "g n"]) -> Bool[Array, " n"]:
-    """Whether squares over the groups grew by more than one standard error of their change."""
+def _is_worse(without: Float[Array, "g n"], with_net: Float[Array, "g n"], errors: float) -> Bool[Array, " n"]:
+    """Whether squares over the groups grew by more than some standard errors of their change."""
     growth = with_net**2 - without**2
     doubt = growth.std(axis=0, ddof=1) / np.sqrt(len(growth)) if len(growth) > 1 else np.zeros(growth.shape[1])
-    return np.asarray(growth.mean(axis=0) > doubt)
+    return np.asarray(growth.mean(axis=0) > errors * doubt)
 
 
 def _by_group(values: Float[Array, "T n"], group: Int[Array, " T"]) -> Float[Array, "g n"]:
@@ -121,8 +155,8 @@ def _by_group(values: Float[Array, "T n"], group: Int[Array, " T"]) -> Float[Arr
     return sums
 
 
-def describe_gate(gate: tuple[JointGate, ...], joints: tuple[str, ...]) -> str:
-    """What each joint keeps of its net and why, with figures from runs that the net never saw."""
+def describe_gate(gate: tuple[JointGate, ...], joints: tuple[str, ...], what: str = "residual net") -> str:
+    """What each joint keeps of its net, or another learner, by what that never saw."""
     pairs = list(zip(joints, gate, strict=True))
     share = {one: "" if one.weight == 1.0 else f"by {100 * one.weight:.0f} %: " for one in gate}
     kept = [f"{name} ({share[one]}{_figures(one)})" for name, one in pairs if one.kept]
@@ -130,7 +164,7 @@ def describe_gate(gate: tuple[JointGate, ...], joints: tuple[str, ...]) -> str:
     parts = [f"kept for {', '.join(kept)}"] if kept else []
     if silent:
         parts.append(f"left out for {', '.join(silent)}: no surely better torque there, or worse energy")
-    return f"residual net, on runs held back: {'; '.join(parts)}"
+    return f"{what}, on runs held back: {'; '.join(parts)}"
 
 
 def _figures(one: JointGate) -> str:

@@ -111,18 +111,30 @@ def draw_evaluation(result: Evaluation) -> Figure:
 
 def print_fit(console: Console, result: FitResults) -> None:
     """What was identified, and what was left out of it."""
+    console.print(visible(result.loss.summary(), lines=True), highlight=False, soft_wrap=True)
+    for line in describe_fit(result):
+        say(console, with_units(line), hanging="  ")
+
+
+def describe_fit(result: FitResults) -> list[str]:
+    """What was identified beside the losses, chosen and carried, and what was left out, a line each."""
     from ident.fitting.identification import describe
 
-    console.print(visible(result.loss.summary(), lines=True), highlight=False, soft_wrap=True)
     lines = [*describe(result.identified), *result.choice.describe()]
-    lines += [one.describe(result.model.joint_names) for one in result.model.carried]
-    lines += [f"left out of what the diagnosis names: {one}" for one in result.model.provenance["named_left_out"]]
+    lines += [law.describe(result.model.joint_names) for law in result.model.carried]
+    coupled = result.model.provenance.get("coupled_by_choice", [])
+    for first, second in zip(coupled[::2], coupled[1::2], strict=True):
+        lines.append(f"{first} and {second} turn each other, say runs left out (--coupling none: leave it)")
+    left_out = result.model.provenance["named_left_out"]
+    lines += [f"left out of what the diagnosis names: {cause}" for cause in left_out]
     if result.model.net is not None and result.model.net.gate:
         from ident.model.net_gate import describe_gate
 
         lines.append(describe_gate(result.model.net.gate, result.model.joint_names))
-    for line in lines:
-        say(console, with_units(line), hanging="  ")
+        if result.model.memory is not None:
+            gate, joints = result.model.memory.gate, result.model.joint_names
+            lines.append(describe_gate(gate, joints, "memory of the last second"))
+    return lines
 
 
 def draw_fit(result: FitResults) -> Figure:
