@@ -21,8 +21,8 @@ WATCHED_SHARE = 0.6
 # Pairs closer than this are watched [m]; at most so many of their places at a time, the nearest ones.
 NEAR, MOST_NEAR = 0.06, 90
 # Places along a motion at which all pairs are looked at; where a gap dips to within so much of the margin [m], it is
-# looked at more closely, at so many places to either side of it, and once more in the same way: a gap past an edge falls
-# and rises by half a millimetre within a five-hundredth of a motion.
+# looked at more closely, at so many places to either side of it, and once more in the same way: past an edge a gap
+# falls and rises by half a millimetre within a five-hundredth of a motion.
 PLACES, CLOSE, CLOSER = 64, (0.03, 0.005), 8
 # Rules of the way that are broken by less than minus so many units are not watched.
 WATCHED_RULE = 0.5

@@ -1,0 +1,211 @@
+"""A cycle as one task: motions between stops, a load gripped and released, one duration shared among all of them.
+
+The arm rests at every stop, so that all that binds the motions together is the duration of the whole:
+
+    min Σ E_k(T_k)   with   Σ T_k = T − Σ dwell
+
+with E_k the least energy of motion k over its duration. Those curves are found as for a single free duration, the
+durations are shared out on them, and each motion is then searched in full at its own. With time as the objective every
+motion is as short as it can be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import minimize
+
+from ident.arrays import Array, Float
+from ident.errors import InputError
+from ident.model.hybrid import HybridModel
+from ident.progress import stage
+from plan.command_options import SolveOptions
+from plan.planners.base import Ledger
+from plan.problem.cycle_result import CycleResult, Leg
+from plan.problem.problem import PlanningProblem
+from plan.problem.result import PlanResult
+from plan.problem.stops import GRIP, holds_at_first
+from plan.problem.task_file import Task
+from plan.solving.free_duration import Look, apart, energy_curve, lasting, look_at
+from plan.solving.obstruction import require_valid_ends, shortest_duration
+from plan.solving.set_up import reach_goals, set_up
+from plan.solving.solve import solve
+
+# Slower paces at which the torque is looked at, as shares of the plan's own, and places of a section.
+PACES, PLACES = np.linspace(0.05, 1.0, 20), np.linspace(0.0, 1.0, 41)
+# Times that a motion is planned anew where it needs more torque when slowed down, and how much lower it then aims.
+TURNS, LOWER = 3, 1.002
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """How the duration of a cycle is shared among its motions."""
+
+    durations: Float[Array, " m"]  # of each motion [s]
+    energy: float  # of all of them, on the curves [J]
+    even: float  # the same where each takes the same multiple of its shortest duration [J]
+
+
+def split_cycle(task: Task, model: HybridModel | None, options: SolveOptions) -> tuple[PlanningProblem, ...]:
+    """The cycle's motions in turn, each with what the arm carries on it.
+
+    Raises:
+        InputError: The file has no stops, or a motion's ends are at fault.
+    """
+    if not task.stops:
+        raise InputError(task.source, "it has no [[leg]]", "add some, or use `plan solve`")
+    if task.pose is not None or task.others:
+        raise InputError(task.source, f"a cycle ends at task.goal_deg, not at {task.keys[1]}", "give goal_deg")
+    free = _moving_time(task, options.objective)
+    holding = holds_at_first(task.stops)
+    places = [task.start, *(stop.q for stop in task.stops), task.goal]
+    deeds = ["", *(stop.does for stop in task.stops)]
+    problems = []
+    for number, (start, goal) in enumerate(pairwise(places)):
+        holding = deeds[number] == GRIP if deeds[number] else holding
+        if np.array_equal(start, goal):
+            continue
+        load = {} if holding else {"attached": (), "payload": None}
+        ends = {"start": start, "goal": goal, "duration": None, "longest": free, "standby": 0.0}
+        leg = replace(task, stops=(), **ends, **load)
+        problem = reach_goals(set_up(leg, model, options), leg)[0]
+        require_valid_ends(problem, leg, options.inside)
+        problems.append(problem)
+    if not problems:
+        raise InputError(task.source, "all its stops are at one place", "give [[leg]] other angles")
+    return tuple(problems)
+
+
+def _moving_time(task: Task, objective: str) -> float | None:
+    """How long the arm may move in all [s]; None where time is the objective.
+
+    Raises:
+        InputError: Nothing says so, or nothing is left of it.
+    """
+    if objective == "time":
+        return None
+    whole = task.duration if task.duration is not None else task.longest
+    if whole is None:
+        raise InputError(task.source, "a cycle of least energy needs task.duration_s or at_most_s", "add one of them")
+    left = whole - sum(stop.dwell for stop in task.stops)
+    if left <= 0.0:
+        raise InputError(task.source, f"the stops' dwell_s take all of the cycle's {whole:g} s", "make them shorter")
+    return left
+
+
+def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveOptions) -> CycleResult:
+    """Plans all motions of a cycle; an expected failure is a status with a reason.
+
+    Args:
+        task: What the file says.
+        problems: Its motions, by `split_cycle`.
+        options: How; the budget is shared by the motions.
+    """
+    most, seconds = options.budget
+    share = replace(options, evaluations=max(most // len(problems), 1), seconds=seconds / len(problems), gap=False)
+    if options.objective == "time":
+        legs = [_plan(problem, share, None) for problem in problems]
+        return CycleResult.of(task, options, legs, None, None)
+    curves = []
+    for number, problem in enumerate(problems, start=1):
+        stage(f"energy over duration, motion {number} of {len(problems)}")
+        curves.append(energy_curve(problem, share))
+    free = _moving_time(task, options.objective)
+    assert free is not None
+    needs = np.array([shortest_duration(problem) for problem in problems])
+    if needs.sum() > free:
+        reason = f"{free:g} s are too short: the motions take {needs.sum():.3f} s at the least"
+        return CycleResult.of(task, options, [], None, None, reason)
+    for number, curve in enumerate(curves, start=1):
+        if not any(np.isfinite(look.energy) for look in curve):
+            return CycleResult.of(task, options, [], None, None, f"no motion found for leg {number}")
+    shared = share_duration(curves, needs, free, task)
+    legs = []
+    for number, (problem, curve, duration) in enumerate(zip(problems, curves, shared.durations, strict=True), start=1):
+        stage(f"searching for motion {number} of {len(problems)}")
+        legs.append(_plan(lasting(problem, float(duration)), share, curve))
+    return CycleResult.of(task, options, legs, shared.energy, shared.even)
+
+
+def share_duration(curves: Sequence[Sequence[Look]], needs: Float[Array, " m"], free: float, task: Task) -> Shared:
+    """The durations of least energy together, standby counted where the whole may be shorter.
+
+    Args:
+        curves: Least energy over duration of each motion.
+        needs: Shortest duration of each motion [s].
+        free: How long they may take together [s].
+        task: Whether that is how long they must take, and what the cell takes meanwhile.
+    """
+    tables = []
+    for curve in curves:
+        known = [look for look in curve if np.isfinite(look.energy)]
+        tables.append((np.array([look.duration for look in known]), np.array([look.energy for look in known])))
+    low = np.array([times[0] for times, _ in tables])
+    high = np.array([times[-1] for times, _ in tables])
+    splines = [_interpolate(times, energies) for times, energies in tables]
+    standby = task.standby if task.duration is None else 0.0
+
+    def cost(durations: Array) -> float:
+        """Energy of all motions, and of the cell [J]."""
+        return float(sum(spline(t) for spline, t in zip(splines, durations, strict=True)) + standby * durations.sum())
+
+    even = np.clip(needs * free / needs.sum(), low, high)
+    kind = "eq" if task.duration is not None and high.sum() >= free else "ineq"
+    rule = {"type": kind, "fun": lambda durations: free - durations.sum()}
+    bounds = list(zip(low, high, strict=True))
+    best = even
+    for begin in (even, low + (high - low) * (free - low.sum()) / max(high.sum() - low.sum(), 1e-9)):
+        begin = np.clip(begin, low, high)
+        found = minimize(cost, begin, method="SLSQP", bounds=bounds, constraints=[rule])
+        durations = np.clip(found.x, low, high)
+        if durations.sum() <= free * (1.0 + 1e-6) and cost(durations) < cost(best):
+            best = durations
+    best = best * min(1.0, free / best.sum())
+    return Shared(best, cost(best) - standby * float(best.sum()), cost(even) - standby * float(even.sum()))
+
+
+def _interpolate(times: Float[Array, " k"], energies: Float[Array, " k"]) -> PchipInterpolator:
+    """Energy between the durations that were looked at, monotone where they are."""
+    if len(times) == 1:
+        times = np.array([times[0], times[0] * (1.0 + 1e-6)])
+        energies = np.repeat(energies, 2)
+    return PchipInterpolator(times, energies)
+
+
+def _plan(problem: PlanningProblem, options: SolveOptions, curve: Sequence[Look] | None) -> Leg:
+    """One motion, planned until it stays within its torque however slowly the controller runs it."""
+    duration = float(problem.durations.sum())
+    known = None
+    if curve is not None:
+        nearest = min(curve, key=lambda look: apart(look, duration))
+        if nearest.candidate is not None:
+            known = look_at(problem, duration, nearest, Ledger(10**6, options.budget[1] / 4.0)).candidate
+    task = problem
+    for _ in range(TURNS):
+        result = solve(task, options, known=known)
+        share = slowed_torque_share(problem, result)
+        if share is None or share <= 1.0:
+            break
+        lower = task.limits.torque / (share * LOWER)
+        task, known = replace(task, limits=replace(task.limits, torque=lower)), None
+    return Leg(result, share)
+
+
+def slowed_torque_share(problem: PlanningProblem, result: PlanResult) -> float | None:
+    """Largest torque as a share of its limit at any slower pace of a plan, its own included; None without a plan.
+
+    Slowed down to a share r the speed is r and the acceleration r² of what it was: less push, but no less weight.
+    """
+    splines = result.splines
+    if splines is None or not result.solved:
+        return None
+    q, dq, ddq = splines.states(PLACES)
+    worst = 0.0
+    for pace in PACES:
+        tau = problem.model.torque(q, pace * dq, pace**2 * ddq)
+        worst = max(worst, float((np.abs(tau) / problem.limits.torque).max()))
+    return worst
