@@ -175,7 +175,7 @@ class LocalModel:
                 break
             shares, pairs, _ = (each[dips] for each in watched[-1])
             nearby = spacing * np.arange(-CLOSER, CLOSER + 1) / CLOSER
-            windows = np.clip(shares[:, None] + nearby, 0.0, 1.0)
+            windows = np.round(np.clip(shares[:, None] + nearby, 0.0, 1.0), 12)
             closer, place = np.unique(windows, return_inverse=True)
             wanted = np.zeros((len(closer), gaps.shape[1]), dtype=bool)
             wanted[place.reshape(windows.shape), pairs[:, None]] = True

@@ -41,6 +41,9 @@ SETTLED = 3
 # Trajectories whose positions differ by less than this all along are the same, and one of them goes on [rad]; places at
 # which they are compared.
 SAME, COMPARED = 0.03, freeze(np.linspace(0.0, 1.0, 17)[1:-1])
+# A descent ends where less than this share of the cost is to be gained, on the first finer grid, the second, and so on:
+# what a coarse grid leaves undone the next one does anyway.
+TOLERANCES = (5e-5, 2e-5, 1e-5)
 # A descent whose last step was cut short begins anew with a fresh curvature as long as that brings such a share.
 ANEW = 1e-3
 # Starts after which the best of them goes on at once, by so many grids for energy and for time: so a plan near the best
@@ -233,9 +236,10 @@ class Sequential(Planner):
         """Cost and course after steps on a grid with every section in two."""
         nodes = _nodes(course.local.timed, 2 * course.local.grid.sections)
         refined = refine(course, *WIDTHS[min(level + 1, 2)], nodes)
-        refined = descend(refined, ledger, self.steps, 0.1, 1e-5)
+        tolerance = TOLERANCES[min(level, len(TOLERANCES) - 1)]
+        refined = descend(refined, ledger, self.steps, 0.1, tolerance)
         while not refined.local.timed and ledger.remaining > 0:
-            anew = descend(begin(refined.local, refined.x), ledger, self.steps, 0.05, 1e-5)
+            anew = descend(begin(refined.local, refined.x), ledger, self.steps, 0.05, tolerance)
             brought = refined.look.cost - anew.look.cost
             if anew.rank >= refined.rank:
                 break

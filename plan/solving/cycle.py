@@ -110,16 +110,16 @@ def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveO
     if options.objective == "time":
         legs = [_plan(problem, share, None) for problem in problems]
         return CycleResult.of(task, options, legs, None, None)
-    curves = []
-    for number, problem in enumerate(problems, start=1):
-        stage(f"energy over duration, motion {number} of {len(problems)}")
-        curves.append(energy_curve(problem, share))
     free = _moving_time(task, options.objective)
     assert free is not None
     needs = np.array([shortest_duration(problem) for problem in problems])
     if needs.sum() > free:
         reason = f"{free:g} s are too short: the motions take {needs.sum():.3f} s at the least"
         return CycleResult.of(task, options, [], None, None, reason)
+    curves = []
+    for number, problem in enumerate(problems, start=1):
+        stage(f"energy over duration, motion {number} of {len(problems)}")
+        curves.append(energy_curve(problem, share))
     for number, curve in enumerate(curves, start=1):
         if not any(np.isfinite(look.energy) for look in curve):
             return CycleResult.of(task, options, [], None, None, f"no motion found for leg {number}")

@@ -38,7 +38,7 @@ does = "{deed}"
 QUICK = SolveOptions(evaluations=600, gap=False)
 
 
-def write(folder: Path, whole: str = "duration_s = 4.5", deed: str = "release") -> Task:
+def write(folder: Path, whole: str = "duration_s = 8.5", deed: str = "release") -> Task:
     """The task of a cycle with two stops."""
     path = folder / "cycle.toml"
     path.write_text(SCENE.format(whole=whole, deed=deed))
@@ -86,7 +86,7 @@ def test_a_cycle_takes_its_duration_and_stays_within_torque_at_every_pace(tmp_pa
     problems = split_cycle(task, None, QUICK)
     found = solve_cycle(task, problems, QUICK)
     assert found.solved, found.reason
-    assert found.duration == pytest.approx(4.5, abs=1e-6)
+    assert found.duration == pytest.approx(8.5, abs=1e-6)
     assert found.dwelling == pytest.approx(0.5)
     assert found.shared <= found.even + 1e-9
     for leg, problem in zip(found.legs, problems, strict=True):
@@ -113,8 +113,8 @@ def test_too_short_a_cycle_is_told_with_what_it_needs(tmp_path: Path) -> None:
     [
         ("via_points = 2", "release", "needs task.duration_s or at_most_s"),
         ("duration_s = 0.4", "release", "dwell_s take all"),
-        ("duration_s = 4.5", "grip", "twice in a row"),
-        ("duration_s = 4.5", "weld", "is 'weld'"),
+        ("duration_s = 8.5", "grip", "twice in a row"),
+        ("duration_s = 8.5", "weld", "is 'weld'"),
     ],
 )
 def test_bad_cycles_are_refused_by_their_keys(tmp_path: Path, whole: str, deed: str, words: str) -> None:
