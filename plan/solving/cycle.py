@@ -37,6 +37,8 @@ from plan.solving.solve import solve
 
 # Slower paces at which the torque is looked at, as shares of the plan's own, and places of a section.
 PACES, PLACES = np.linspace(0.05, 1.0, 20), np.linspace(0.0, 1.0, 41)
+# Durations that differ by less than this share are one: between them a curve would have any slope.
+APART = 0.005
 # Times that a motion is planned anew where it needs more torque when slowed down, and how much lower it then aims.
 TURNS, LOWER = 3, 1.002
 
@@ -69,9 +71,9 @@ def split_cycle(task: Task, model: HybridModel | None, options: SolveOptions) ->
         holding = deeds[number] == GRIP if deeds[number] else holding
         if np.array_equal(start, goal):
             continue
-        load = {} if holding else {"attached": (), "payload": None}
-        ends = {"start": start, "goal": goal, "duration": None, "longest": free, "standby": 0.0}
-        leg = replace(task, stops=(), **ends, **load)
+        leg = replace(task, stops=(), start=start, goal=goal, duration=None, longest=free, standby=0.0)
+        if not holding:
+            leg = replace(leg, attached=(), payload=None)
         problem = reach_goals(set_up(leg, model, options), leg)[0]
         require_valid_ends(problem, leg, options.inside)
         problems.append(problem)
@@ -140,10 +142,7 @@ def share_duration(curves: Sequence[Sequence[Look]], needs: Float[Array, " m"], 
         free: How long they may take together [s].
         task: Whether that is how long they must take, and what the cell takes meanwhile.
     """
-    tables = []
-    for curve in curves:
-        known = [look for look in curve if np.isfinite(look.energy)]
-        tables.append((np.array([look.duration for look in known]), np.array([look.energy for look in known])))
+    tables = [_distinct(curve) for curve in curves]
     low = np.array([times[0] for times, _ in tables])
     high = np.array([times[-1] for times, _ in tables])
     splines = [_interpolate(times, energies) for times, energies in tables]
@@ -166,6 +165,21 @@ def share_duration(curves: Sequence[Sequence[Look]], needs: Float[Array, " m"], 
             best = durations
     best = best * min(1.0, free / best.sum())
     return Shared(best, cost(best) - standby * float(best.sum()), cost(even) - standby * float(even.sum()))
+
+
+def _distinct(curve: Sequence[Look]) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+    """Durations that are apart, and the energy of each; of those that are all but the same the cheaper stays."""
+    times: list[float] = []
+    energies: list[float] = []
+    for look in sorted(curve, key=lambda look: look.duration):
+        if not np.isfinite(look.energy):
+            continue
+        if times and look.duration < times[-1] * (1.0 + APART):
+            energies[-1] = min(energies[-1], look.energy)
+            continue
+        times.append(look.duration)
+        energies.append(look.energy)
+    return np.array(times), np.array(energies)
 
 
 def _interpolate(times: Float[Array, " k"], energies: Float[Array, " k"]) -> PchipInterpolator:

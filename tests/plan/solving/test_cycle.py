@@ -35,7 +35,7 @@ deg = [20, 20, -100]
 dwell_s = 0.2
 does = "{deed}"
 """
-QUICK = SolveOptions(evaluations=600, gap=False)
+QUICK = SolveOptions(evaluations=300, gap=False)
 
 
 def write(folder: Path, whole: str = "duration_s = 8.5", deed: str = "release") -> Task:
@@ -69,6 +69,16 @@ def test_durations_are_shared_where_a_second_is_worth_the_same(powers: tuple[flo
     assert shared.durations == pytest.approx(wanted, rel=0.02)
     assert shared.durations.sum() == pytest.approx(free)
     assert shared.energy <= shared.even + 1e-9
+
+
+def test_a_duration_that_was_looked_at_twice_counts_once() -> None:
+    """Law: two energies of one duration, as of two searches, change nothing but that the lower one counts."""
+    times = [0.5, 1.0, 1.0 + 1e-9, 2.0, 4.0]
+    curve = [Look(t, 1.0 / t**2 + 0.1 * (k == 1), None) for k, t in enumerate(times)]
+    task = Task(source=Path("x"), robot="x", start=np.zeros(1), goal=np.zeros(1), duration=2.4)
+    shared = share_duration([curve, curve], np.full(2, 0.5), 2.4, task)
+    assert shared.durations == pytest.approx(1.2, rel=0.02)
+    assert shared.even == pytest.approx(2.0 / 1.2**2, rel=0.1)
 
 
 def test_standby_shortens_a_cycle_that_may_be_shorter() -> None:
