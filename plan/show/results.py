@@ -22,6 +22,8 @@ if TYPE_CHECKING:  # each result is known by its name: none of them needs what t
     from plan.solving.compare import Comparison
 
 SAMPLES = 300
+# The family of motions that answers no question of its own, in words.
+SERIES = "all joints by a Fourier series about a pose"
 UNITS = {"energy": "J", "time": "s"}
 LINES = Path(__file__).with_name("lines.jinja")
 
@@ -122,7 +124,7 @@ def _print_motion(console: Console, found: Excitation) -> None:
     from plan.experiment.result import odds_of
 
     odds = ["over 10⁶ : 1" if odds_of(one) > 1e6 else f"{odds_of(one):.3g} : 1" for one in found.smallest]
-    motion = describe_motion(found.run_set.family, found.joint)
+    motion = SERIES if found.run_set.family == "fourier" else describe_motion(found.run_set.family, found.joint)
     _say(console, "motion", found, motion, plural(len(found.runs), "run"), odds)
 
 
