@@ -17,7 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
@@ -37,6 +37,8 @@ from plan.solving.solve import solve
 
 # Slower paces at which the torque is looked at, as shares of the plan's own, and places of a section.
 PACES, PLACES = np.linspace(0.05, 1.0, 20), np.linspace(0.0, 1.0, 41)
+# A sum of durations that is longer than allowed by this is as long as allowed.
+ROUNDED = 1.0 + 1e-6
 # Durations that differ by less than this share are one: between them a curve would have any slope.
 APART = 0.005
 # Times that a motion is planned anew where it needs more torque when slowed down, and how much lower it then aims.
@@ -48,8 +50,9 @@ class Shared:
     """How the duration of a cycle is shared among its motions."""
 
     durations: Float[Array, " m"]  # of each motion [s]
-    energy: float  # of all of them, on the curves [J]
-    even: float  # the same where each takes the same multiple of its shortest duration [J]
+    # Of all of them, on the curves [J]; None where no motion as short as needed was looked at.
+    energy: float | None
+    even: float | None  # the same where each takes the same multiple of its shortest duration [J]
 
 
 def split_cycle(task: Task, model: HybridModel | None, options: SolveOptions) -> tuple[PlanningProblem, ...]:
@@ -152,19 +155,33 @@ def share_duration(curves: Sequence[Sequence[Look]], needs: Float[Array, " m"], 
         """Energy of all motions, and of the cell [J]."""
         return float(sum(spline(t) for spline, t in zip(splines, durations, strict=True)) + standby * durations.sum())
 
-    even = np.clip(needs * free / needs.sum(), low, high)
+    if low.sum() > free:  # what is known is longer throughout: nothing to weigh
+        return Shared(needs * (free / needs.sum()), None, None)
+    even = _same_multiple(needs, low, high, free)
     kind = "eq" if task.duration is not None and high.sum() >= free else "ineq"
     rule = {"type": kind, "fun": lambda durations: free - durations.sum()}
     bounds = list(zip(low, high, strict=True))
     best = even
-    for begin in (even, low + (high - low) * (free - low.sum()) / max(high.sum() - low.sum(), 1e-9)):
-        begin = np.clip(begin, low, high)
+    for begin in (even, low + (high - low) * min((free - low.sum()) / max(high.sum() - low.sum(), 1e-9), 1.0)):
         found = minimize(cost, begin, method="SLSQP", bounds=bounds, constraints=[rule])
         durations = np.clip(found.x, low, high)
-        if durations.sum() <= free * (1.0 + 1e-6) and cost(durations) < cost(best):
+        if durations.sum() <= free * ROUNDED and cost(durations) < cost(best):
             best = durations
-    best = best * min(1.0, free / best.sum())
-    return Shared(best, cost(best) - standby * float(best.sum()), cost(even) - standby * float(even.sum()))
+    energies = [cost(durations) - standby * float(durations.sum()) for durations in (best, even)]
+    if task.duration is not None or best.sum() > free:
+        best = best * (free / best.sum())
+    return Shared(best, energies[0], energies[1])
+
+
+def _same_multiple(
+    needs: Float[Array, " m"], low: Float[Array, " m"], high: Float[Array, " m"], free: float
+) -> Float[Array, " m"]:
+    """Each motion's shortest duration times one number, within what is known, as long together as may be."""
+    top = float((high / needs).max())
+    if np.clip(top * needs, low, high).sum() <= free:
+        return np.clip(top * needs, low, high)
+    multiple = brentq(lambda k: float(np.clip(k * needs, low, high).sum()) - free, 0.0, top)
+    return np.clip(multiple * needs, low, high)
 
 
 def _distinct(curve: Sequence[Look]) -> tuple[Float[Array, " k"], Float[Array, " k"]]:

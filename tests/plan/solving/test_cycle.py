@@ -35,7 +35,7 @@ deg = [20, 20, -100]
 dwell_s = 0.2
 does = "{deed}"
 """
-QUICK = SolveOptions(evaluations=300, gap=False)
+QUICK = SolveOptions(evaluations=600, gap=False)
 
 
 def write(folder: Path, whole: str = "duration_s = 8.5", deed: str = "release") -> Task:
@@ -69,6 +69,22 @@ def test_durations_are_shared_where_a_second_is_worth_the_same(powers: tuple[flo
     assert shared.durations == pytest.approx(wanted, rel=0.02)
     assert shared.durations.sum() == pytest.approx(free)
     assert shared.energy <= shared.even + 1e-9
+
+
+@pytest.mark.parametrize("free", [1.4, 3.0, 7.0, 12.0])
+def test_what_is_shared_out_fills_the_cycle_and_costs_no_more(free: float) -> None:
+    """Law: durations of a fixed cycle sum to it, shorter or longer than all that was looked at, too."""
+    curves = []
+    for power, first in ((1.0, 0.5), (6.0, 1.5)):
+        times = np.geomspace(first, 4.0, 6)
+        curves.append([Look(float(t), power / float(t) ** 2, None) for t in times])
+    task = Task(source=Path("x"), robot="x", start=np.zeros(1), goal=np.zeros(1), duration=free)
+    shared = share_duration(curves, np.array([0.4, 0.6]), free, task)
+    assert shared.durations.sum() == pytest.approx(free)
+    if shared.energy is None:
+        assert free < 2.0
+    else:
+        assert shared.energy <= shared.even + 1e-9
 
 
 def test_a_duration_that_was_looked_at_twice_counts_once() -> None:
