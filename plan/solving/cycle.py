@@ -123,7 +123,7 @@ def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveO
         return CycleResult.of(task, options, [], None, None, reason)
     curves = []
     for number, problem in enumerate(problems, start=1):
-        stage(f"energy over duration, motion {number} of {len(problems)}")
+        stage(f"energy over duration, motion {number} of {len(problems)}", *_share_of_work(number, problems, 0.0))
         curves.append(energy_curve(problem, share))
     for number, curve in enumerate(curves, start=1):
         if not any(np.isfinite(look.energy) for look in curve):
@@ -131,9 +131,15 @@ def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveO
     shared = share_duration(curves, needs, free, task)
     legs = []
     for number, (problem, curve, duration) in enumerate(zip(problems, curves, shared.durations, strict=True), start=1):
-        stage(f"searching for motion {number} of {len(problems)}")
+        stage(f"searching for motion {number} of {len(problems)}", *_share_of_work(number, problems, 0.5))
         legs.append(_plan(lasting(problem, float(duration)), share, curve))
     return CycleResult.of(task, options, legs, shared.energy, shared.even)
+
+
+def _share_of_work(number: int, problems: Sequence[PlanningProblem], begin: float) -> tuple[float, float]:
+    """Shares of all work that are done before and after a motion's turn, in the first half of it or the second."""
+    each = 0.5 / len(problems)
+    return begin + each * (number - 1), begin + each * number
 
 
 def share_duration(curves: Sequence[Sequence[Look]], needs: Float[Array, " m"], free: float, task: Task) -> Shared:
