@@ -32,7 +32,11 @@ def cycle(scene: Task | str | Path, model: HybridModel | str | Path | None = Non
     """
     chosen = SolveOptions(**options)
     if chosen.method != DEFAULT_METHOD:
-        raise InputError("--method", f"a cycle is planned by {DEFAULT_METHOD}, not {chosen.method}", "leave it out")
+        raise InputError(
+            "--method",
+            f"a cycle is planned by {DEFAULT_METHOD}, not {chosen.method}",
+            "leave it out",
+        )
     if chosen.controller is not None:
         remedy = "leave it out, and plan its motions by `plan solve` for a controller's points"
         raise InputError("--controller", "a cycle is certified as planned, for no controller", remedy)

@@ -36,8 +36,8 @@ class CycleResult(Result):
     legs: tuple[Leg, ...]  # its motions, in turn
     stops: tuple[Stop, ...]  # where it stops between them
     standby: float  # power that the cell takes all the while [W]
-    # Energy of all motions as shared out on their curves, and where each takes the same multiple of its shortest
-    # duration, as plans made one by one would [J]; None where time is the objective.
+    # Energy of all motions as shared out on their curves, and where each takes the same multiple of
+    # its shortest duration, as plans made one by one would [J]; None where time is the objective.
     shared: float | None
     even: float | None
     reason: str = ""  # why there is no plan; empty where there is one
@@ -62,7 +62,17 @@ class CycleResult(Result):
                 percent = 100.0 * leg.slowed_torque_share
                 reason = f"leg {number}: slowed down it takes {percent:.1f} % of a joint's torque"
         status: Literal["solved", "infeasible"] = "infeasible" if reason else "solved"
-        return cls(status, options.objective, task.robot, tuple(legs), task.stops, task.standby, shared, even, reason)
+        return cls(
+            status,
+            options.objective,
+            task.robot,
+            tuple(legs),
+            task.stops,
+            task.standby,
+            shared,
+            even,
+            reason,
+        )
 
     @property
     def solved(self) -> bool:
@@ -72,7 +82,8 @@ class CycleResult(Result):
     @property
     def moving(self) -> float:
         """How long the arm moves [s]."""
-        return float(sum(leg.plan.splines.total[0] for leg in self.legs if leg.plan.splines is not None))
+        motions = [leg.plan.splines for leg in self.legs if leg.plan.splines is not None]
+        return float(sum(splines.total[0] for splines in motions))
 
     @property
     def dwelling(self) -> float:
@@ -86,7 +97,7 @@ class CycleResult(Result):
 
     @property
     def energy(self) -> float:
-        """Of all motions by their metric, and of the cell's standby [J]; infinite without a plan."""
+        """Of all motions by their metric, and of the standby [J]; infinite without a plan."""
         if not self.solved:
             return float("inf")
         moved = 0.0

@@ -23,7 +23,7 @@ def read_stops(top: SceneTable) -> tuple[Stop, ...]:
     """The tables `[[leg]]` of a scene file.
 
     Raises:
-        InputError: A key is missing, unknown or of the wrong kind, or something is gripped or released twice.
+        InputError: A key is missing, unknown or of the wrong kind, or a deed stands twice in a row.
     """
     stops: list[Stop] = []
     last = ""
@@ -42,6 +42,6 @@ def read_stops(top: SceneTable) -> tuple[Stop, ...]:
 
 
 def holds_at_first(stops: tuple[Stop, ...]) -> bool:
-    """Whether the arm carries its load before the first stop: unless the first thing that it does is to grip it."""
+    """Whether the arm carries its load before the first stop: unless it grips it first."""
     done = [stop.does for stop in stops if stop.does]
     return not done or done[0] == RELEASE

@@ -1,12 +1,13 @@
-"""A cycle as one task: motions between stops, a load gripped and released, one duration shared among all of them.
+"""A cycle as one task: motions between stops, a load gripped and released, one duration for all.
 
-The arm rests at every stop, so that all that binds the motions together is the duration of the whole:
+The arm rests at every stop, so that all that binds the motions together is the duration of the
+whole:
 
     min Σ E_k(T_k)   with   Σ T_k = T − Σ dwell
 
-with E_k the least energy of motion k over its duration. Those curves are found as for a single free duration, the
-durations are shared out on them, and each motion is then searched in full at its own. With time as the objective every
-motion is as short as it can be.
+with E_k the least energy of motion k over its duration. Those curves are found as for a single free
+duration, the durations are shared out on them, and each motion is then searched in full at its own.
+With time as the objective every motion is as short as it can be.
 """
 
 from __future__ import annotations
@@ -35,13 +36,15 @@ from plan.solving.obstruction import require_valid_ends, shortest_duration
 from plan.solving.set_up import reach_goals, set_up
 from plan.solving.solve import solve
 
-# Slower paces at which the torque is looked at, as shares of the plan's own, and places of a section.
+# Slower paces at which the torque is looked at, as shares of the plan's own, and places of a
+# section.
 PACES, PLACES = np.linspace(0.05, 1.0, 20), np.linspace(0.0, 1.0, 41)
 # A sum of durations that is longer than allowed by this is as long as allowed.
 ROUNDED = 1.0 + 1e-6
 # Durations that differ by less than this share are one: between them a curve would have any slope.
 APART = 0.005
-# Times that a motion is planned anew where it needs more torque when slowed down, and how much lower it then aims.
+# Times that a motion is planned anew where it needs more torque when slowed down, and how much
+# lower it then aims.
 TURNS, LOWER = 3, 1.002
 
 
@@ -95,10 +98,18 @@ def _moving_time(task: Task, objective: str) -> float | None:
         return None
     whole = task.duration if task.duration is not None else task.longest
     if whole is None:
-        raise InputError(task.source, "a cycle of least energy needs task.duration_s or at_most_s", "add one of them")
+        raise InputError(
+            task.source,
+            "a cycle of least energy needs task.duration_s or at_most_s",
+            "add one of them",
+        )
     left = whole - sum(stop.dwell for stop in task.stops)
     if left <= 0.0:
-        raise InputError(task.source, f"the stops' dwell_s take all of the cycle's {whole:g} s", "make them shorter")
+        raise InputError(
+            task.source,
+            f"the stops' dwell_s take all of the cycle's {whole:g} s",
+            "make them shorter",
+        )
     return left
 
 
@@ -111,7 +122,12 @@ def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveO
         options: How; the budget is shared by the motions.
     """
     most, seconds = options.budget
-    share = replace(options, evaluations=max(most // len(problems), 1), seconds=seconds / len(problems), gap=False)
+    share = replace(
+        options,
+        evaluations=max(most // len(problems), 1),
+        seconds=seconds / len(problems),
+        gap=False,
+    )
     if options.objective == "time":
         legs = [_plan(problem, share, None) for problem in problems]
         return CycleResult.of(task, options, legs, None, None)
@@ -123,21 +139,28 @@ def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveO
         return CycleResult.of(task, options, [], None, None, reason)
     curves = []
     for number, problem in enumerate(problems, start=1):
-        stage(f"energy over duration, motion {number} of {len(problems)}", *_share_of_work(number, problems, 0.0))
+        stage(
+            f"energy over duration, motion {number} of {len(problems)}",
+            *_share_of_work(number, problems, 0.0),
+        )
         curves.append(energy_curve(problem, share))
     for number, curve in enumerate(curves, start=1):
         if not any(np.isfinite(look.energy) for look in curve):
             return CycleResult.of(task, options, [], None, None, f"no motion found for leg {number}")
     shared = share_duration(curves, needs, free, task)
     legs = []
-    for number, (problem, curve, duration) in enumerate(zip(problems, curves, shared.durations, strict=True), start=1):
-        stage(f"searching for motion {number} of {len(problems)}", *_share_of_work(number, problems, 0.5))
+    parts = zip(problems, curves, shared.durations, strict=True)
+    for number, (problem, curve, duration) in enumerate(parts, start=1):
+        stage(
+            f"searching for motion {number} of {len(problems)}",
+            *_share_of_work(number, problems, 0.5),
+        )
         legs.append(_plan(lasting(problem, float(duration)), share, curve))
     return CycleResult.of(task, options, legs, shared.energy, shared.even)
 
 
 def _share_of_work(number: int, problems: Sequence[PlanningProblem], begin: float) -> tuple[float, float]:
-    """Shares of all work that are done before and after a motion's turn, in the first half of it or the second."""
+    """Shares of all work that are done before and after a motion's turn."""
     each = 0.5 / len(problems)
     return begin + each * (number - 1), begin + each * number
 
@@ -159,7 +182,8 @@ def share_duration(curves: Sequence[Sequence[Look]], needs: Float[Array, " m"], 
 
     def cost(durations: Array) -> float:
         """Energy of all motions, and of the cell [J]."""
-        return float(sum(spline(t) for spline, t in zip(splines, durations, strict=True)) + standby * durations.sum())
+        moved = sum(spline(t) for spline, t in zip(splines, durations, strict=True))
+        return float(moved + standby * durations.sum())
 
     if low.sum() > free:  # what is known is longer throughout: nothing to weigh
         return Shared(needs * (free / needs.sum()), None, None)
@@ -168,7 +192,10 @@ def share_duration(curves: Sequence[Sequence[Look]], needs: Float[Array, " m"], 
     rule = {"type": kind, "fun": lambda durations: free - durations.sum()}
     bounds = list(zip(low, high, strict=True))
     best = even
-    for begin in (even, low + (high - low) * min((free - low.sum()) / max(high.sum() - low.sum(), 1e-9), 1.0)):
+    for begin in (
+        even,
+        low + (high - low) * min((free - low.sum()) / max(high.sum() - low.sum(), 1e-9), 1.0),
+    ):
         found = minimize(cost, begin, method="SLSQP", bounds=bounds, constraints=[rule])
         durations = np.clip(found.x, low, high)
         if durations.sum() <= free * ROUNDED and cost(durations) < cost(best):
@@ -182,7 +209,7 @@ def share_duration(curves: Sequence[Sequence[Look]], needs: Float[Array, " m"], 
 def _same_multiple(
     needs: Float[Array, " m"], low: Float[Array, " m"], high: Float[Array, " m"], free: float
 ) -> Float[Array, " m"]:
-    """Each motion's shortest duration times one number, within what is known, as long together as may be."""
+    """Each motion's shortest duration times one number, within what is known, filling the time."""
     top = float((high / needs).max())
     if np.clip(top * needs, low, high).sum() <= free:
         return np.clip(top * needs, low, high)
@@ -191,7 +218,7 @@ def _same_multiple(
 
 
 def _distinct(curve: Sequence[Look]) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
-    """Durations that are apart, and the energy of each; of those that are all but the same the cheaper stays."""
+    """Durations that are apart, and the energy of each; of two that are the same the lower one."""
     times: list[float] = []
     energies: list[float] = []
     for look in sorted(curve, key=lambda look: look.duration):
@@ -214,13 +241,14 @@ def _interpolate(times: Float[Array, " k"], energies: Float[Array, " k"]) -> Pch
 
 
 def _plan(problem: PlanningProblem, options: SolveOptions, curve: Sequence[Look] | None) -> Leg:
-    """One motion, planned until it stays within its torque however slowly the controller runs it."""
+    """One motion, planned until it stays within its torque at any slower pace."""
     duration = float(problem.durations.sum())
     known = None
     if curve is not None:
         nearest = min(curve, key=lambda look: apart(look, duration))
         if nearest.candidate is not None:
-            known = look_at(problem, duration, nearest, Ledger(10**6, options.budget[1] / 4.0)).candidate
+            ledger = Ledger(10**6, options.budget[1] / 4.0)
+            known = look_at(problem, duration, nearest, ledger).candidate
     task = problem
     for _ in range(TURNS):
         result = solve(task, options, known=known)
@@ -233,9 +261,10 @@ def _plan(problem: PlanningProblem, options: SolveOptions, curve: Sequence[Look]
 
 
 def slowed_torque_share(problem: PlanningProblem, result: PlanResult) -> float | None:
-    """Largest torque as a share of its limit at any slower pace of a plan, its own included; None without a plan.
+    """Largest torque as a share of its limit at a plan's own and any slower pace; None without a plan.
 
-    Slowed down to a share r the speed is r and the acceleration r² of what it was: less push, but no less weight.
+    At a share r of the pace the speed is r and the acceleration r² of what it was: less push, but
+    no less weight.
     """
     splines = result.splines
     if splines is None or not result.solved:

@@ -19,8 +19,8 @@ from plan.problem.task_file import Task
 
 # Positions from which a place that has to be passed is tried before it counts as out of reach.
 PLACES_TRIED = 40
-# Positions along a straight line at which it is looked for what stands in its way; and how much deeper than it may
-# be off the line a link has to be in something for no dodging to help [m].
+# Positions along a straight line at which it is looked for what stands in its way; and how much
+# deeper than it may be off the line a link has to be in something for no dodging to help [m].
 LOOKED_AT, DEEPER = 60, 0.02
 
 
@@ -41,7 +41,11 @@ def require_valid_ends(problem: PlanningProblem, task: Task, inside: bool = Fals
             raise InputError(task.source, what, "move that position, or change the cone")
     for number, via in enumerate(problem.way.vias, start=1):
         if not via.of_tool and np.any((via.target < limits.lower) | (via.target > limits.upper)):
-            raise InputError(task.source, f"pass {number}.deg is out of the joints' limits", "move that via point")
+            raise InputError(
+                task.source,
+                f"pass {number}.deg is out of the joints' limits",
+                "move that via point",
+            )
         missed = _out_of_reach(problem, via)
         if missed:
             raise InputError(task.source, f"pass {number}.{missed}", "move that via point")
@@ -68,14 +72,18 @@ def _out_of_reach(problem: PlanningProblem, via: ViaPoint) -> str:
     """Why no motion can pass a via point, whatever its way, in words; nothing where one may."""
     arm, limits, scene = problem.scene.arm, problem.limits, problem.scene
     if not via.of_tool:
-        # No pair can come farther apart than its levers let it while each joint is off by what is allowed.
+        # No pair can come farther apart than its levers let it while each joint is off by what is
+        # allowed.
         gained = scene.levers.sum(axis=1) * via.within
         apart = scene.distances(via.target) + gained if len(scene.pairs) else np.ones(1)
         worst = int(np.argmin(apart))
         return f"deg: {scene.pair_name(worst)} collide there" if apart[worst] <= 0.0 else ""
     rules = problem.rules
     assert rules is not None
-    rng, solver = np.random.default_rng(0), PoseSolver(arm, rules.frame)  # fixed: a property of the task
+    rng, solver = (
+        np.random.default_rng(0),
+        PoseSolver(arm, rules.frame),
+    )  # fixed: a property of the task
     low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     nearest = np.inf
     for begin in (problem.start, problem.goal, *rng.uniform(low, high, (PLACES_TRIED, problem.n))):
@@ -104,7 +112,12 @@ def require_inside(problem: PlanningProblem, source: Path) -> None:
 
 def find_obstruction(problem: PlanningProblem) -> str:
     """Why no search could help: the reason in words, or nothing."""
-    duration, limits, ends, rules = float(problem.durations.sum()), problem.limits, problem.ends, problem.rules
+    duration, limits, ends, rules = (
+        float(problem.durations.sum()),
+        problem.limits,
+        problem.ends,
+        problem.rules,
+    )
     if not duration > 0.0:
         return "the duration is zero"
     bad = _bad_end(problem)

@@ -18,12 +18,17 @@ from plan.problem.task_file import Task
 
 # What a joint that turns may do where its URDF does not say [rad].
 TURN = 2.0 * np.pi
-# A joint that the training left standing may move with this [rad/s, rad/s²]: a limit has to lie above nought.
+# A joint that the training left standing may move with this [rad/s, rad/s²]: a limit has to lie
+# above nought.
 LEAST_RATE = 1e-6
 
 
 def task_limits(
-    task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Array | None, advised: bool = False
+    task: Task,
+    arm: ArmModel,
+    makers: MakersLimits | None,
+    reserve: Array | None,
+    advised: bool = False,
 ) -> Limits:
     """The robot's limits within those of the task; where the task gives none, its maker's of speed, acceleration, jerk.
 
@@ -156,7 +161,10 @@ def within_known(problem: PlanningProblem) -> PlanningProblem:
     ours, limits = trained.first(problem.n), problem.limits
     passed = [via.target for via in problem.way.vias if not via.of_tool]
     ends = np.stack([problem.start, problem.goal, *passed])
-    low, high = np.minimum(ours.low[0], ends.min(axis=0)), np.maximum(ours.high[0], ends.max(axis=0))
+    low, high = (
+        np.minimum(ours.low[0], ends.min(axis=0)),
+        np.maximum(ours.high[0], ends.max(axis=0)),
+    )
     lower, upper = np.maximum(limits.lower, low), np.minimum(limits.upper, high)
     names = problem.scene.arm.joint_names
     wide = [name for name, a, b in zip(names, low < ours.low[0], high > ours.high[0], strict=True) if a or b]

@@ -2,16 +2,16 @@
 
     python tests/bench/bench_plan_excite.py [ARMS] [--robot tm5-900] [--minutes 1] [--evaluations 120] [--first SEED]
 
-Each simulated arm has inertias, friction and noise of its own. The same regression identifies its base parameters,
-viscous and Coulomb friction from as many seconds of each motion:
+Each simulated arm has inertias, friction and noise of its own. The same regression identifies its
+base parameters, viscous and Coulomb friction from as many seconds of each motion:
 
 * excite: what `plan excite` proposes for the nominal arm;
 * Fourier: one series of 8 s over and over in a single run, phases by chance, as large as it fits;
 * condition: of as many such series as the proposal looked at, the one whose regressor has the least condition number.
 
-All keep the same limits of position, speed and torque and touch nothing. Told is the half width of the 95 % intervals,
-the median over all base parameters, each in units of the Fourier motion's; the median error likewise; and how many
-intervals hold the truth.
+All keep the same limits of position, speed and torque and touch nothing. Told is the half width of
+the 95 % intervals, the median over all base parameters, each in units of the Fourier motion's; the
+median error likewise; and how many intervals hold the truth.
 """
 
 import argparse
@@ -32,7 +32,8 @@ from plan.experiment.run_set import SIZES, SPREAD, TEXTBOOK, Stage, duration_of
 
 # Ticks of which each is looked at once, and what noise is as a share of the rated torque.
 THINNING, NOISE = 8, 0.005
-# Standard deviation of a link's inertial numbers, as a share; speed at which dry friction is there [rad/s].
+# Standard deviation of a link's inertial numbers, as a share; speed at which dry friction is there
+# [rad/s].
 DIFFERENT, WIDTH = 0.2, 0.01
 # Half width of a 95 % interval in standard deviations.
 WIDE = 1.96
@@ -66,7 +67,11 @@ def rows_of(arm: ArmModel, base: BaseParameters, runs: list[ReferenceMotion]) ->
 
 
 def identify(
-    arm: ArmModel, base: BaseParameters, runs: list[ReferenceMotion], truth: Array, rng: np.random.Generator
+    arm: ArmModel,
+    base: BaseParameters,
+    runs: list[ReferenceMotion],
+    truth: Array,
+    rng: np.random.Generator,
 ) -> tuple[Array, Array]:
     """Half widths of the base parameters' intervals, and their errors."""
     table, whole = rows_of(arm, base, runs)
@@ -81,7 +86,12 @@ def identify(
 
 
 def least_condition(
-    arm: ArmModel, base: BaseParameters, feasible: Feasibility, seconds: float, tries: int, first: int
+    arm: ArmModel,
+    base: BaseParameters,
+    feasible: Feasibility,
+    seconds: float,
+    tries: int,
+    first: int,
 ) -> ReferenceMotion | None:
     """Of so many series the one whose regressor, its columns scaled to one length, has the least condition number."""
     best, least = None, np.inf
@@ -144,7 +154,10 @@ def main() -> None:
             ratios.setdefault(name, []).append(ratio)
             held = float((error <= width).mean())
             wrong = float(np.median(error) / np.median(errors))
-            print(f"| {number} | {name} | {seconds:.1f} | {ratio:.3f} | {wrong:.2f} | {held:.0%} |", flush=True)
+            print(
+                f"| {number} | {name} | {seconds:.1f} | {ratio:.3f} | {wrong:.2f} | {held:.0%} |",
+                flush=True,
+            )
         print(f"  {time.process_time() - began:.0f} processor seconds", flush=True)
     for name, values in ratios.items():
         print(f"{name}: {np.median(values):.3f} median, {max(values):.3f} worst of {len(values)} arms")

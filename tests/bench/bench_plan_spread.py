@@ -3,9 +3,10 @@
     python tests/bench/bench_plan_spread.py [TASKS] [--joints 3,6] [--boxes 12] [--objectives energy,time]
                                             [--seeds 10] [--first SEED] [--seconds SECONDS] [--rows FILE]
 
-Each drawn task is solved from every seed. A task's spread is the dearest plan's cost above the cheapest's; beside it
-stands how many seeds lie within half a per cent of the cheapest, and the processor seconds of a plan. FILE gets a line
-for each plan, and the summary speaks of all its lines: so a long run can be made in pieces, and two versions compared.
+Each drawn task is solved from every seed. A task's spread is the dearest plan's cost above the
+cheapest's; beside it stands how many seeds lie within half a per cent of the cheapest, and the
+processor seconds of a plan. FILE gets a line for each plan, and the summary speaks of all its
+lines: so a long run can be made in pieces, and two versions compared.
 """
 
 import argparse
@@ -74,7 +75,10 @@ def show(plans: list[Plan]) -> None:
         costs = np.array([plan.cost for plan in same])
         spreads.append(costs.max() / costs.min() - 1.0)
         above.extend(costs / costs.min() - 1.0)
-    print(f"spread {np.median(spreads):.2%} median, {np.max(spreads):.2%} worst; tasks within 0.5 %: ", end="")
+    print(
+        f"spread {np.median(spreads):.2%} median, {np.max(spreads):.2%} worst; tasks within 0.5 %: ",
+        end="",
+    )
     print(f"{int((np.array(spreads) <= SAME).sum())} of {len(spreads)}")
     print(f"a plan above its task's cheapest: {np.mean(above):.2%} mean, {np.quantile(above, 0.9):.2%} nine in ten")
     print(f"processor seconds of a plan: {np.mean([plan.seconds for plan in plans]):.2f} mean")
