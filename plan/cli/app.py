@@ -233,7 +233,9 @@ def excite(
 
 @app.command()
 def schema(
-    name: Annotated[str, typer.Argument(help="Kind of result file: result, comparison or excite.", show_default=False)],
+    name: Annotated[
+        str, typer.Argument(help="Kind of result file: result, cycle, comparison or excite.", show_default=False)
+    ],
 ) -> None:
     """The JSON Schema of a result file, on standard output."""
     from ident.schemas.publish import make_schema
