@@ -137,6 +137,10 @@ def cycle(
     from plan.api.cycles import cycle as plan_cycle
 
     check_outputs([scene, model], {"--json": json_file}, {"--out": (out, MOTIONS_KIND)})
+    if out is not None:
+        from plan.problem.execution import require_writable
+
+        require_writable(Path("leg.csv"), rate)
     with progress_line(console, "cycle"):
         found = plan_cycle(task, model, **asdict(options))
 
