@@ -10,6 +10,7 @@ from ident import lazily
 
 TYPE_CHECKING = False  # `typing` itself would take longer to load than all of this
 if TYPE_CHECKING:
+    from plan.api.cycles import cycle as cycle
     from plan.api.exciting import excite as excite
     from plan.api.planning import compare as compare
     from plan.api.planning import solve as solve

@@ -16,7 +16,8 @@ from plan.problem.controllers import Controller, choose_controller, require_join
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Task, load_task
-from plan.solving.set_up import DEFAULTS, from_taught, reach_goals, require_valid_ends, set_up
+from plan.solving.obstruction import require_valid_ends
+from plan.solving.set_up import DEFAULTS, from_taught, reach_goals, set_up
 from plan.solving.solve import cheapest_goal
 from plan.solving.solve import solve as solve_problem
 
@@ -159,6 +160,8 @@ def open_task(scene: Scene, model: Model | None = None, options: TaskOptions = D
     if not isinstance(scene, Task | str | Path):
         raise InputError("scene", f"a {type(scene).__name__} is no task", "give a scene file, or what load_task read")
     task = scene if isinstance(scene, Task) else load_task(scene)
+    if task.stops:
+        raise InputError(task.source, "its [[leg]] tables make it a cycle", "use `plan cycle`, or take them out")
     fitted = None if model is None else HybridModel.given(model)
     problems = reach_goals(set_up(task, fitted, options), task)
     require_valid_ends(problems[0], task, options.inside)

@@ -121,6 +121,39 @@ def solve(
 
 
 @command
+def cycle(
+    scene: SceneFile,
+    options: SolveOptions,
+    model: ModelFolder = None,
+    json_file: JsonFile = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for samples of each motion (CSV), one file a leg.")] = None,
+    rate: Annotated[float, typer.Option(help="Rate of samples [Hz].")] = 250.0,
+) -> None:
+    """Plans a cycle of several motions as one task: stops, a load gripped and released, one duration for all."""
+    from plan.problem.task_file import load_task
+
+    task = load_task(scene)
+    from plan.api.cycles import MOTIONS_KIND, write_motions
+    from plan.api.cycles import cycle as plan_cycle
+
+    check_outputs([scene, model], {"--json": json_file}, {"--out": (out, MOTIONS_KIND)})
+    if out is not None:
+        from plan.problem.execution import require_writable
+
+        require_writable(Path("leg.csv"), rate)
+    with progress_line(console, "cycle"):
+        found = plan_cycle(task, model, **asdict(options))
+
+    def write_folder() -> None:
+        if out is not None and found.solved:
+            write_motions(found, out, rate)
+
+    hand_over(found, json_file, write_folder)
+    if not found.solved:
+        raise typer.Exit(NO_PLAN)
+
+
+@command
 def compare(
     scene: SceneFile,
     options: CompareOptions,
@@ -204,7 +237,9 @@ def excite(
 
 @app.command()
 def schema(
-    name: Annotated[str, typer.Argument(help="Kind of result file: result, comparison or excite.", show_default=False)],
+    name: Annotated[
+        str, typer.Argument(help="Kind of result file: result, cycle, comparison or excite.", show_default=False)
+    ],
 ) -> None:
     """The JSON Schema of a result file, on standard output."""
     from ident.schemas.publish import make_schema

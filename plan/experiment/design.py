@@ -22,7 +22,7 @@ from plan.experiment.distance import PredictedDesign, Predictor
 from plan.experiment.feasible import OPEN, Feasibility
 from plan.experiment.hypotheses import LONGEST_MINUTES, Hypotheses
 from plan.experiment.result import Excitation, minutes_to_odds
-from plan.experiment.run_set import FAMILIES, WIDE_FIGURES, RunSet, duration_of, random_runs
+from plan.experiment.run_set import FAMILIES, TEXTBOOK, WIDE_FIGURES, RunSet, duration_of, random_runs
 from plan.problem.task_file import Surroundings
 
 # Share of the budget for random starts, and that of these for the family that is known to suit the question.
@@ -101,6 +101,8 @@ RANDOM_TRIES = 3
 # Draws of random motion that the search's best must beat at full length, else the best of them is proposed.
 BASELINE_DRAWS = 4
 PROOF_TRIES = 5
+# Phases of the textbook's Fourier series that are drawn; the one in the middle is told.
+TEXTBOOK_DRAWS = 3
 USUAL = ExciteOptions()
 
 
@@ -156,6 +158,7 @@ class Designer:
             draws = rng.uniform(0.0, 1.0, (BASELINE_DRAWS, RunSet.freedom(BASELINE, self.arm.n)))
             run_sets = [self.decode(one.family, one.shares) for one in found]
             run_sets += [self.decode(BASELINE, one, k) for k, one in enumerate(draws)]
+            run_sets += self._textbook()
         run_set, runs, view = self._best_at_length(run_sets)
         each = max(duration_of(runs) / len(runs), 1.0)
         chance = [
@@ -175,6 +178,7 @@ class Designer:
             random=asked.distances(by_chance),
             testable=asked.testable,
             information=(view.information(), by_chance.information()),
+            against_textbook=self._against_textbook(view, len(runs)),
             noise=dict(zip(self.arm.joint_names, map(float, self.predictor.noise), strict=True)),
             sources={
                 "noise": "a share of the rated torque" if asked.noise is None else "diagnosis",
@@ -188,6 +192,28 @@ class Designer:
             seconds=time.perf_counter() - began,
             seed=seed,
         )
+
+    def _textbook(self) -> list[RunSet]:
+        """The textbook's Fourier series about the arm's middle, with other phases each."""
+        home = np.array(self.feasible.limits.centre)
+        draws = range(TEXTBOOK_DRAWS)
+        return [RunSet("fourier", {**TEXTBOOK, "draw": draw}, home, self.hypotheses.joint, 0) for draw in draws]
+
+    def _against_textbook(self, view: PredictedDesign, count: int) -> tuple[float, float] | None:
+        """What the textbook's series of so many runs tells [nats], and how wide the proposal's intervals are beside it.
+
+        The width is the median, over the base parameters, of the ratio of standard deviations. None where no series
+        fits this arm.
+        """
+        found: list[PredictedDesign] = []
+        for run_set in self._textbook():
+            runs = run_set.runs(count, self.feasible)
+            if runs:
+                found.append(self.see(runs))
+        if not found:
+            return None
+        told = sorted(found, key=lambda each: each.information())[len(found) // 2]
+        return told.information(), float(np.median(view.base_deviations() / told.base_deviations()))
 
     def _testable(self) -> tuple[tuple[str, str], ...] | None:
         """Of effects that another set-up would part, the pairs (true, rival) that wide motion of all joints parts too.

@@ -128,6 +128,11 @@ class PredictedDesign:
         values = np.linalg.eigvalsh(0.5 * (fisher + fisher.T))
         return 0.5 * float(np.sum(np.log1p(np.maximum(values, 0.0))))
 
+    def base_deviations(self) -> Float[Array, " r"]:
+        """Standard deviations of the base parameters by these runs alone, in units of the URDF's doubt."""
+        fisher = self.base + RIDGE * np.diag(np.diag(self.base))
+        return np.sqrt(np.diag(np.linalg.pinv(fisher, hermitian=True)))
+
 
 @dataclass(frozen=True, eq=False)
 class Predictor:

@@ -87,7 +87,7 @@ class Hypotheses:
     @property
     def family(self) -> str:
         """The kind of motion that is known to answer such questions."""
-        return family_for(self.ids, [effect for effect, _ in self.effects]) if self.ids else "wide"
+        return family_for(self.ids, [effect for effect, _ in self.effects]) if self.ids else "fourier"
 
     @property
     def set_up(self) -> str | None:

@@ -59,6 +59,9 @@ class Excitation(Result):
     random: Distances  # the same of random motion of equal length, the median of some
     # Gained on a single model's parameters by the proposed and by random motion [nats].
     information: tuple[float, float]
+    # Of the textbook's Fourier series of as many runs: what it gains [nats], and the median ratio of the proposal's
+    # intervals of the base parameters to its own; None where no such series fits the arm.
+    against_textbook: tuple[float, float] | None
     noise: Mapping[str, float]  # of each joint [N m]
     sources: Mapping[str, str]  # where noise and sizes come from
     clearance: float | None  # proven between the links [m]; None where no pair of them is looked at
@@ -140,7 +143,12 @@ class Excitation(Result):
             "odds_random": odds_of(by_chance),
             "minutes_to_20_to_1": needed,
             "minutes_to_20_to_1_random": needed_by_chance,
-            "information_nats": {"proposed": self.information[0], "random": self.information[1]},
+            "information_nats": {
+                "proposed": self.information[0],
+                "random": self.information[1],
+                "textbook": None if self.against_textbook is None else self.against_textbook[0],
+            },
+            "interval_against_textbook": None if self.against_textbook is None else self.against_textbook[1],
             "noise_Nm": dict(self.noise),
             "sources": dict(self.sources),
             "temper": load_calibration().temper,

@@ -16,12 +16,24 @@ from ident.arrays import Array, Float
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import MotionLimits, plan_motions, timed_spline
-from ident.trajectories.reference import TICK_S, ReferenceMotion, chirp, fourier, ramps, sampled, ticks, via_spline
+from ident.trajectories.reference import (
+    TICK_S,
+    ReferenceMotion,
+    chirp,
+    fourier,
+    ramps,
+    sampled,
+    ticks,
+    via_spline,
+    window,
+)
 from plan.experiment.feasible import Feasibility
 
 # Acceleration of corners between steady speeds [rad/s²], and standstill after each move [s].
 CORNER, DWELL = 3.0, 0.05
 HARMONICS = 5
+# Time in which a Fourier series fades in, and out [s].
+FADE_S = 1.5
 # Random paths that are drawn until one touches nothing.
 ATTEMPTS = 40
 
@@ -33,7 +45,7 @@ FAMILIES: dict[str, dict[str, tuple[float, float]]] = {
 }
 """Each family, as in `ident.effects.effect_info`, with the ranges of the numbers that a search may choose."""
 # Ends of the names of figures that are searched on a logarithmic scale.
-LOGARITHMIC = ("_rad", "_rad_s", "_hz", "leg_s", "speed_share")
+LOGARITHMIC = ("_rad", "_rad_s", "_hz", "leg_s", "period_s", "speed_share")
 
 
 def figure_at(name: str, bounds: tuple[float, float], share: float) -> float:
@@ -144,6 +156,25 @@ class Stage:
         far = self.size * swing * self.room * weight / weight.sum(axis=0)
         return fourier("", self.pose, far * np.sin(phase), far * np.cos(phase), base_hz, self.duration).q
 
+    def fourier(self, period_s: float, slope: float, swing: float, draw: float) -> Float[Array, "K n"]:
+        """All joints by a Fourier series about the pose, each as far as its room and its speed let it go.
+
+        The harmonics are weighed by their number to the power of minus the slope. Which phases is a figure, too.
+
+        Source: Swevers et al., Optimal robot excitation and identification, IEEE Trans. Rob. Autom. 13 (1997) 730.
+        """
+        rng = np.random.default_rng([int(draw), int(self.rng.integers(2**31))])
+        order = np.arange(1, HARMONICS + 1)
+        weight = rng.uniform(0.4, 1.0, (HARMONICS, len(self.pose))) * order[:, None] ** -slope
+        phase = rng.uniform(0.0, 2.0 * np.pi, weight.shape)
+        t = ticks(self.duration)
+        angle = 2.0 * np.pi / period_s * np.outer(t, order)
+        wave = np.sin(angle) @ (weight * np.sin(phase)) + np.cos(angle) @ (weight * np.cos(phase))
+        wave *= window(t, self.duration, min(FADE_S, 0.5 * self.duration))[:, None]
+        far = self.room / np.abs(wave).max(axis=0)
+        fast = self.limits.speed / np.abs(np.gradient(wave, TICK_S, axis=0)).max(axis=0)
+        return np.asarray(self.pose + self.size * swing * np.minimum(far, fast) * wave)
+
     def vias(self, swing: float, leg_s: float, draw: float) -> Float[Array, "K n"]:
         """All joints by a clamped spline through via points of chance, at equal times; which points is a figure too."""
         rng = np.random.default_rng([int(draw), int(self.rng.integers(2**31))])
@@ -183,8 +214,10 @@ SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
 # Every so many runs all joints move, if they don't in all: that keeps the inertias known, and rivals elsewhere at bay.
 # The diagnosis leaves out run by run, so that no joint may move in a single one.
 WIDE_EVERY = 2
-WIDE_FAMILIES = ("wide", "vias", "random")
+WIDE_FAMILIES = ("wide", "vias", "random", "fourier")
 WIDE_FIGURES = {"base_hz": 0.12, "swing": 0.9, SPREAD: 0.0}
+# What the textbook proposes where nothing is optimised: a Fourier series of eight seconds about the arm's middle.
+TEXTBOOK = {"period_s": 8.0, "slope": 1.0, "swing": 1.0, "draw": 0.0, SPREAD: 0.0}
 # Homes, and at most the poses of runs about them, lie within this share of the usual span.
 HOME_SHARE = 0.8
 # For arms whose limits leave little room: half of the span at the least, two seconds from point to point.

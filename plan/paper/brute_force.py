@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -16,6 +18,8 @@ from plan.problem.problem import PlanningProblem
 
 # Trajectories whose cost, and whose limits, are computed at once.
 COSTS, CHECKED = 4096, 512
+# Pieces of that size that each thread works through before the budget is looked at.
+ROUND = 8
 LARGEST = 20_000_000  # grid that is taken on
 
 
@@ -47,16 +51,7 @@ class BruteForce(Planner):
                 "use fewer via points or free variables, or another method",
             )
         axes = grid_axes(problem, self.levels)
-        costs = np.full(points, np.inf)
-        for i in range(0, points, COSTS):
-            rows = np.arange(i, min(i + COSTS, points))[: ledger.remaining]
-            splines = problem.decode(grid_points(axes, rows))
-            timed = problem.objective == "time"
-            costs[rows] = splines.total if timed else energy(problem.model, splines, problem.metric)[0]
-            ledger.count(len(rows))
-            if ledger.remaining == 0 and i + COSTS < points:
-                ledger.notes.append("the budget ended the search")
-                break
+        costs = _costs_of_grid(problem, axes, points, ledger)
         order = np.argsort(costs)
         for i in range(0, len(order), CHECKED):
             rows = order[i : i + CHECKED]
@@ -65,6 +60,34 @@ class BruteForce(Planner):
                 return
             ledger.count(-len(rows))  # they were counted with their costs
             ledger.evaluate(problem, grid_points(axes, rows))
+
+
+def _costs_of_grid(problem: PlanningProblem, axes: Float[Array, "d L"], points: int, ledger: Ledger) -> Array:
+    """Cost of every grid point, on all cores; infinite where the budget ended before."""
+    costs = np.full(points, np.inf)
+    workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+    def fill(rows: Array) -> None:
+        """Enters the costs of some grid points."""
+        splines = problem.decode(grid_points(axes, rows))
+        timed = problem.objective == "time"
+        costs[rows] = splines.total if timed else energy(problem.model, splines, problem.metric)[0]
+
+    with ThreadPoolExecutor(workers) as pool:
+        for first in range(0, points, COSTS * ROUND * workers):
+            last = min(first + COSTS * ROUND * workers, points, first + ledger.remaining)
+            list(pool.map(fill, _pieces(first, last)))
+            ledger.count(last - first)
+            if ledger.remaining == 0 and last < points:
+                ledger.notes.append("the budget ended the search")
+                break
+    return costs
+
+
+def _pieces(first: int, last: int) -> Iterator[Array]:
+    """Numbers of grid points, as many at once as are reckoned together."""
+    for begin in range(first, last, COSTS):
+        yield np.arange(begin, min(begin + COSTS, last))
 
 
 def grid_axes(problem: PlanningProblem, levels: int) -> Float[Array, "d L"]:

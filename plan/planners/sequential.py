@@ -36,6 +36,16 @@ DENSE = freeze(np.unique(np.concatenate([np.linspace(0.0, 1.0, 97), section_node
 # Limits passed between the nodes, and at them by no more than this share, are aimed lower: a motion slowed down for a
 # thousandth too much torque ends per cent above one that aims a thousandth lower.
 NEARLY = 0.01
+# Times that limits are aimed lower until they hold between the nodes, too.
+SETTLED = 3
+# Trajectories whose positions differ by less than this all along are the same, and one of them goes on [rad]; places at
+# which they are compared.
+SAME, COMPARED = 0.03, freeze(np.linspace(0.0, 1.0, 17)[1:-1])
+# A descent ends where less than this share of the cost is to be gained, on the first finer grid, the second, and so on:
+# what a coarse grid leaves undone the next one does anyway.
+TOLERANCES = (5e-5, 2e-5, 1e-5)
+# A descent whose last step was cut short begins anew with a fresh curvature as long as that brings such a share.
+ANEW = 1e-3
 # Starts after which the best of them goes on at once, by so many grids for energy and for time: so a plan near the best
 # comes early, and the same steps are not taken again where it is still among the best when all have been tried.
 LEAD, LEADS = 3, (2, 1)
@@ -155,14 +165,18 @@ class Sequential(Planner):
 
     def settle(self, course: Course, ledger: Ledger) -> tuple[Course, float]:
         """Enters a course; where limits hold at its nodes but not between them, after steps with tighter ones."""
-        cost, look, local = enter(course, ledger), course.look, course.local
-        nearly = look.limits <= NEARLY and look.clearance <= KEPT_CLEAR and look.rules <= KEPT_RULE
-        if ledger.remaining > 0 and nearly:
+        cost = enter(course, ledger)
+        for turn in range(SETTLED):
+            look, local = course.look, course.local
+            nearly = look.limits <= NEARLY and look.clearance <= KEPT_CLEAR and look.rules <= KEPT_RULE
+            if ledger.remaining == 0 or not nearly or (turn > 0 and cost < np.inf):
+                break
             torque, speed = (np.maximum(part, 1.0) for part in peaks(course))
-            if max(torque.max(), speed.max()) > 1.0 + KEPT:
-                local = replace(local, torque_aim=local.torque_aim / torque, speed_aim=local.speed_aim / speed)
-                course = descend(begin(local, course.x), ledger, self.steps // 10, 0.02, 1e-5)
-                cost = min(cost, enter(course, ledger))
+            if max(torque.max(), speed.max()) <= 1.0 + KEPT:
+                break
+            local = replace(local, torque_aim=local.torque_aim / torque, speed_aim=local.speed_aim / speed)
+            course = descend(begin(local, course.x), ledger, self.steps // 10, 0.02, 1e-5)
+            cost = min(cost, enter(course, ledger))
         return course, cost
 
     def _initial(
@@ -202,7 +216,7 @@ class Sequential(Planner):
         timed, known = courses[0].local.timed, np.inf
         for level in range(most):
             finer = []
-            for course in courses[: self.kept[min(level, len(self.kept) - 1)]]:
+            for course in _different(courses, self.kept[min(level, len(self.kept) - 1)]):
                 if course not in done and 2 * course.local.grid.sections > FINEST:
                     done[course] = (course.look.cost if course.kept else np.inf, course)
                 if course not in done:
@@ -210,9 +224,10 @@ class Sequential(Planner):
                 cost, refined = done[course]
                 if ledger.remaining == 0:
                     return
-                finer.append((cost, refined.rank, refined))
+                finer.append((refined.rank, cost, refined))
             finer.sort(key=lambda found: found[:2])
-            courses, cost = [found[2] for found in finer], finer[0][0]
+            courses = [refined for _, _, refined in finer]
+            cost = min(found for _, found, _ in finer)
             if level > 0 and known < np.inf and cost > known * (1.0 - self.gains[timed]):
                 return
             known = min(known, cost)
@@ -221,9 +236,34 @@ class Sequential(Planner):
         """Cost and course after steps on a grid with every section in two."""
         nodes = _nodes(course.local.timed, 2 * course.local.grid.sections)
         refined = refine(course, *WIDTHS[min(level + 1, 2)], nodes)
-        refined = descend(refined, ledger, self.steps, 0.1, 1e-5)
+        tolerance = TOLERANCES[min(level, len(TOLERANCES) - 1)]
+        refined = descend(refined, ledger, self.steps, 0.1, tolerance)
+        while not refined.local.timed and ledger.remaining > 0:
+            anew = descend(begin(refined.local, refined.x), ledger, self.steps, 0.05, tolerance)
+            brought = refined.look.cost - anew.look.cost
+            if anew.rank >= refined.rank:
+                break
+            refined = anew
+            if brought < ANEW * abs(anew.look.cost):
+                break
         refined, cost = self.settle(refined, ledger)
         return cost, refined
+
+
+def _different(courses: Sequence[Course], most: int) -> list[Course]:
+    """The first of the courses, so many at most, without those that have come to where a better one is."""
+    taken: list[Course] = []
+    places: list[Array] = []
+    for course in courses:
+        grid = course.local.grid
+        place = grid.positions(course.local.split(course.x)[0], COMPARED)
+        if any(np.abs(place - other).max() < SAME for other in places):
+            continue
+        taken.append(course)
+        places.append(place)
+        if len(taken) == most:
+            break
+    return taken
 
 
 def begin_course(problem: PlanningProblem) -> Course:

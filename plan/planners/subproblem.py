@@ -80,14 +80,20 @@ def solve_step(
     matrix[np.arange(len(matrix)), size + np.repeat(np.arange(count), lengths)] = -1.0
     sides = np.append(low, np.zeros(count)), np.append(high, np.full(count, np.inf))
     given = whole, np.concatenate([gradient, weights]), matrix, np.concatenate([rows.room for rows in groups]), *sides
-    x = _active_set(*given) if size <= MANY or not flat else None
-    x = _interior_point(*given) if x is None else x
-    if x is None:
-        return None
-    step = np.clip(x[:size], low, high)
     before = sum(w * max(0.0, -float(r.room.min(initial=0.0))) for w, r in zip(weights, groups, strict=True))
-    slack = np.array([max(0.0, float((r.matrix @ step - r.room).max(initial=0.0))) for r in groups])
-    return step, before - float(gradient @ step + 0.5 * step @ (hessian @ step) + weights @ slack)
+
+    def promise(x: Array) -> Step:
+        """The step within its bounds, and by how much it should bring cost and shortfall down."""
+        step = np.clip(x[:size], low, high)
+        slack = np.array([max(0.0, float((r.matrix @ step - r.room).max(initial=0.0))) for r in groups])
+        return step, before - float(gradient @ step + 0.5 * step @ (hessian @ step) + weights @ slack)
+
+    x = _active_set(*given) if size <= MANY or not flat else None
+    if x is not None and promise(x)[1] > 0.0:
+        return promise(x)
+    # No step at all promises nothing: an answer below that is none.
+    x = _interior_point(*given)
+    return None if x is None else promise(x)
 
 
 def _active_set(whole: Array, price: Array, matrix: Array, room: Array, low: Array, high: Array) -> Array | None:

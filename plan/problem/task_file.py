@@ -18,6 +18,7 @@ from plan.geometry.solids import Box, Kind, Solid
 from plan.geometry.tool import Carried
 from plan.problem.rules import Cone, Pose, ViaPoint, WayRules
 from plan.problem.scene_keys import KEYS, SceneTable
+from plan.problem.stops import Stop, read_stops
 
 SHAPES = tuple(name.removeprefix("obstacle: ") for name in KEYS if name.startswith("obstacle: "))
 # Keys by which a shape is known where it is not named.
@@ -129,6 +130,7 @@ class Task(Surroundings):
     others: tuple[Float[Array, " n"], ...] = ()  # further goals, any of which will do as well [rad]
     other_poses: tuple[Pose, ...] = ()  # further poses likewise
     way: WayRules = NO_RULES  # what the motion has to keep on its way
+    stops: tuple[Stop, ...] = ()  # where a cycle stops on its way; none for a single motion
     keys: tuple[str, str] = ("start_deg", "goal_deg")  # by which the file names start and goal, for messages
 
     @property
@@ -198,6 +200,7 @@ def load_task(path: str | Path) -> Task:
         others=tuple(goals[1:]),
         other_poses=tuple(poses[1:]),
         way=read_rules(top),
+        stops=read_stops(top),
         keys=(keys[0], keys[1]),
     )
 

@@ -17,15 +17,18 @@ if TYPE_CHECKING:  # each result is known by its name: none of them needs what t
     from matplotlib.figure import Figure
 
     from plan.experiment.result import Excitation
+    from plan.problem.cycle_result import CycleResult
     from plan.problem.result import PlanResult
     from plan.solving.compare import Comparison
 
 SAMPLES = 300
+# The family of motions that answers no question of its own, in words.
+SERIES = "all joints by a Fourier series about a pose"
 UNITS = {"energy": "J", "time": "s"}
 LINES = Path(__file__).with_name("lines.jinja")
 
 
-def write(console: Console, result: PlanResult | Comparison | Excitation) -> None:
+def write(console: Console, result: PlanResult | CycleResult | Comparison | Excitation) -> None:
     """Prints a result in plain lines and tables, as the command does."""
     WRITERS[type(result).__name__](console, result)
 
@@ -65,6 +68,30 @@ def _print_plan(console: Console, result: PlanResult) -> None:
         console.print(table)
 
 
+def _print_cycle(console: Console, result: CycleResult) -> None:
+    """What a cycle takes, and a row for each of its motions."""
+    console.print(styled((result.status, "green" if result.solved else "red"), ""), soft_wrap=True)
+    _say(console, "cycle", result)
+    table = Table(title="motions", title_justify="left")
+    for name in ("leg", "duration [s]", "energy [J]", "clearance [mm]", "torque [%]", "slowed down [%]"):
+        table.add_column(name, justify="right")
+    for number, leg in enumerate(result.legs, start=1):
+        certificate, splines = leg.plan.certificate, leg.plan.splines
+        if certificate is None or splines is None or leg.slowed_torque_share is None:
+            table.add_row(str(number), leg.plan.status, "", "", "", "")
+            continue
+        closest = certificate.closest
+        table.add_row(
+            str(number),
+            f"{float(splines.total[0]):.3f}",
+            f"{certificate.energy[leg.plan.metric]:.2f}",
+            f"{1000.0 * closest.proven:.1f}" if closest.checks else "",
+            f"{100.0 * float(certificate.torque_share.max()):.1f}",
+            f"{100.0 * leg.slowed_torque_share:.1f}",
+        )
+    console.print(table)
+
+
 def _print_comparison(console: Console, comparison: Comparison) -> None:
     """Medians over the seeds, a row a method."""
     table = Table(title=f"{comparison.name}: medians over the seeds", title_justify="left")
@@ -97,12 +124,13 @@ def _print_motion(console: Console, found: Excitation) -> None:
     from plan.experiment.result import odds_of
 
     odds = ["over 10⁶ : 1" if odds_of(one) > 1e6 else f"{odds_of(one):.3g} : 1" for one in found.smallest]
-    motion = describe_motion(found.run_set.family, found.joint)
+    motion = SERIES if found.run_set.family == "fourier" else describe_motion(found.run_set.family, found.joint)
     _say(console, "motion", found, motion, plural(len(found.runs), "run"), odds)
 
 
 WRITERS: dict[str, Callable[[Console, Any], None]] = {
     "PlanResult": _print_plan,
+    "CycleResult": _print_cycle,
     "Comparison": _print_comparison,
     "Excitation": _print_motion,
 }
@@ -118,7 +146,16 @@ def draw(result: Any) -> Figure:
         from plan.show.pictures import draw_comparison
 
         return draw_comparison(result)
-    if kind == "PlanResult":
+    if kind == "CycleResult":
+        figure, axes = panel("time [s]", "angle [deg]", f"{result.status}: {len(result.legs)} motions")
+        begin = 0.0
+        for leg in result.legs:
+            if leg.plan.splines is not None:
+                total = float(leg.plan.splines.total[0])
+                times = np.linspace(0.0, total, SAMPLES)
+                axes.plot(begin + times, np.degrees(leg.plan.splines.at(times)[0]))
+                begin += total
+    elif kind == "PlanResult":
         figure, axes = panel("time [s]", "angle [deg]", f"{result.status} by {result.method}")
         if result.splines is not None and result.certificate is not None:  # else it stays empty
             slides = result.certificate.scene.arm.sliding_joints

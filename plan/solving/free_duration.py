@@ -18,7 +18,7 @@ from plan.planners.sequential import Sequential, descend_on_knots
 from plan.problem.controllers import Controller
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
-from plan.solving.set_up import find_obstruction, shortest_duration
+from plan.solving.obstruction import find_obstruction, shortest_duration
 from plan.solving.solve import solve
 from plan.spline import Splines
 
@@ -110,7 +110,7 @@ def energy_curve(problem: PlanningProblem, options: SolveOptions) -> list[Look]:
         for duration in side:
             if ledger.remaining == 0:
                 break
-            found = _look(problem, float(duration), before, ledger)
+            found = look_at(problem, float(duration), before, ledger)
             looks.append(found)
             before = found if found.candidate is not None else before
     for _ in range(CLOSER):
@@ -118,17 +118,17 @@ def energy_curve(problem: PlanningProblem, options: SolveOptions) -> list[Look]:
         place = _closer(looks, problem.standby)
         if place is None or ledger.remaining == 0:
             break
-        nearest = min(looks, key=lambda look: _apart(look, place))
-        looks.append(_look(problem, place, nearest, ledger))
+        nearest = min(looks, key=lambda look: apart(look, place))
+        looks.append(look_at(problem, place, nearest, ledger))
     return sorted(looks, key=lambda look: look.duration)
 
 
-def _apart(look: Look, duration: float) -> float:
+def apart(look: Look, duration: float) -> float:
     """How far a motion is from a duration, as a ratio; infinite where there is none."""
     return np.inf if look.candidate is None else abs(float(np.log(look.duration / duration)))
 
 
-def _look(problem: PlanningProblem, duration: float, near: Look, ledger: Ledger) -> Look:
+def look_at(problem: PlanningProblem, duration: float, near: Look, ledger: Ledger) -> Look:
     """The least energy of a duration, searched from another duration's motion."""
     assert near.candidate is not None
     splines = near.candidate.splines

@@ -21,7 +21,7 @@ from plan.problem.problem import STRAIGHT, Limits, PlanningProblem
 from plan.problem.ramps import find_time_law
 from plan.problem.result import Certificate, PlanResult, certify, certify_standing
 from plan.solving.bound import least_energy, least_time
-from plan.solving.set_up import find_obstruction
+from plan.solving.obstruction import find_obstruction
 from plan.solving.workers import search_together
 from plan.spline import Splines
 

@@ -318,9 +318,20 @@ def test_what_could_not_be_tested_is_shown(tmp_path: Path, whole: ArmModel) -> N
 
 
 def test_without_a_question_the_inertias_are_asked_for(whole: ArmModel) -> None:
-    """The general motion: no effects, wide motion, the joint that carries most."""
+    """The general motion: no effects, a Fourier series, the joint that carries most."""
     asked = ask(whole, None, None, None)
-    assert (asked.aim, asked.ids, asked.family, asked.joint) == ("identify", (), "wide", 1)
+    assert (asked.aim, asked.ids, asked.family, asked.joint) == ("identify", (), "fourier", 1)
+
+
+def test_what_is_proposed_tells_no_less_than_the_textbooks_series(arm: ArmModel) -> None:
+    """Law: an unoptimised Fourier series is among what must be beaten, and is told beside the proposal."""
+    options = ExciteOptions(minutes=0.6, evaluations=len(FAMILIES))
+    found = Designer(arm, ask(arm, None, None, None), options).best()
+    assert found.against_textbook is not None
+    told, ratio = found.against_textbook
+    assert found.information[0] >= 0.98 * told
+    assert 0.0 < ratio < np.inf
+    assert found.to_dict()["information_nats"]["textbook"] == told
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,8 @@ from plan.geometry.scene import Scene
 from plan.geometry.solids import Box, Solid
 from plan.geometry.tool import Carried, hang
 from plan.problem.task_file import load_task
-from plan.solving.set_up import require_valid_ends, set_up
+from plan.solving.obstruction import require_valid_ends
+from plan.solving.set_up import set_up
 from tests.plan.geometry.worlds import CUBE, TASK
 from tests.plan.worlds import random_rotation, three_joints
 

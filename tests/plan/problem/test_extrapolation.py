@@ -15,7 +15,8 @@ from plan.command_options import SolveOptions, TaskOptions
 from plan.planners.sequential import Sequential
 from plan.problem.problem import ADVICE, TRAINING, Limits
 from plan.problem.result import certify, find_extrapolation
-from plan.solving.set_up import require_inside, stay_inside
+from plan.solving.obstruction import require_inside
+from plan.solving.task_limits import stay_inside
 from tests.plan.worlds import ledger, problem
 
 DATA = Path(__file__).parents[1] / "data"

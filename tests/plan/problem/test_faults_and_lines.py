@@ -11,7 +11,7 @@ from plan.api.planning import open_task, solve
 from plan.command_options import SolveOptions, TaskOptions
 from plan.initial.starts import quickest_pace, timed_line
 from plan.planners.sequential import Sequential
-from plan.solving.set_up import find_obstruction
+from plan.solving.obstruction import find_obstruction
 from plan.solving.solve import cheapest_goal
 from plan.solving.solve import solve as solve_problem
 from tests.plan.worlds import START, problem

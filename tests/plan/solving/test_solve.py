@@ -21,7 +21,8 @@ from plan.problem.result import certify
 from plan.problem.rules import Pose
 from plan.solving.bound import least_energy, least_time
 from plan.solving.compare import compare, cost_at
-from plan.solving.set_up import find_obstruction, from_taught
+from plan.solving.obstruction import find_obstruction
+from plan.solving.set_up import from_taught
 from plan.solving.solve import LEAST_SECONDS, _certified, _ledger, _mending, find_starts, solve
 from tests.plan.worlds import GOAL, MONITOR, START, joint_nets, ledger, model, problem, three_joints
 

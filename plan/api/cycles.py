@@ -1,0 +1,57 @@
+"""Plans cycles: what `plan cycle` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ident.errors import InputError
+from ident.files import atomic_folder
+from ident.model.hybrid import HybridModel
+from ident.results import Provenance
+from plan.command_options import DEFAULT_METHOD, SolveOptions
+from plan.problem.cycle_result import CycleResult
+from plan.problem.execution import DEFAULT_RATE, write_motion_file
+from plan.problem.task_file import Task, load_task
+from plan.solving.cycle import solve_cycle, split_cycle
+
+MOTIONS_KIND = "motions"
+
+
+def cycle(scene: Task | str | Path, model: HybridModel | str | Path | None = None, **options: Any) -> CycleResult:
+    """Plans a cycle of several motions as one task; an expected failure is a status with a reason.
+
+    Args:
+        scene: Scene file with `[[leg]]` tables, or the task that `load_task` read from it.
+        model: Fitted model or its folder; the rigid arm without losses if None.
+        options: Any field of `SolveOptions`, as the options of `plan cycle`.
+
+    Raises:
+        InputError: Scene or model can't be used, or a method other than the default is asked for.
+        TypeError: No such option.
+    """
+    chosen = SolveOptions(**options)
+    if chosen.method != DEFAULT_METHOD:
+        raise InputError(
+            "--method",
+            f"a cycle is planned by {DEFAULT_METHOD}, not {chosen.method}",
+            "leave it out",
+        )
+    if chosen.controller is not None:
+        remedy = "leave it out, and plan its motions by `plan solve` for a controller's points"
+        raise InputError("--controller", "a cycle is certified as planned, for no controller", remedy)
+    task = scene if isinstance(scene, Task) else load_task(scene)
+    fitted = None if model is None else HybridModel.given(model)
+    found = solve_cycle(task, split_cycle(task, fitted, chosen), chosen)
+    named = None if model is None or isinstance(model, HybridModel) else str(model)
+    asked = {name: getattr(chosen, name) for name in ("objective", "metric", "seed", "evaluations", "seconds")}
+    return found.with_provenance(
+        Provenance("plan cycle", settings={"scene": str(task.source), "model": named, **asked})
+    )
+
+
+def write_motions(found: CycleResult, folder: Path, rate: float = DEFAULT_RATE) -> None:
+    """Samples of a solved cycle's motions, one CSV file a leg; whole or not at all."""
+    with atomic_folder(folder, MOTIONS_KIND) as partial:
+        for number, leg in enumerate(found.legs, start=1):
+            write_motion_file(leg.plan, partial / f"leg_{number:02d}.csv", rate)

@@ -1,0 +1,128 @@
+"""CycleResult: what a cycle's motions are, how long it takes and what it costs; `plan.cycle/1`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from ident.results import Result
+from plan.command_options import SolveOptions
+from plan.problem.result import PlanResult
+from plan.problem.stops import Stop
+from plan.problem.task_file import Task
+
+SCHEMA = "plan.cycle/1"
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """One motion of a cycle."""
+
+    plan: PlanResult  # the motion and its certificate
+    # Largest torque at any slower pace, as a share of its limit; None without a plan.
+    slowed_torque_share: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class CycleResult(Result):
+    """Outcome of planning a cycle."""
+
+    SHOWN_BY = "plan.show.results"
+
+    status: Literal["solved", "infeasible"]
+    objective: str
+    robot: str  # name or path, as the file has it
+    legs: tuple[Leg, ...]  # its motions, in turn
+    stops: tuple[Stop, ...]  # where it stops between them
+    standby: float  # power that the cell takes all the while [W]
+    # Energy of all motions as shared out on their curves, and where each takes the same multiple of
+    # its shortest duration, as plans made one by one would [J]; None where time is the objective.
+    shared: float | None
+    even: float | None
+    reason: str = ""  # why there is no plan; empty where there is one
+
+    @classmethod
+    def of(
+        cls,
+        task: Task,
+        options: SolveOptions,
+        legs: Sequence[Leg],
+        shared: float | None,
+        even: float | None,
+        reason: str = "",
+    ) -> CycleResult:
+        """From the motions that were planned; solved where all of them are."""
+        for number, leg in enumerate(legs, start=1):
+            if reason:
+                break
+            if not leg.plan.solved:
+                reason = f"leg {number}: {leg.plan.reason}"
+            elif leg.slowed_torque_share is not None and leg.slowed_torque_share > 1.0:
+                percent = 100.0 * leg.slowed_torque_share
+                reason = f"leg {number}: slowed down it takes {percent:.1f} % of a joint's torque"
+        status: Literal["solved", "infeasible"] = "infeasible" if reason else "solved"
+        return cls(
+            status,
+            options.objective,
+            task.robot,
+            tuple(legs),
+            task.stops,
+            task.standby,
+            shared,
+            even,
+            reason,
+        )
+
+    @property
+    def solved(self) -> bool:
+        """Whether all motions are certified."""
+        return self.status == "solved"
+
+    @property
+    def moving(self) -> float:
+        """How long the arm moves [s]."""
+        motions = [leg.plan.splines for leg in self.legs if leg.plan.splines is not None]
+        return float(sum(splines.total[0] for splines in motions))
+
+    @property
+    def dwelling(self) -> float:
+        """How long it stands at its stops [s]."""
+        return float(sum(stop.dwell for stop in self.stops))
+
+    @property
+    def duration(self) -> float:
+        """Of the whole cycle [s]."""
+        return self.moving + self.dwelling
+
+    @property
+    def energy(self) -> float:
+        """Of all motions by their metric, and of the standby [J]; infinite without a plan."""
+        if not self.solved:
+            return float("inf")
+        moved = 0.0
+        for leg in self.legs:
+            assert leg.plan.certificate is not None
+            moved += leg.plan.certificate.energy[leg.plan.metric]
+        return moved + self.standby * self.duration
+
+    def to_dict(self) -> dict[str, Any]:
+        """The record of `plan.cycle/1`."""
+        stops = [{"q_rad": stop.q.tolist(), "dwell_s": stop.dwell, "does": stop.does} for stop in self.stops]
+        motions = [{**leg.plan.to_dict(), "slowed_torque_share": leg.slowed_torque_share} for leg in self.legs]
+        return {
+            "schema": SCHEMA,
+            "status": self.status,
+            "reason": self.reason,
+            "objective": self.objective,
+            "robot": self.robot,
+            "duration_s": self.duration if self.solved else None,
+            "moving_s": self.moving if self.solved else None,
+            "dwell_s": self.dwelling,
+            "standby_W": self.standby,
+            "cost_J": self.energy if self.solved else None,
+            "energy_on_curves_J": {"shared_out": self.shared, "one_by_one": self.even},
+            "stops": stops,
+            "legs": motions,
+            "provenance": self.provenance.to_dict(),
+        }

@@ -1,0 +1,277 @@
+"""A cycle as one task: motions between stops, a load gripped and released, one duration for all.
+
+The arm rests at every stop, so that all that binds the motions together is the duration of the
+whole:
+
+    min Σ E_k(T_k)   with   Σ T_k = T − Σ dwell
+
+with E_k the least energy of motion k over its duration. Those curves are found as for a single free
+duration, the durations are shared out on them, and each motion is then searched in full at its own.
+With time as the objective every motion is as short as it can be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import brentq, minimize
+
+from ident.arrays import Array, Float
+from ident.errors import InputError
+from ident.model.hybrid import HybridModel
+from ident.progress import stage
+from plan.command_options import SolveOptions
+from plan.planners.base import Ledger
+from plan.problem.cycle_result import CycleResult, Leg
+from plan.problem.problem import PlanningProblem
+from plan.problem.result import PlanResult
+from plan.problem.stops import GRIP, holds_at_first
+from plan.problem.task_file import Task
+from plan.solving.free_duration import Look, apart, energy_curve, lasting, look_at
+from plan.solving.obstruction import require_valid_ends, shortest_duration
+from plan.solving.set_up import reach_goals, set_up
+from plan.solving.solve import solve
+
+# Slower paces at which the torque is looked at, as shares of the plan's own, and places of a
+# section.
+PACES, PLACES = np.linspace(0.05, 1.0, 20), np.linspace(0.0, 1.0, 41)
+# A sum of durations that is longer than allowed by this is as long as allowed.
+ROUNDED = 1.0 + 1e-6
+# Durations that differ by less than this share are one: between them a curve would have any slope.
+APART = 0.005
+# Times that a motion is planned anew where it needs more torque when slowed down, and how much
+# lower it then aims.
+TURNS, LOWER = 3, 1.002
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """How the duration of a cycle is shared among its motions."""
+
+    durations: Float[Array, " m"]  # of each motion [s]
+    # Of all of them, on the curves [J]; None where no motion as short as needed was looked at.
+    energy: float | None
+    even: float | None  # the same where each takes the same multiple of its shortest duration [J]
+
+
+def split_cycle(task: Task, model: HybridModel | None, options: SolveOptions) -> tuple[PlanningProblem, ...]:
+    """The cycle's motions in turn, each with what the arm carries on it.
+
+    Raises:
+        InputError: The file has no stops, or a motion's ends are at fault.
+    """
+    if not task.stops:
+        raise InputError(task.source, "it has no [[leg]]", "add some, or use `plan solve`")
+    if task.pose is not None or task.others:
+        raise InputError(task.source, f"a cycle ends at task.goal_deg, not at {task.keys[1]}", "give goal_deg")
+    free = _moving_time(task, options.objective)
+    holding = holds_at_first(task.stops)
+    places = [task.start, *(stop.q for stop in task.stops), task.goal]
+    deeds = ["", *(stop.does for stop in task.stops)]
+    problems = []
+    for number, (start, goal) in enumerate(pairwise(places)):
+        holding = deeds[number] == GRIP if deeds[number] else holding
+        if np.array_equal(start, goal):
+            continue
+        leg = replace(task, stops=(), start=start, goal=goal, duration=None, longest=free, standby=0.0)
+        if not holding:
+            leg = replace(leg, attached=(), payload=None)
+        problem = reach_goals(set_up(leg, model, options), leg)[0]
+        require_valid_ends(problem, leg, options.inside)
+        problems.append(problem)
+    if not problems:
+        raise InputError(task.source, "all its stops are at one place", "give [[leg]] other angles")
+    return tuple(problems)
+
+
+def _moving_time(task: Task, objective: str) -> float | None:
+    """How long the arm may move in all [s]; None where time is the objective.
+
+    Raises:
+        InputError: Nothing says so, or nothing is left of it.
+    """
+    if objective == "time":
+        return None
+    whole = task.duration if task.duration is not None else task.longest
+    if whole is None:
+        raise InputError(
+            task.source,
+            "a cycle of least energy needs task.duration_s or at_most_s",
+            "add one of them",
+        )
+    left = whole - sum(stop.dwell for stop in task.stops)
+    if left <= 0.0:
+        raise InputError(
+            task.source,
+            f"the stops' dwell_s take all of the cycle's {whole:g} s",
+            "make them shorter",
+        )
+    return left
+
+
+def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveOptions) -> CycleResult:
+    """Plans all motions of a cycle; an expected failure is a status with a reason.
+
+    Args:
+        task: What the file says.
+        problems: Its motions, by `split_cycle`.
+        options: How; the budget is shared by the motions.
+    """
+    most, seconds = options.budget
+    share = replace(
+        options,
+        evaluations=max(most // len(problems), 1),
+        seconds=seconds / len(problems),
+        gap=False,
+    )
+    if options.objective == "time":
+        legs = [_plan(problem, share, None) for problem in problems]
+        return CycleResult.of(task, options, legs, None, None)
+    free = _moving_time(task, options.objective)
+    assert free is not None
+    needs = np.array([shortest_duration(problem) for problem in problems])
+    if needs.sum() > free:
+        reason = f"{free:g} s are too short: the motions take {needs.sum():.3f} s at the least"
+        return CycleResult.of(task, options, [], None, None, reason)
+    curves = []
+    for number, problem in enumerate(problems, start=1):
+        stage(
+            f"energy over duration, motion {number} of {len(problems)}",
+            *_share_of_work(number, problems, 0.0),
+        )
+        curves.append(energy_curve(problem, share))
+    for number, curve in enumerate(curves, start=1):
+        if not any(np.isfinite(look.energy) for look in curve):
+            return CycleResult.of(task, options, [], None, None, f"no motion found for leg {number}")
+    shared = share_duration(curves, needs, free, task)
+    legs = []
+    parts = zip(problems, curves, shared.durations, strict=True)
+    for number, (problem, curve, duration) in enumerate(parts, start=1):
+        stage(
+            f"searching for motion {number} of {len(problems)}",
+            *_share_of_work(number, problems, 0.5),
+        )
+        legs.append(_plan(lasting(problem, float(duration)), share, curve))
+    return CycleResult.of(task, options, legs, shared.energy, shared.even)
+
+
+def _share_of_work(number: int, problems: Sequence[PlanningProblem], begin: float) -> tuple[float, float]:
+    """Shares of all work that are done before and after a motion's turn."""
+    each = 0.5 / len(problems)
+    return begin + each * (number - 1), begin + each * number
+
+
+def share_duration(curves: Sequence[Sequence[Look]], needs: Float[Array, " m"], free: float, task: Task) -> Shared:
+    """The durations of least energy together, standby counted where the whole may be shorter.
+
+    Args:
+        curves: Least energy over duration of each motion.
+        needs: Shortest duration of each motion [s].
+        free: How long they may take together [s].
+        task: Whether that is how long they must take, and what the cell takes meanwhile.
+    """
+    tables = [_distinct(curve) for curve in curves]
+    low = np.array([times[0] for times, _ in tables])
+    high = np.array([times[-1] for times, _ in tables])
+    splines = [_interpolate(times, energies) for times, energies in tables]
+    standby = task.standby if task.duration is None else 0.0
+
+    def cost(durations: Array) -> float:
+        """Energy of all motions, and of the cell [J]."""
+        moved = sum(spline(t) for spline, t in zip(splines, durations, strict=True))
+        return float(moved + standby * durations.sum())
+
+    if low.sum() > free:  # what is known is longer throughout: nothing to weigh
+        return Shared(needs * (free / needs.sum()), None, None)
+    even = _same_multiple(needs, low, high, free)
+    kind = "eq" if task.duration is not None and high.sum() >= free else "ineq"
+    rule = {"type": kind, "fun": lambda durations: free - durations.sum()}
+    bounds = list(zip(low, high, strict=True))
+    best = even
+    for begin in (
+        even,
+        low + (high - low) * min((free - low.sum()) / max(high.sum() - low.sum(), 1e-9), 1.0),
+    ):
+        found = minimize(cost, begin, method="SLSQP", bounds=bounds, constraints=[rule])
+        durations = np.clip(found.x, low, high)
+        if durations.sum() <= free * ROUNDED and cost(durations) < cost(best):
+            best = durations
+    energies = [cost(durations) - standby * float(durations.sum()) for durations in (best, even)]
+    if task.duration is not None or best.sum() > free:
+        best = best * (free / best.sum())
+    return Shared(best, energies[0], energies[1])
+
+
+def _same_multiple(
+    needs: Float[Array, " m"], low: Float[Array, " m"], high: Float[Array, " m"], free: float
+) -> Float[Array, " m"]:
+    """Each motion's shortest duration times one number, within what is known, filling the time."""
+    top = float((high / needs).max())
+    if np.clip(top * needs, low, high).sum() <= free:
+        return np.clip(top * needs, low, high)
+    multiple = brentq(lambda k: float(np.clip(k * needs, low, high).sum()) - free, 0.0, top)
+    return np.clip(multiple * needs, low, high)
+
+
+def _distinct(curve: Sequence[Look]) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+    """Durations that are apart, and the energy of each; of two that are the same the lower one."""
+    times: list[float] = []
+    energies: list[float] = []
+    for look in sorted(curve, key=lambda look: look.duration):
+        if not np.isfinite(look.energy):
+            continue
+        if times and look.duration < times[-1] * (1.0 + APART):
+            energies[-1] = min(energies[-1], look.energy)
+            continue
+        times.append(look.duration)
+        energies.append(look.energy)
+    return np.array(times), np.array(energies)
+
+
+def _interpolate(times: Float[Array, " k"], energies: Float[Array, " k"]) -> PchipInterpolator:
+    """Energy between the durations that were looked at, monotone where they are."""
+    if len(times) == 1:
+        times = np.array([times[0], times[0] * (1.0 + 1e-6)])
+        energies = np.repeat(energies, 2)
+    return PchipInterpolator(times, energies)
+
+
+def _plan(problem: PlanningProblem, options: SolveOptions, curve: Sequence[Look] | None) -> Leg:
+    """One motion, planned until it stays within its torque at any slower pace."""
+    duration = float(problem.durations.sum())
+    known = None
+    if curve is not None:
+        nearest = min(curve, key=lambda look: apart(look, duration))
+        if nearest.candidate is not None:
+            ledger = Ledger(10**6, options.budget[1] / 4.0)
+            known = look_at(problem, duration, nearest, ledger).candidate
+    task = problem
+    for _ in range(TURNS):
+        result = solve(task, options, known=known)
+        share = slowed_torque_share(problem, result)
+        if share is None or share <= 1.0:
+            break
+        lower = task.limits.torque / (share * LOWER)
+        task, known = replace(task, limits=replace(task.limits, torque=lower)), None
+    return Leg(result, share)
+
+
+def slowed_torque_share(problem: PlanningProblem, result: PlanResult) -> float | None:
+    """Largest torque as a share of its limit at a plan's own and any slower pace; None without a plan.
+
+    At a share r of the pace the speed is r and the acceleration r² of what it was: less push, but
+    no less weight.
+    """
+    splines = result.splines
+    if splines is None or not result.solved:
+        return None
+    q, dq, ddq = splines.states(PLACES)
+    worst = 0.0
+    for pace in PACES:
+        tau = problem.model.torque(q, pace * dq, pace**2 * ddq)
+        worst = max(worst, float((np.abs(tau) / problem.limits.torque).max()))
+    return worst
