@@ -153,14 +153,14 @@ def make_cases(
         raise InputError(out, "the folder holds cases", "choose another folder")
     arms = {source.name: MovedArm.of(source) for source in sources}
     seals: dict[str, str] = {}
-    turn = _turns(sources, seed)
+    turn = turns_of(sources, seed)
     for source in () if paired else sources:
         _write(out, f"control_{source.name}", {"": source.runs}, source.urdf, _answer("control", source, ()), seals)
     for number, (kind, effects) in enumerate(plan_slots(cases, seed)):
         made, name = None, f"case_{number:03d}"
         for attempt in range(len(sources)):
             source = next(turn)
-            made = _make(arms[source.name], kind, effects, np.random.default_rng([seed, 1, number, attempt]))
+            made = plant_effects(arms[source.name], kind, effects, np.random.default_rng([seed, 1, number, attempt]))
             if made is not None:
                 break
         if made is None:
@@ -204,7 +204,7 @@ def write_recorded(folder: Path, out: Path) -> list[str]:
     return list(seals)
 
 
-def _turns(sources: Sequence[Source], seed: int) -> Iterator[Source]:
+def turns_of(sources: Sequence[Source], seed: int) -> Iterator[Source]:
     """Sources without end, every arm as often as any other."""
     rng, names = np.random.default_rng([seed, 3]), sorted({source.arm for source in sources})
     while True:
@@ -232,10 +232,14 @@ def _before_and_after(source: Source, runs: Sequence[Recording], rng: np.random.
     return {"before": pieces[0][first::2], "after": pieces[1][1 - first :: 2]}
 
 
-def _make(
+def plant_effects(
     arm: MovedArm, kind: str, effects: Effects, rng: np.random.Generator
 ) -> tuple[list[Recording], str, dict[str, Any]] | None:
-    """Recordings, URDF and answer of a case; None if nothing that was drawn can show so much."""
+    """Effects, one after the other, on an arm's recordings.
+
+    Returns:
+        Recordings, URDF and answer of a case; None if nothing that was drawn can show so much.
+    """
     truth: list[dict[str, Any]] = []
     urdf, shift, now = arm.source.urdf, np.zeros(arm.n), arm
     for effect, wanted in effects:
