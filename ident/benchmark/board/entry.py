@@ -38,11 +38,11 @@ class Answer:
     other: float
 
     def shares(self) -> dict[str, float]:
-        """Probability of each effect that is named, of `none` and of `other`."""
-        total: dict[str, float] = {NONE: self.none, OTHER: self.other}
+        """Probability of each effect in the order of the names, then of `none` and of `other`."""
+        total: dict[str, float] = {}
         for name in self.named:
             total[name.effect] = total.get(name.effect, 0.0) + name.probability
-        return total
+        return {**total, NONE: self.none, OTHER: self.other}
 
     def best_of(self, effect: str) -> Named | None:
         """The most probable name of an effect."""
