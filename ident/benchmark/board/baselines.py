@@ -38,7 +38,7 @@ Name = tuple[str, str]
 
 
 def plain_answer(session: str, names: Sequence[Name], effects: Sequence[str]) -> dict[str, Any]:
-    """An answer that gives half to its names, or to `none` without any, and the rest to all others."""
+    """An answer that gives half to its names, or to `none` without any, the rest to all others."""
     said = list(dict.fromkeys(names))
     labels = [NONE, OTHER, *effects]
     chosen = {effect for effect, _ in said} or {NONE}
@@ -53,7 +53,9 @@ def plain_answer(session: str, names: Sequence[Name], effects: Sequence[str]) ->
 
 
 def spread_unnamed(
-    record: dict[str, Any], scopes: dict[str, str], joints: Sequence[str]
+    record: dict[str, Any],
+    scopes: dict[str, str],
+    joints: Sequence[str],
 ) -> dict[str, Any]:
     """The answer with a row for each effect that has none, at the first joint or the whole arm."""
     share = record.pop("unnamed")
@@ -149,7 +151,11 @@ def name_by_lasso(left: Residual) -> list[Name]:
         return []
     with catch_warnings(action="ignore"):  # columns that say the same are dropped, as they should
         _, _, path = lars_path_gram(
-            left.target, left.gram, n_samples=left.samples, method="lasso", max_iter=MOST_STEPS
+            left.target,
+            left.gram,
+            n_samples=left.samples,
+            method="lasso",
+            max_iter=MOST_STEPS,
         )
     best = np.zeros(len(left.target))
     least = left.samples * np.log(max(left.power, 1e-12))

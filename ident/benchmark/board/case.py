@@ -28,4 +28,4 @@ class BoardCase:
     # Names that are neither right nor wrong: what others measured on the same arm.
     known: Mapping[str, list[str]] = field(default_factory=dict)
     unseen: Recording | None = None  # a motion of the arm without the effect, with its torque
-    oracle: float | None = None  # probability that an oracle names the cause; None where not worked out
+    oracle: float | None = None  # probability that an oracle names the cause, if worked out

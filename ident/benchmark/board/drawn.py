@@ -1,4 +1,4 @@
-"""First tier: sessions of arms and sensors that are drawn, as the check on withheld effects draws them."""
+"""First tier: arms and sensors that are drawn, as the check on withheld effects draws them."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
 """Files of a board and of what its maker keeps: written with nothing in them that tells a truth.
 
-    BOARD/README.md              what the board is and how to enter
-    BOARD/board.json             sessions, their arms and tiers
-    BOARD/effects.json           the published list of effects, with their parameters
-    BOARD/truths.json            SHA-256 of each salted answer
-    BOARD/sessions/s001/         runs, robot.urdf, session.toml
-    BOARD/unseen/s001.parquet    a motion whose torque is to be foretold, without it
-    KEPT/answers.json            seed, salts and answers
-    KEPT/unseen/s001.parquet     the torque of that motion
+BOARD/README.md              what the board is and how to enter
+BOARD/board.json             sessions, their arms and tiers
+BOARD/effects.json           the published list of effects, with their parameters
+BOARD/truths.json            SHA-256 of each salted answer
+BOARD/sessions/s001/         runs, robot.urdf, session.toml
+BOARD/unseen/s001.parquet    a motion whose torque is to be foretold, without it
+KEPT/answers.json            seed, salts and answers
+KEPT/unseen/s001.parquet     the torque of that motion
 """
 
 from __future__ import annotations
@@ -84,11 +84,15 @@ def read_columns(path: Path, remedy: str) -> dict[str, Float[Array, " T"]]:
         table = pq.read_table(path)
         return {name: table[name].to_numpy().astype(float) for name in table.column_names}
     except (OSError, ValueError, pa.ArrowException) as error:
-        raise InputError(path, f"no readable Parquet table ({type(error).__name__})", remedy) from None
+        what = f"no readable Parquet table ({type(error).__name__})"
+        raise InputError(path, what, remedy) from None
 
 
 def joint_columns(
-    columns: Mapping[str, Array], joints: list[str], channel: str, where: Path
+    columns: Mapping[str, Array],
+    joints: list[str],
+    channel: str,
+    where: Path,
 ) -> Float[Array, "T n"]:
     """One channel of all joints.
 

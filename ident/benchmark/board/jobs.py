@@ -64,7 +64,8 @@ def _make(folder: Path, kept: Path, options: BoardOptions, progress: Progress) -
         f"{kept}: seed, salts and answers; keep it until the board is opened",
     ]
     if made.left_out:
-        lines.append(f"{plural(made.left_out, 'effect')} left out: no recording shows so much of it")
+        left_out = plural(made.left_out, "effect")
+        lines.append(f"{left_out} left out: no recording shows so much of it")
     record = {"schema": "ident.board_made/1", "tiers": made.counts, "left_out": made.left_out}
     settings = {"cases": options.cases, "worlds": options.worlds, "oracle": options.oracle}
     made_by = Provenance("ident board make", settings=settings)

@@ -31,7 +31,10 @@ LEVEL = 0.01  # of any false alarm over all figures
 TELLING = ("in_catalogue", "may_stand_at", "planted", "healthy", "untouched", "withheld")
 
 
-def find_words(folder: Path, answers: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[Path, str]]:
+def find_words(
+    folder: Path,
+    answers: Mapping[str, Mapping[str, Any]],
+) -> Iterator[tuple[Path, str]]:
     """Files of sessions and motions that hold a word of an answer, each with the word."""
     effects = {effect["effect"] for answer in answers.values() for effect in answer["effects"]}
     words = [word.encode() for word in sorted({*effects, *TELLING})]
@@ -96,7 +99,10 @@ def find_leaks(board: Board, kept: Kept, seed: int = 0) -> list[Leak]:
 
 
 def exchange_p_value(
-    values: Float[Array, " N"], truths: Array, tiers: Array, rng: np.random.Generator
+    values: Float[Array, " N"],
+    truths: Array,
+    tiers: Array,
+    rng: np.random.Generator,
 ) -> float:
     """Chance that exchanged truths part a figure's ranks as much as the real ones do.
 
@@ -154,9 +160,8 @@ def different_urdfs(board: Board) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    form = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
     parser.add_argument("board", type=Path)
     parser.add_argument("--kept", type=Path)
     given = parser.parse_args()

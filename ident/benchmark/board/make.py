@@ -1,4 +1,4 @@
-"""Makes a board: sessions in three tiers, their truths sealed, and apart from them what opens them."""
+"""Makes a board: sessions in three tiers, their truths sealed, and what opens them."""
 
 from __future__ import annotations
 
@@ -108,19 +108,23 @@ def make_board(
 
 
 def _makers(
-    cases: int, seed: int, recordings: Path | None, worlds: str, oracle: bool
+    cases: int,
+    seed: int,
+    recordings: Path | None,
+    worlds: str,
+    oracle: bool,
 ) -> list[Maker]:
     """What makes each session, in an order that goes with no tier."""
     if recordings is None:
         return [partial(make_drawn, task, oracle) for task in plan_drawn(cases, seed, worlds)]
     sources = load_board_sources(recordings)
     drawn = round(DRAWN_SHARE * cases)
-    makers: list[Maker] = [partial(make_drawn, task, oracle) for task in plan_drawn(drawn, seed, worlds)]
+    tasks = plan_drawn(drawn, seed, worlds)
+    makers: list[Maker] = [partial(make_drawn, task, oracle) for task in tasks]
     turns = deal_sources(list(sources.values()), seed)
-    for slot in plan_planted(cases - drawn, seed):
-        makers.append(partial(make_planted, slot, turns, len(sources), seed))
-    for case in make_measured(recordings, sources):
-        makers.append(partial(_given, case))
+    places = plan_planted(cases - drawn, seed)
+    makers += [partial(make_planted, place, turns, len(sources), seed) for place in places]
+    makers += [partial(_given, case) for case in make_measured(recordings, sources)]
     order = np.random.default_rng([seed, 20]).permutation(len(makers))
     return [makers[int(k)] for k in order]
 
@@ -172,7 +176,7 @@ class BoardWriter:
             self.oracle[name] = case.oracle
 
     def _write_unseen(self, name: str, case: BoardCase) -> str:
-        """Writes the motion that is to be foretold, and apart its torque; returns that file's hash."""
+        """Writes the motion to be foretold, and apart its torque; returns that file's hash."""
         run = case.unseen
         if run is None:
             return ""
@@ -189,9 +193,7 @@ class BoardWriter:
         arms = sorted({str(session["arm"]) for session in self.sessions.values()})
         board = {"schema": SCHEMA, "sources": TABLES["recordings"] if self._real else {}}
         write_record(self.folder / BOARD_FILE, {**board, "arms": arms, "sessions": self.sessions})
-        write_record(
-            self.folder / EFFECTS_FILE, {"schema": SCHEMA, "effects": published_effects()}
-        )
+        write_record(self.folder / EFFECTS_FILE, {"schema": SCHEMA, "effects": published_effects()})
         write_record(self.folder / TRUTHS_FILE, {"schema": SCHEMA, "sealed": sealed})
         text = README.read_text(encoding="utf-8")
         for word, value in self._figures().items():

@@ -142,7 +142,7 @@ def our_answer(name: str, record: Mapping[str, Any], board: Board) -> dict[str, 
     if record["verdict"] in NOT_FITTED:
         return undecided_record(name, board)
     joints = board.sessions[name]["joints"]
-    rows = [*_rows(record["findings"], board, joints), *_rows(record["reservations"], board, joints)]
+    rows = _rows([*record["findings"], *record["reservations"]], board, joints)
     weights = [row.pop("weight") for row in rows]
     missing = float(np.prod([1.0 - row.pop("whole") for row in rows]))
     total = sum(weights)
@@ -165,7 +165,9 @@ def our_answer(name: str, record: Mapping[str, Any], board: Board) -> dict[str, 
 
 
 def _rows(
-    findings: Sequence[Mapping[str, Any]], board: Board, joints: Sequence[str]
+    findings: Sequence[Mapping[str, Any]],
+    board: Board,
+    joints: Sequence[str],
 ) -> list[dict[str, Any]]:
     """Names with a probability, and others of their classes; `whole` stands at the first alone."""
     rows: list[dict[str, Any]] = []
@@ -222,7 +224,8 @@ def read_unseen(board: Board, name: str) -> Recording | None:
     velocity = None
     if f"{joints[0]}/velocity" in columns:
         velocity = joint_columns(columns, joints, "velocity", path)
-    return Recording(name, tuple(joints), columns["time"], position, np.zeros_like(position), velocity)
+    still = np.zeros_like(position)
+    return Recording(name, tuple(joints), columns["time"], position, still, velocity)
 
 
 def foretell(

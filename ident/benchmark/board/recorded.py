@@ -22,9 +22,8 @@ from ident.simulation.real.cases import Effects, plan_slots, plant_effects, turn
 from ident.simulation.real.moved_arm import MovedArm, model_of, rigid_torque
 from ident.simulation.real.sources import Source, known_recordings, load_known, measured_causes
 
-TABLES: dict[str, dict[str, Any]] = tomllib.loads(
-    Path(__file__).with_name("sources.toml").read_text(encoding="utf-8")
-)
+TABLE_FILE = Path(__file__).with_name("sources.toml")
+TABLES: dict[str, dict[str, Any]] = tomllib.loads(TABLE_FILE.read_text(encoding="utf-8"))
 UNSEEN_SHARE = 0.125  # of a recording's rows, at its end
 WINDOW_SHARE = 0.96  # of the rest that a session holds
 SHORTEST_PIECE_S = 1.0  # of a run that a window's edge cuts
@@ -107,7 +106,10 @@ def deal_sources(sources: Sequence[Source], seed: int) -> Iterator[Source]:
 
 
 def make_planted(
-    slot: PlantedSlot, turns: Iterator[Source], sources: int, seed: int
+    slot: PlantedSlot,
+    turns: Iterator[Source],
+    sources: int,
+    seed: int,
 ) -> BoardCase | None:
     """A case on the first recording in turn that can show the effect; None if none can."""
     window_rng = np.random.default_rng([seed, 31, slot.number])
@@ -158,9 +160,7 @@ def make_measured(folder: Path, sources: Mapping[str, Source]) -> list[BoardCase
         source = load_known(name, {**row, "robot": robot}, folder)
         session = part_of(source, 0, split_of(source))
         truths = tuple(_measured_truth(effect) for effect in entry["effects"])
-        cases.append(
-            BoardCase(MEASURED, "measured", source.arm, source.urdf, session.runs, truths)
-        )
+        cases.append(BoardCase(MEASURED, "measured", source.arm, source.urdf, session.runs, truths))
     return cases
 
 

@@ -15,7 +15,7 @@ from ident.benchmark.board.score import EntryScore, score_entry
 from ident.errors import InputError
 from ident.results import Provenance, Result
 from ident.show.palette import FLEXIBLE
-from ident.show.report.page import Section, provenance_facts, facts_section, render_page
+from ident.show.report.page import Section, facts_section, provenance_facts, render_page
 from ident.show.results import draw_bars
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def entry_folders(answers: Path, board: Board) -> list[Path]:
 
 
 def oracle_bound(kept: Kept) -> Row | None:
-    """How often an oracle names single effects of drawn worlds; None where that was not worked out."""
+    """How often an oracle names single effects of drawn worlds; None where not worked out."""
     if not kept.oracle:
         return None
     values = list(kept.oracle.values())
@@ -160,7 +160,8 @@ def render_board(record: Mapping[str, Any]) -> str:
     ]
     if named:
         groups = {"tiers": list(record["tiers"]), "kinds": kinds}
-        sections.append(Section("attribution", "Attribution", "board_attribution.html", values | groups))
+        shown = values | groups
+        sections.append(Section("attribution", "Attribution", "board_attribution.html", shown))
     if foretold:
         sections.append(Section("prediction", "Prediction", "board_prediction.html", values))
     sections.append(facts_section({**provenance_facts(record), **_digests(record["entries"])}))

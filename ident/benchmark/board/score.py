@@ -39,7 +39,7 @@ class SessionScore:
     classed: bool  # whether what is true is in its class
     class_size: int | None  # of the most probable answer; None where that is no effect
     joint: bool | None  # whether a right effect stands where it may; None where none is right
-    intervals: tuple[tuple[bool, float], ...]  # of a right name: holds the truth, half-width over size
+    intervals: tuple[tuple[bool, float], ...]  # right names: holds it, half-width over size
 
 
 def score_answer(answer: Answer, truth: Mapping[str, Any], tier: str) -> SessionScore:
@@ -85,7 +85,10 @@ def _stands(name: Named, effect: Mapping[str, Any]) -> bool:
     return not allowed or not name.joint or name.joint in allowed
 
 
-def _intervals(answer: Answer, effects: Iterable[Mapping[str, Any]]) -> Iterable[tuple[bool, float]]:
+def _intervals(
+    answer: Answer,
+    effects: Iterable[Mapping[str, Any]],
+) -> Iterable[tuple[bool, float]]:
     for effect in effects:
         name = answer.best_of(str(effect["effect"]))
         if name is None or not _stands(name, effect):
@@ -111,7 +114,11 @@ class PredictionScore:
     share: float  # root mean square over joints of error over spread
 
 
-def score_torque(foretold: Float[Array, "T n"], torque: Float[Array, "T n"], tier: str) -> PredictionScore:
+def score_torque(
+    foretold: Float[Array, "T n"],
+    torque: Float[Array, "T n"],
+    tier: str,
+) -> PredictionScore:
     """Scores a foretold torque against the recorded one."""
     error = np.sqrt(np.mean((foretold - torque) ** 2, axis=0))
     spread = np.maximum(np.std(torque, axis=0), 1e-9)
@@ -188,8 +195,9 @@ def score_entry(folder: Path, board: Board, kept: Kept) -> EntryScore:
     for name, facts in board.sessions.items():
         if answered:
             path = folder / f"{name}.json"
-            is_answered = path.is_file()
-            answer = read_answer(path, board, name) if is_answered else undecided(list(board.effects))
+            answer = undecided(list(board.effects))
+            if path.is_file():
+                answer = read_answer(path, board, name)
             sessions[name] = score_answer(answer, kept.answers[name], facts["tier"])
         if foretold and facts["unseen"]:
             torque = recorded_torque(board, kept, name)
@@ -239,7 +247,9 @@ def prediction(rows: Sequence[PredictionScore]) -> Row:
 
 
 def _by(
-    rows: Sequence[SessionScore], key: Callable[[SessionScore], str], values: Sequence[str]
+    rows: Sequence[SessionScore],
+    key: Callable[[SessionScore], str],
+    values: Sequence[str],
 ) -> dict[str, Row]:
     groups: dict[str, Row] = {}
     for value in values:

@@ -17,7 +17,7 @@ REMEDY = "give the file that the maker kept of this board, as it was"
 
 
 def salt_of(seed: int, session: str) -> str:
-    """Salt of a session's seal: 32 bytes that follow from the board's seed, as hexadecimal digits."""
+    """Salt of a session's seal: 32 bytes that follow from the board's seed, in hexadecimal."""
     key = f"ident.board/1 {seed}".encode()
     return hmac.new(key, session.encode(), hashlib.sha256).hexdigest()
 
@@ -48,7 +48,8 @@ def check_seals(
         if session not in salts or session not in answers:
             raise InputError(where, f"it lacks the answer of {session}", REMEDY)
         if not hmac.compare_digest(seal, seal_of(salts[session], answers[session])):
-            raise InputError(where, f"the answer of {session} is not the one that was sealed", REMEDY)
+            what = f"the answer of {session} is not the one that was sealed"
+            raise InputError(where, what, REMEDY)
 
 
 def digest_of(folder: Path, pattern: str = "*") -> str:

@@ -72,9 +72,7 @@ def test_twice_from_one_seed_gives_the_same_bytes(made: tuple[Path, Path], tmp_p
         assert digest_of(tmp_path / name) == digest_of(place)
 
 
-def test_an_answer_that_was_changed_after_sealing_is_found(
-    made: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_an_answer_that_was_changed_after_sealing_is_found(made: tuple[Path, Path], tmp_path: Path) -> None:
     board = Board.load(made[0])
     record = json.loads((made[1] / "answers.json").read_text())
     name = next(iter(board.sessions))
@@ -88,9 +86,7 @@ def test_an_answer_that_was_changed_after_sealing_is_found(
         Kept.load(tmp_path, board)
 
 
-def test_a_torque_that_was_changed_after_sealing_is_found(
-    made: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_a_torque_that_was_changed_after_sealing_is_found(made: tuple[Path, Path], tmp_path: Path) -> None:
     board = Board.load(made[0])
     name = next(iter(board.sessions))
     columns = read_columns(made[1] / "unseen" / f"{name}.parquet", "")
@@ -264,9 +260,7 @@ def test_entrants_are_scored_beside_each_other(made: tuple[Path, Path], tmp_path
     assert "vague" in report.summary()
 
 
-def test_a_foretold_motion_of_other_length_is_refused(
-    made: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_a_foretold_motion_of_other_length_is_refused(made: tuple[Path, Path], tmp_path: Path) -> None:
     board = Board.load(made[0])
     name = next(iter(board.sessions))
     columns = read_columns(made[1] / "unseen" / f"{name}.parquet", "")
