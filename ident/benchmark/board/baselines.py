@@ -17,6 +17,7 @@ from sklearn.linear_model import lars_path_gram
 from ident.arrays import Array, Float
 from ident.benchmark.board.case import NONE, OTHER
 from ident.benchmark.board.entry import SCHEMA
+from ident.benchmark.board.files import Board
 from ident.benchmark.examining import forward_by_bic
 from ident.diagnosis.diagnose import Analysis
 from ident.motion.motion import Motion
@@ -33,6 +34,8 @@ LEAST_LEFT = 1e-6
 DENSE_RIDGE = 1e-6
 # Singular values of a regressor below this share of the largest count as none.
 LEAST_SINGULAR = 1e-6
+UNNAMED = "unnamed"
+"""Key of an answer in the making: the probability of each effect without a row."""
 Name = tuple[str, str]
 """Effect and joint; no joint for an effect of the whole arm."""
 
@@ -46,23 +49,21 @@ def plain_answer(session: str, names: Sequence[Name], effects: Sequence[str]) ->
     share = NAMED_SHARE / max(len(said), 1)
     rows = [{"effect": effect, "joint": joint, "probability": share} for effect, joint in said]
     record: dict[str, Any] = {"schema": SCHEMA, "session": session, "effects": rows}
-    record["unnamed"] = rest
+    record[UNNAMED] = rest
     record[NONE] = rest if said else NAMED_SHARE
     record[OTHER] = rest
     return record
 
 
-def spread_unnamed(
-    record: dict[str, Any],
-    scopes: dict[str, str],
-    joints: Sequence[str],
-) -> dict[str, Any]:
+def spread_unnamed(record: dict[str, Any], board: Board, joints: Sequence[str]) -> dict[str, Any]:
     """The answer with a row for each effect that has none, at the first joint or the whole arm."""
-    share = record.pop("unnamed")
+    share = record.pop(UNNAMED, None)
+    if share is None:  # all effects have a row
+        return record
     named = {row["effect"] for row in record["effects"]}
-    for effect, scope in scopes.items():
+    for effect, facts in board.effects.items():
         if effect not in named:
-            joint = "" if scope == "arm" else joints[0]
+            joint = "" if facts["scope"] == "arm" else joints[0]
             record["effects"].append({"effect": effect, "joint": joint, "probability": share})
     return record
 

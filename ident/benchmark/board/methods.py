@@ -12,6 +12,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.benchmark.board.baselines import (
+    UNNAMED,
     Residual,
     fit_plain,
     name_by_bic,
@@ -76,12 +77,11 @@ def answer_session(board: Board, name: str, out: Path) -> str:
     """Answers a session by all methods and writes the files; returns the diagnosis' verdict."""
     folder = board.session_folder(name)
     unseen = read_unseen(board, name)
-    given = Given([folder], folder / "robot.urdf")
-    arm, reports = inspect_sources(given).whole
     foretold: dict[str, Torque] = {}
     answers = {NOTHING: plain_answer(name, [], list(board.effects))}
     verdict = "refused"
     try:
+        arm, reports = inspect_sources(Given([folder], folder / "robot.urdf")).whole
         diagnosis, analysis, motions = diagnose_reports(reports, arm, CATALOGUE)
         verdict = diagnosis.verdict
         record = diagnosis.to_dict()
@@ -92,19 +92,13 @@ def answer_session(board: Board, name: str, out: Path) -> str:
             answers |= named_plainly(name, analysis, list(board.effects))
     except InputError as error:
         verdict = str(error)
-    scopes = {effect: str(facts["scope"]) for effect, facts in board.effects.items()}
+    joints = board.sessions[name]["joints"]
     for method, torque in foretold.items():
-        _write_torque(out / method / f"{name}.parquet", board.sessions[name]["joints"], torque)
+        _write_torque(out / method / f"{name}.parquet", joints, torque)
     # Ours comes last: where it is, the session is done.
     for method in (*BASELINES, OURS):
-        answer = answers.get(method)
-        if answer is None:
-            answer = plain_answer(name, [], list(board.effects)) if method in BASELINES else None
-        if answer is None:
-            answer = undecided_record(name, board)
-        if "unnamed" in answer:
-            answer = spread_unnamed(answer, scopes, board.sessions[name]["joints"])
-        write_record(out / method / f"{name}.json", answer)
+        answer = answers.get(method) or undecided_record(name, board)
+        write_record(out / method / f"{name}.json", spread_unnamed(answer, board, joints))
     return verdict
 
 
@@ -122,10 +116,10 @@ def named_plainly(name: str, analysis: Analysis, effects: Sequence[str]) -> dict
 
 def undecided_record(name: str, board: Board) -> dict[str, Any]:
     """An answer that holds everything equally probable."""
-    scopes = {effect: str(facts["scope"]) for effect, facts in board.effects.items()}
-    share = 1.0 / (len(scopes) + 2)
-    record = {"schema": SCHEMA, "session": name, "effects": [], NONE: share, OTHER: share}
-    return spread_unnamed({**record, "unnamed": share}, scopes, board.sessions[name]["joints"])
+    share = 1.0 / (len(board.effects) + 2)
+    head = {"schema": SCHEMA, "session": name, "effects": []}
+    record = {**head, NONE: share, OTHER: share, UNNAMED: share}
+    return spread_unnamed(record, board, board.sessions[name]["joints"])
 
 
 # Ours
@@ -160,8 +154,7 @@ def our_answer(name: str, record: Mapping[str, Any], board: Board) -> dict[str, 
     for row in rows:  # every effect has its even share once
         first = next(other for other in rows if other["effect"] == row["effect"])
         row["probability"] += even if first is row else 0.0
-    scopes = {effect: str(facts["scope"]) for effect, facts in board.effects.items()}
-    return spread_unnamed({**answer, "unnamed": even}, scopes, joints)
+    return spread_unnamed({**answer, UNNAMED: even}, board, joints)
 
 
 def _rows(

@@ -2,6 +2,8 @@
 
 import json
 import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -116,6 +118,8 @@ def test_no_file_tells_a_truth(made: tuple[Path, Path]) -> None:
     assert different_urdfs(board) == []
     text = "".join(path.read_text() for path in made[0].glob("*.json"))
     assert not any(salt_of(kept.seed, name) in text for name in board.sessions)
+    times = {path.stat().st_mtime for path in made[0].rglob("*") if not path.name.startswith(".")}
+    assert len(times) == 1
 
 
 def test_a_word_that_tells_is_found(tmp_path: Path) -> None:
@@ -297,6 +301,16 @@ def test_a_drawn_session_comes_with_a_motion_without_its_cause() -> None:
     assert case.unseen is not None
     assert case.unseen.joints == case.runs[0].joints
     assert len(case.effects) == 1
+
+
+def test_a_peer_enters_by_the_files_alone(made: tuple[Path, Path], tmp_path: Path) -> None:
+    """Law: a script that knows nothing of armgap foretells every motion, better than torque zero."""
+    script = Path(__file__).parents[2] / "bench" / "peers" / "board_least_squares.py"
+    subprocess.run([sys.executable, script, made[0], tmp_path / "peer"], check=True)
+    entry = score_board(made[0], tmp_path, made[1]).record["entries"][0]
+    motions = sum(facts["unseen"] for facts in Board.load(made[0]).sessions.values())
+    assert entry["foretold"] == motions == 3
+    assert entry["prediction"]["share_of_spread"] < 1.0
 
 
 @pytest.mark.real
