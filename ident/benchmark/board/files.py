@@ -37,7 +37,7 @@ SESSION_TEXT = 'robot = "robot.urdf"\n'
 SENT = ("position", "velocity", "effort", "temperature")
 """Channels of a session."""
 # Bits of a number's fraction that are kept of what is no position: noise is far above the rest.
-KEPT_BITS = 16
+KEPT_BITS = 11
 MAKE = "make a board: ident board make DIR --seed S"
 
 
@@ -71,6 +71,8 @@ def write_columns(columns: Mapping[str, Array], path: Path) -> None:
             compression_level=9,
             use_dictionary=False,
             use_byte_stream_split=True,
+            write_statistics=False,
+            store_schema=False,
         )
 
 
