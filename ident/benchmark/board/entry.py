@@ -139,7 +139,7 @@ def _parameters(path: Path, effect: str, given: Any) -> dict[str, dict[str, floa
         ends: dict[str, float] = {}
         for word in ("value", "low", "high"):
             number = interval.get(word) if isinstance(interval, Mapping) else None
-            if not _is_number(number):
+            if number is None or not _is_number(number):
                 raise InputError(path, f"{key} of {effect} has no {word}", "give value, low, high")
             ends[word] = float(number)
         parameters[str(key)] = ends
