@@ -73,8 +73,8 @@ def plain_gram(evidence: Evidence) -> Float[Array, "P P"]:
     size = evidence.layout.size + 1
     gram = np.zeros((size, size))
     sums = zip(evidence.layout.local, evidence.plain, evidence.whitening.level, strict=True)
-    for local, own, level in sums:
-        gram[np.ix_(local, local)] += own.over() / max(float(level), 1e-9) ** 2
+    for local, joint_sums, level in sums:
+        gram[np.ix_(local, local)] += joint_sums.over() / max(float(level), 1e-9) ** 2
     return gram
 
 
@@ -124,8 +124,8 @@ class Residual:
         best: list[Name] = []
         most = 0.0
         for group in self.groups:
-            own = self.places(group)
-            made = float(sizes[own] @ self.gram[np.ix_(own, own)] @ sizes[own])
+            places = self.places(group)
+            made = float(sizes[places] @ self.gram[np.ix_(places, places)] @ sizes[places])
             if made > most:
                 best = [self.name_of(group)]
                 most = made
@@ -185,8 +185,8 @@ def plain_columns(arm: ArmModel, motion: Motion) -> Float[Array, "T n p"]:
     bodies = arm.regressor(motion.q, motion.dq, motion.ddq)
     slip = np.tanh(motion.dq / np.maximum(motion.rest_speed, 1e-6))
     losses = (motion.ddq, motion.dq, slip, np.ones_like(motion.dq))
-    own = [values[:, :, None] * np.eye(motion.n) for values in losses]
-    return np.concatenate([bodies, *own], axis=2)
+    by_joint = [values[:, :, None] * np.eye(motion.n) for values in losses]
+    return np.concatenate([bodies, *by_joint], axis=2)
 
 
 def fit_plain(arm: ArmModel, motions: Sequence[Motion]) -> Float[Array, " p"]:

@@ -51,15 +51,15 @@ class Answer:
 
     def without(self, known: Mapping[str, Sequence[str]], true: set[str]) -> Answer:
         """The answer without names of what others measured on the arm: the rest makes up for it."""
-        kept: list[Named] = []
+        counted: list[Named] = []
         for name in self.named:
             excused = name.effect not in true and name.joint in known.get(name.effect, ())
             if not excused:
-                kept.append(name)
-        rest = sum(name.probability for name in kept) + self.none + self.other
-        if rest <= 0.0 or len(kept) == len(self.named):
+                counted.append(name)
+        rest = sum(name.probability for name in counted) + self.none + self.other
+        if rest <= 0.0 or len(counted) == len(self.named):
             return self
-        scaled = [_scaled(name, 1.0 / rest) for name in kept]
+        scaled = [_scaled(name, 1.0 / rest) for name in counted]
         return Answer(tuple(scaled), self.none / rest, self.other / rest)
 
 

@@ -35,22 +35,22 @@ def run_job(
     """
     if job not in JOBS:
         raise InputError("JOB", f"there is no {job!r}", f"choose from: {', '.join(JOBS)}")
-    kept = options.kept or kept_folder(folder)
+    aside = options.kept or kept_folder(folder)
     if job == "make":
-        return _make(folder, kept, options, progress)
+        return _make(folder, aside, options, progress)
     if answers is None:
         raise InputError(f"ident board {job}", "no folder of answers", "give it after the board's")
     if job == "answer":
         return _answer(folder, answers, options, say)
     if job == "seal":
         return _seal(folder, answers)
-    return score_board(folder, answers, kept)
+    return score_board(folder, answers, aside)
 
 
-def _make(folder: Path, kept: Path, options: BoardOptions, progress: Progress) -> BoardReport:
+def _make(folder: Path, aside: Path, options: BoardOptions, progress: Progress) -> BoardReport:
     made = make_board(
         folder,
-        kept,
+        aside,
         options.cases,
         options.seed,
         options.real,
@@ -61,7 +61,7 @@ def _make(folder: Path, kept: Path, options: BoardOptions, progress: Progress) -
     tiers = ", ".join(f"{count} {tier}" for tier, count in made.counts.items() if count)
     lines = [
         f"{folder}: {plural(sum(made.counts.values()), 'session')} ({tiers})",
-        f"{kept}: seed, salts and answers; keep it until the board is opened",
+        f"{aside}: seed, salts and answers; keep it until the board is opened",
     ]
     if made.left_out:
         left_out = plural(made.left_out, "effect")

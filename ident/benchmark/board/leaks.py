@@ -79,23 +79,23 @@ class Leak:
     p_value: float  # of chance, Holm's
 
 
-def find_leaks(board: Board, kept: Kept, seed: int = 0) -> list[Leak]:
+def find_leaks(board: Board, opened: Kept, seed: int = 0) -> list[Leak]:
     """Every figure against every question, the least p-value first."""
     names = list(board.sessions)
     figures = {name: figures_of(board, name) for name in names}
     tiers = np.array([board.sessions[name]["tier"] for name in names])
-    effects = [[effect["effect"] for effect in kept.answers[name]["effects"]] for name in names]
+    effects = [[effect["effect"] for effect in opened.answers[name]["effects"]] for name in names]
     questions = {
-        "whether": np.array([bool(own) for own in effects], dtype=object),
-        "which": np.array(["+".join(own) for own in effects], dtype=object),
+        "whether": np.array([bool(causes) for causes in effects], dtype=object),
+        "which": np.array(["+".join(causes) for causes in effects], dtype=object),
     }
     rng = np.random.default_rng(seed)
-    found: list[Leak] = []
+    leaks: list[Leak] = []
     for figure in figures[names[0]]:
         values = np.array([figures[name][figure] for name in names])
         for question, truths in questions.items():
-            found.append(Leak(figure, question, exchange_p_value(values, truths, tiers, rng)))
-    return holm(found)
+            leaks.append(Leak(figure, question, exchange_p_value(values, truths, tiers, rng)))
+    return holm(leaks)
 
 
 def exchange_p_value(
@@ -112,8 +112,8 @@ def exchange_p_value(
     groups = [np.flatnonzero(tiers == tier) for tier in np.unique(tiers)]
     ranks = np.zeros(len(values))
     for rows in groups:
-        own = rankdata(values[rows])
-        ranks[rows] = own - own.mean()
+        tier_ranks = rankdata(values[rows])
+        ranks[rows] = tier_ranks - tier_ranks.mean()
     codes = np.unique(truths.astype(str), return_inverse=True)[1]
     real = _spread(ranks, codes, tiers)
     if real == 0.0:
@@ -156,7 +156,7 @@ def different_urdfs(board: Board) -> list[str]:
             continue
         text = (board.folder / SESSIONS / name / URDF_FILE).read_text(encoding="utf-8")
         texts.setdefault((session["tier"], session["arm"]), set()).add(text)
-    return [f"{arm} ({tier})" for (tier, arm), own in texts.items() if len(own) > 1]
+    return [f"{arm} ({tier})" for (tier, arm), different in texts.items() if len(different) > 1]
 
 
 def main() -> None:
@@ -166,14 +166,14 @@ def main() -> None:
     parser.add_argument("--kept", type=Path)
     given = parser.parse_args()
     board = Board.load(given.board)
-    kept = Kept.load(given.kept or kept_folder(given.board), board)
-    words = list(find_words(board.folder, kept.answers))
+    opened = Kept.load(given.kept or kept_folder(given.board), board)
+    words = list(find_words(board.folder, opened.answers))
     lines = [f"{path}: holds {word!r}" for path, word in words]
     lines += [f"URDFs of {arm} differ" for arm in different_urdfs(board)]
-    leaks = find_leaks(board, kept)
+    leaks = find_leaks(board, opened)
     lines += [f"{leak.figure}, {leak.question}: p = {leak.p_value:.3f}" for leak in leaks[:5]]
-    found = len(words) + sum(leak.p_value < LEVEL for leak in leaks)
-    lines.append(f"{len(board.sessions)} sessions, {len(leaks)} questions: {found} leaks")
+    count = len(words) + sum(leak.p_value < LEVEL for leak in leaks)
+    lines.append(f"{len(board.sessions)} sessions, {len(leaks)} questions: {count} leaks")
     sys.stdout.write("\n".join(lines) + "\n")
 
 

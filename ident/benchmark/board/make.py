@@ -58,7 +58,7 @@ class MadeBoard:
     """What was made."""
 
     folder: Path
-    kept: Path
+    aside: Path
     seed: int
     counts: dict[str, int]  # sessions of each tier
     left_out: int  # effects that no recording could show
@@ -66,7 +66,7 @@ class MadeBoard:
 
 def make_board(
     folder: Path,
-    kept: Path,
+    aside: Path,
     cases: int,
     seed: int | None,
     recordings: Path | None,
@@ -78,7 +78,7 @@ def make_board(
 
     Args:
         folder: Of the board, for everybody.
-        kept: Of seed, salts and answers; not below `folder`.
+        aside: Of seed, salts and answers; not below `folder`.
         cases: Sessions of the first two tiers together.
         seed: Of everything; drawn from the system's entropy if None.
         recordings: Folder of real recordings; only drawn worlds without.
@@ -90,12 +90,12 @@ def make_board(
         InputError: No usable recordings, unknown worlds, folders that can't be written, or a board
             in which a file tells a truth.
     """
-    if kept.resolve().is_relative_to(folder.resolve()):
-        raise InputError(kept, "it lies in the board's folder", "keep the answers somewhere else")
+    if aside.resolve().is_relative_to(folder.resolve()):
+        raise InputError(aside, "it lies in the board's folder", "keep the answers somewhere else")
     chosen = secrets.randbelow(LARGEST_SEED) if seed is None else seed
     makers = _makers(cases, chosen, recordings, worlds, oracle)
-    with atomic_folder(folder, BOARD_KIND) as out, atomic_folder(kept, KEPT_KIND) as aside:
-        writer = BoardWriter(out, aside, chosen, len(makers))
+    with atomic_folder(folder, BOARD_KIND) as out, atomic_folder(aside, KEPT_KIND) as hidden:
+        writer = BoardWriter(out, hidden, chosen, len(makers))
         for done, maker in enumerate(makers):
             progress(done, len(makers))
             case = maker()
@@ -106,7 +106,7 @@ def make_board(
             what = f"it holds {word!r}, which tells a truth"
             raise InputError(path.relative_to(out), what, "report this: no board was written")
     left_out = len(makers) - len(writer.answers)
-    return MadeBoard(folder, kept, chosen, writer.counts, left_out)
+    return MadeBoard(folder, aside, chosen, writer.counts, left_out)
 
 
 def _makers(
@@ -138,9 +138,9 @@ def _given(case: BoardCase) -> BoardCase:
 class BoardWriter:
     """Writes sessions as they are made, and at the end what is said of all of them."""
 
-    def __init__(self, folder: Path, kept: Path, seed: int, sessions: int) -> None:
+    def __init__(self, folder: Path, aside: Path, seed: int, sessions: int) -> None:
         self.folder = folder
-        self.kept = kept
+        self.kept = aside
         self.seed = seed
         self.width = max(3, len(str(sessions)))
         self.sessions: dict[str, dict[str, Any]] = {}
@@ -201,8 +201,8 @@ class BoardWriter:
         for word, value in self._figures().items():
             text = text.replace(f"@{word}@", value)
         (self.folder / "README.md").write_text(text, encoding="utf-8")
-        kept = {"schema": KEPT_SCHEMA, "seed": self.seed, "salts": salts, "answers": self.answers}
-        write_record(self.kept / ANSWERS_FILE, {**kept, "oracle": self.oracle})
+        record = {"schema": KEPT_SCHEMA, "seed": self.seed, "salts": salts, "answers": self.answers}
+        write_record(self.kept / ANSWERS_FILE, {**record, "oracle": self.oracle})
         # What took longer to make, as a cause that is hard to show, would be younger by more.
         for path in self.folder.rglob("*"):
             os.utime(path, (FILE_TIME_S, FILE_TIME_S))

@@ -170,7 +170,7 @@ def _rows(
         if not effect or first is None or effect not in board.effects:
             continue
         whole = float(finding.get("class_probability", first))
-        members = [effect, *(one for one in finding.get("class", ()) if one != effect)]
+        members = [effect, *(member for member in finding.get("class", ()) if member != effect)]
         joint = _joint(effect, finding["joints"], board, joints)
         row: dict[str, Any] = {"effect": effect, "joint": joint, "class": members}
         row["parameters"] = _parameters(finding.get("parameters", {}))

@@ -57,8 +57,8 @@ def score_board(folder: Path, answers: Path, kept_folder: Path) -> BoardReport:
         InputError: No board, an answer that was changed after it was sealed, or a bad entry.
     """
     board = Board.load(folder)
-    kept = Kept.load(kept_folder, board)
-    entries = [score_entry(place, board, kept) for place in entry_folders(answers, board)]
+    opened = Kept.load(kept_folder, board)
+    entries = [score_entry(place, board, opened) for place in entry_folders(answers, board)]
     entries.sort(key=_place)
     tiers = [session["tier"] for session in board.sessions.values()]
     record: Row = {
@@ -67,7 +67,7 @@ def score_board(folder: Path, answers: Path, kept_folder: Path) -> BoardReport:
         "tiers": {tier: tiers.count(tier) for tier in TIERS if tier in tiers},
         "seals": len(board.sealed),
         "undecided_log_score": round(float(np.log(len(board.effects) + 2)), 3),
-        "oracle": oracle_bound(kept),
+        "oracle": oracle_bound(opened),
         "entries": [entry.to_dict() for entry in entries],
     }
     made_by = Provenance("ident board score", settings={"board": folder.name})
@@ -92,11 +92,11 @@ def entry_folders(answers: Path, board: Board) -> list[Path]:
     return places
 
 
-def oracle_bound(kept: Kept) -> Row | None:
+def oracle_bound(opened: Kept) -> Row | None:
     """How often an oracle names single effects of drawn worlds; None where not worked out."""
-    if not kept.oracle:
+    if not opened.oracle:
         return None
-    values = list(kept.oracle.values())
+    values = list(opened.oracle.values())
     return {"sessions": len(values), "strict": round(float(np.mean(values)), 3)}
 
 
@@ -125,17 +125,17 @@ def lines_of(record: Mapping[str, Any]) -> Iterator[str]:
         if "attribution" in entry:
             yield f"{name}  {' '.join(_attribution_words(entry['attribution']))}"
         if "prediction" in entry:
-            own = entry["prediction"]
-            words = f"median {own['median_Nm']:.3f} N m, {own['share_of_spread']:.3f} of the spread"
+            score = entry["prediction"]
+            words = f"median {score['median_Nm']:.3f} N m, {score['share_of_spread']:.3f} of the spread"
             yield f"{name}  foretold {entry['foretold']} motions: {words}"
 
 
-def _attribution_words(own: Mapping[str, Any]) -> Iterator[str]:
-    yield f"log score {in_words(own['log_score'])},"
-    yield f"strict {in_words(own['strict'])},"
-    yield f"in class {in_words(own['class_aware'])} (size {own['class_size']}),"
-    yield f"joint {in_words(own['joint'])},"
-    yield f"coverage {in_words(own['coverage'])}"
+def _attribution_words(score: Mapping[str, Any]) -> Iterator[str]:
+    yield f"log score {in_words(score['log_score'])},"
+    yield f"strict {in_words(score['strict'])},"
+    yield f"in class {in_words(score['class_aware'])} (size {score['class_size']}),"
+    yield f"joint {in_words(score['joint'])},"
+    yield f"coverage {in_words(score['coverage'])}"
 
 
 def in_words(score: Mapping[str, Any]) -> str:

@@ -50,8 +50,8 @@ def score_answer(answer: Answer, truth: Mapping[str, Any], tier: str) -> Session
     answer = answer.without(truth.get("known", {}), true)
     shares = answer.shares()
     logs: list[float] = []
-    for own in labels:
-        probability = sum(shares.get(label, 0.0) for label in own)
+    for accepted in labels:
+        probability = sum(shares.get(label, 0.0) for label in accepted)
         # The true distribution is even over what is wrong.
         logs.append(-math.log(max(probability, LEAST_PROBABILITY)))
     first = max(shares, key=lambda label: shares[label])
@@ -126,15 +126,15 @@ def score_torque(
     return PredictionScore(tier, rms, float(np.sqrt(np.mean((error / spread) ** 2))))
 
 
-def recorded_torque(board: Board, kept: Kept, session: str) -> Float[Array, "T n"]:
+def recorded_torque(board: Board, opened: Kept, session: str) -> Float[Array, "T n"]:
     """The torque of a session's unseen motion.
 
     Raises:
         InputError: It is not what was sealed.
     """
-    path = kept.unseen_file(session)
+    path = opened.unseen_file(session)
     content = path.read_bytes() if path.is_file() else b""
-    if sha256(content).hexdigest() != kept.answers[session]["unseen_sha256"]:
+    if sha256(content).hexdigest() != opened.answers[session]["unseen_sha256"]:
         remedy = "give the folder that the maker kept of this board, as it was"
         raise InputError(path, "it is not the torque that was sealed", remedy)
     columns = read_columns(path, "give the folder that the maker kept")
@@ -178,7 +178,7 @@ class EntryScore:
         return record
 
 
-def score_entry(folder: Path, board: Board, kept: Kept) -> EntryScore:
+def score_entry(folder: Path, board: Board, opened: Kept) -> EntryScore:
     """Reads and scores an entrant's folder.
 
     Raises:
@@ -198,9 +198,9 @@ def score_entry(folder: Path, board: Board, kept: Kept) -> EntryScore:
             answer = undecided(list(board.effects))
             if path.is_file():
                 answer = read_answer(path, board, name)
-            sessions[name] = score_answer(answer, kept.answers[name], facts["tier"])
+            sessions[name] = score_answer(answer, opened.answers[name], facts["tier"])
         if foretold and facts["unseen"]:
-            torque = recorded_torque(board, kept, name)
+            torque = recorded_torque(board, opened, name)
             said = _foretold(folder / f"{name}.parquet", facts["joints"], torque)
             predictions[name] = score_torque(said, torque, facts["tier"])
     digest = digest_of(folder, "s*.*")
