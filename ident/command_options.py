@@ -295,6 +295,23 @@ class CheckOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
+class BoardOptions(Options):
+    """How a public board is made, answered and scored."""
+
+    cases: int = option(120, "make: sessions of drawn worlds and on recordings together.", min=1)
+    seed: int | None = option(
+        None, "make: of everything, answers included; the system's entropy if not given.", min=0, max=LARGEST_SEED
+    )
+    real: Path | None = option(
+        None, "make: folder of real recordings; only those that may be passed on are used.", place=READ
+    )
+    worlds: str = option("all", "make: arms and sensors that are drawn: all, development, quoted, NAME,…")
+    oracle: bool = option(False, "make: work out what an oracle would name (takes time).")
+    kept: Path | None = option(None, "Folder of seed, salts and answers; beside the board, as DIR.kept, if not given.")
+    limit: int | None = option(None, "answer: stop after so many sessions; the next call goes on.", min=1)
+
+
+@dataclass(frozen=True, kw_only=True)
 class SimulateOptions(Options):
     """A session of the simulated arm; what is not given is as usual, or as the world has it."""
 

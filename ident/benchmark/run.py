@@ -138,12 +138,20 @@ def error_ratio(error: Float[Array, " k"], oracle: Float[Array, " k"]) -> float:
 
 def twins_of(options: SimulationOptions) -> tuple[Session, Session]:
     """The arm of a case without its causes: in the case's own motions, and in others."""
+    other = other_motions(options, min(options.runs, MOST_RUNS), min(options.duration, LONGEST_RUN_S))
+    return simulate(without_causes(options), "twin").session, simulate(other, "other").session
+
+
+def without_causes(options: SimulationOptions) -> SimulationOptions:
+    """The same arm in the same motions, nothing wrong with it."""
     arm = options.seed if options.arm_seed is None else options.arm_seed
-    plain = replace(options, effects=(), measure=False, arm_seed=arm)
+    return replace(options, effects=(), measure=False, arm_seed=arm)
+
+
+def other_motions(options: SimulationOptions, runs: int, duration: float) -> SimulationOptions:
+    """The same arm without its causes in other motions: so many runs of roughly so many seconds."""
     seed = int(np.random.default_rng([options.seed, 11]).integers(2**62))
-    runs, duration = min(options.runs, MOST_RUNS), min(options.duration, LONGEST_RUN_S)
-    other = replace(plain, seed=seed, runs=runs, duration=duration)
-    return simulate(plain, "twin").session, simulate(other, "other").session
+    return replace(without_causes(options), seed=seed, runs=runs, duration=duration)
 
 
 Say = Callable[[str], None]

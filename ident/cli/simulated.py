@@ -20,7 +20,13 @@ from ident.cli.shared import (
     console,
     hand_over,
 )
-from ident.command_options import CheckOptions, CloseOptions, SimulateOptions, WatchOptions
+from ident.command_options import (
+    BoardOptions,
+    CheckOptions,
+    CloseOptions,
+    SimulateOptions,
+    WatchOptions,
+)
 from ident.errors import InputError, visible
 from ident.files import write_record
 from ident.outputs import SESSION_KIND
@@ -212,6 +218,46 @@ def _corpus(
                 lambda words, done, total: stage(words, done / max(total, 1)),
             )
     hand_over(report, json_file)
+
+
+@command
+def board(
+    job: Annotated[str, typer.Argument(help="make, answer, seal or score.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(help="Folder of the board.", show_default=False)],
+    options: BoardOptions,
+    answers: Annotated[
+        Path | None,
+        typer.Argument(
+            help="answer writes this folder; seal and score read it: one entrant's, or one each."
+        ),
+    ] = None,
+    html: Html = None,
+    json_file: JsonFile = None,
+) -> None:
+    """A public board: sessions without answers, sealed truths, and scores of whoever answers."""
+    from ident.benchmark.board.jobs import run_job
+    from ident.benchmark.board.report import render_board
+    from ident.show.report.page import save_page
+
+    if html is not None and job != "score":
+        raise InputError("--html", f"{job} has no page", "give it to: ident board score")
+    with progress_line(console, "board"):
+        report = run_job(
+            job,
+            folder,
+            answers,
+            options,
+            lambda line: console.print(visible(line), soft_wrap=True, highlight=False),
+            lambda done, total: stage("sessions", done / max(total, 1)),
+        )
+
+    def write_page() -> None:
+        if html is not None:
+            save_page(
+                html, render_board(report.record | {"provenance": report.provenance.to_dict()})
+            )
+
+    hand_over(report, json_file, write_page, places={"page": html})
 
 
 @command

@@ -8,9 +8,8 @@ the range of torques that they have seen: trees of the joint's own inputs, trees
 of all joints too, or the mean of both, whichever foretells best what it did not see.
 
 A joint's memory stands in for its net where it lowers the error of blocks left out by more than one
-standard error of that fall, and does not surely make the work worse. A veto of the work by one
-standard error left more of both on runs that nobody saw: on eight real arms, three splits, torque
-0.88 of the fit without, where this leaves 0.86. Blocks and not whole runs: a recording has few, and
+standard error of that fall, and does not surely make the work worse: a veto of the work by one standard
+error cost torque on most of eight real arms. Blocks and not whole runs: a recording has few, and
 half of it foretells the other half far worse than all of it foretells a third motion. A net needs
 whole runs for its gate, since it makes up torques where it never was; trees do not.
 

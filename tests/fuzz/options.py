@@ -129,6 +129,7 @@ def _good(parameter: Any, corpus: Path) -> str | None:
         "scene": str(corpus / "scene.toml"),
         "limits": str(corpus / "limits.toml"),
         "name": "diagnosis",
+        "job": "score",
         "robot": "tm5-900",
         "out": "out",
         "store": "store",

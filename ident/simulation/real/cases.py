@@ -192,7 +192,7 @@ def make_cases(
         raise InputError(out, "the folder holds cases", "choose another folder")
     arms = {source.name: MovedArm.of(source) for source in sources}
     seals: dict[str, str] = {}
-    turn = _turns(sources, seed)
+    turn = turns_of(sources, seed)
     for source in () if paired else sources:
         _write(
             out,
@@ -207,9 +207,8 @@ def make_cases(
         name = f"case_{number:03d}"
         for attempt in range(len(sources)):
             source = next(turn)
-            made = _make(
-                arms[source.name], kind, effects, np.random.default_rng([seed, 1, number, attempt])
-            )
+            rng_of_case = np.random.default_rng([seed, 1, number, attempt])
+            made = plant_effects(arms[source.name], kind, effects, rng_of_case)
             if made is not None:
                 break
         if made is None:
@@ -258,7 +257,7 @@ def write_recorded(folder: Path, out: Path) -> list[str]:
     return list(seals)
 
 
-def _turns(sources: Sequence[Source], seed: int) -> Iterator[Source]:
+def turns_of(sources: Sequence[Source], seed: int) -> Iterator[Source]:
     """Sources without end, every arm as often as any other."""
     rng = np.random.default_rng([seed, 3])
     names = sorted({source.arm for source in sources})
@@ -297,10 +296,14 @@ def _cut_each(runs: Sequence[Recording]) -> list[Recording]:
     return [piece for run in runs for piece in cut(run, LEAST_PARTS)]
 
 
-def _make(
+def plant_effects(
     arm: MovedArm, kind: str, effects: Effects, rng: np.random.Generator
 ) -> tuple[list[Recording], str, dict[str, Any]] | None:
-    """Recordings, URDF and answer of a case; None if nothing that was drawn can show so much."""
+    """Effects, one after the other, on an arm's recordings.
+
+    Returns:
+        Recordings, URDF and answer of a case; None if nothing that was drawn can show so much.
+    """
     truth: list[dict[str, Any]] = []
     urdf = arm.source.urdf
     shift = np.zeros(arm.n)

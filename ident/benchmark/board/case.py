@@ -1,0 +1,31 @@
+"""One session of the board with its truth, before the two are parted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ident.recordings.recording import Recording
+
+DRAWN, PLANTED, MEASURED = "drawn", "semi-real", "real"
+"""Tiers: drawn worlds; known effects on real recordings; real recordings of a measured cause."""
+TIERS = (DRAWN, PLANTED, MEASURED)
+NONE, OTHER = "none", "other"
+"""Answers beside the published effects: nothing is wrong; something that the list lacks."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoardCase:
+    """Recordings, the URDF that is given with them, and what is wrong."""
+
+    tier: str
+    kind: str  # single, pair, outside, healthy, untouched, measured
+    arm: str  # name of the robot, or of the physical arm
+    urdf: str  # text of the URDF, without shapes
+    runs: tuple[Recording, ...]  # what is recorded
+    effects: tuple[Mapping[str, Any], ...]  # what is wrong, as a semi-real answer says it
+    # Names that are neither right nor wrong: what others measured on the same arm.
+    known: Mapping[str, list[str]] = field(default_factory=dict)
+    unseen: Recording | None = None  # a motion of the arm without the effect, with its torque
+    oracle: float | None = None  # probability that an oracle names the cause, if worked out

@@ -1,0 +1,173 @@
+"""Files of a board and of what its maker keeps: written with nothing in them that tells a truth.
+
+BOARD/README.md              what the board is and how to enter
+BOARD/board.json             sessions, their arms and tiers
+BOARD/effects.json           the published list of effects, with their parameters
+BOARD/truths.json            SHA-256 of each salted answer
+BOARD/sessions/s001/         runs, robot.urdf, session.toml
+BOARD/unseen/s001.parquet    a motion whose torque is to be foretold, without it
+KEPT/answers.json            seed, salts and answers
+KEPT/unseen/s001.parquet     the torque of that motion
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ident.arrays import Array, Float
+from ident.benchmark.board.sealing import check_seals
+from ident.errors import InputError
+from ident.files import atomic_write
+from ident.recordings.recording import Recording
+from ident.safe_read import read_json
+
+SCHEMA, KEPT_SCHEMA = "ident.board/1", "ident.board_kept/1"
+BOARD_FILE, EFFECTS_FILE, TRUTHS_FILE = "board.json", "effects.json", "truths.json"
+ANSWERS_FILE = "answers.json"
+SESSIONS, UNSEEN = "sessions", "unseen"
+URDF_FILE, SESSION_FILE = "robot.urdf", "session.toml"
+SESSION_TEXT = 'robot = "robot.urdf"\n'
+SENT = ("position", "velocity", "effort", "temperature")
+"""Channels of a session."""
+# Bits of a number's fraction that are kept of what is no position: noise is far above the rest.
+KEPT_BITS = 11
+MAKE = "make a board: ident board make DIR --seed S"
+
+
+def packed(values: Array, bits: int = 23) -> Array:
+    """Numbers of single precision, of whose fraction so many bits are kept: the rest are zero."""
+    single = np.ascontiguousarray(values, dtype=np.float32)
+    mask = np.uint32(0xFFFFFFFF << (23 - bits) & 0xFFFFFFFF)
+    return (single.view(np.uint32) & mask).view(np.float32)
+
+
+def write_run(run: Recording, path: Path, without: tuple[str, ...] = ()) -> None:
+    """Writes a run's channels in native columns, times in full."""
+    columns: dict[str, Array] = {"time": np.ascontiguousarray(run.time)}
+    for channel, values in run.channels().items():
+        if channel not in SENT or channel in without:
+            continue
+        bits = 23 if channel == "position" else KEPT_BITS
+        for index, joint in enumerate(run.joints):
+            columns[f"{joint}/{channel}"] = packed(values[:, index], bits)
+    write_columns(columns, path)
+
+
+def write_columns(columns: Mapping[str, Array], path: Path) -> None:
+    """Writes a table whose bytes hang on its numbers alone."""
+    table = pa.table(dict(columns))
+    with atomic_write(path) as temporary:
+        pq.write_table(
+            table,
+            temporary,
+            compression="zstd",
+            compression_level=9,
+            use_dictionary=False,
+            use_byte_stream_split=True,
+            write_statistics=False,
+            store_schema=False,
+        )
+
+
+def read_columns(path: Path, remedy: str) -> dict[str, Float[Array, " T"]]:
+    """Columns of a table by name.
+
+    Raises:
+        InputError: No such file, or no table.
+    """
+    try:
+        table = pq.read_table(path)
+        return {name: table[name].to_numpy().astype(float) for name in table.column_names}
+    except (OSError, ValueError, pa.ArrowException) as error:
+        what = f"no readable Parquet table ({type(error).__name__})"
+        raise InputError(path, what, remedy) from None
+
+
+def joint_columns(
+    columns: Mapping[str, Array],
+    joints: list[str],
+    channel: str,
+    where: Path,
+) -> Float[Array, "T n"]:
+    """One channel of all joints.
+
+    Raises:
+        InputError: A joint is not there.
+    """
+    names = [f"{joint}/{channel}" for joint in joints]
+    for name in names:
+        if name not in columns:
+            raise InputError(where, f"it has no column {name!r}", f"give: {', '.join(names)}")
+    return np.column_stack([columns[name] for name in names])
+
+
+@dataclass(frozen=True)
+class Board:
+    """A board as anybody has it."""
+
+    folder: Path
+    sessions: dict[str, dict[str, Any]]  # by name: tier, arm, joints, unseen
+    effects: dict[str, dict[str, Any]]  # the published list by id
+    sealed: dict[str, str]  # by session
+
+    @classmethod
+    def load(cls, folder: Path) -> Board:
+        """Reads a board's folder.
+
+        Raises:
+            InputError: It is none.
+        """
+        record = _read(folder / BOARD_FILE, SCHEMA)
+        effects = _read(folder / EFFECTS_FILE, SCHEMA)
+        truths = _read(folder / TRUTHS_FILE, SCHEMA)
+        return cls(folder, record["sessions"], effects["effects"], truths["sealed"])
+
+    def session_folder(self, name: str) -> Path:
+        return self.folder / SESSIONS / name
+
+    def unseen_file(self, name: str) -> Path:
+        return self.folder / UNSEEN / f"{name}.parquet"
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a board's maker keeps until the board is opened."""
+
+    folder: Path
+    seed: int
+    answers: dict[str, dict[str, Any]]  # by session
+    oracle: dict[str, float]  # probability that an oracle names the cause, where worked out
+
+    @classmethod
+    def load(cls, folder: Path, board: Board) -> Kept:
+        """Reads the answers of a board and checks every seal.
+
+        Raises:
+            InputError: No such folder, of another board, or an answer was changed.
+        """
+        path = folder / ANSWERS_FILE
+        record = _read(path, KEPT_SCHEMA)
+        check_seals(board.sealed, record["salts"], record["answers"], path)
+        return cls(folder, int(record["seed"]), record["answers"], record.get("oracle", {}))
+
+    def unseen_file(self, name: str) -> Path:
+        return self.folder / UNSEEN / f"{name}.parquet"
+
+
+def kept_folder(board: Path) -> Path:
+    """Where a board's maker keeps the answers, if nothing else is said."""
+    return board.parent / f"{board.name}.kept"
+
+
+def _read(path: Path, schema: str) -> dict[str, Any]:
+    record = read_json(path, MAKE)
+    if record.get("schema") != schema:
+        raise InputError(path, f"its schema is {record.get('schema')!r}, not {schema!r}", MAKE)
+    return record

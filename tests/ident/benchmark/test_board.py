@@ -1,0 +1,329 @@
+"""The public board: seals hold, nothing tells a truth, and scores are what they say."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ident.benchmark.board.case import NONE, OTHER
+from ident.benchmark.board.drawn import _options, make_drawn, plan_drawn
+from ident.benchmark.board.entry import Answer, Named, read_answer, undecided
+from ident.benchmark.board.files import Board, Kept, packed, read_columns, write_columns
+from ident.benchmark.board.leaks import different_urdfs, exchange_p_value, find_words
+from ident.benchmark.board.make import make_board
+from ident.benchmark.board.methods import OURS, our_answer, undecided_record
+from ident.benchmark.board.published import published_effects
+from ident.benchmark.board.recorded import (
+    load_board_sources,
+    make_planted,
+    plan_planted,
+    split_of,
+    turns_of,
+)
+from ident.benchmark.board.report import render_board, score_board
+from ident.benchmark.board.score import score_answer
+from ident.benchmark.board.sealing import digest_of, salt_of, seal_of
+from ident.errors import InputError
+from ident.files import write_record
+from ident.simulation.simulate import simulate
+
+EFFECTS = list(published_effects())
+REAL = Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("board")
+    make_board(folder / "board", folder / "kept", 3, 5, None, "scara")
+    return folder / "board", folder / "kept"
+
+
+def entry_of(board: Board, folder: Path, sure: float = 1.0) -> Path:
+    """An entrant who holds nothing wrong so probable, and anything else the rest."""
+    for name in board.sessions:
+        rest = (1.0 - sure) / (len(board.effects) + 1)
+        record = undecided_record(name, board)
+        rows = [{**row, "probability": rest} for row in record["effects"]]
+        record |= {"effects": rows, NONE: sure, OTHER: rest}
+        write_record(folder / f"{name}.json", record)
+    return folder
+
+
+def truth(*effects: str, **facts: Any) -> dict[str, Any]:
+    rows = [
+        {"effect": effect, "in_catalogue": effect in EFFECTS, "may_stand_at": ["a"], "parameters": {}}
+        for effect in effects
+    ]
+    return {"kind": "single", "effects": rows, "known": {}, **facts}
+
+
+def named(effect: str, probability: float, joint: str = "a", **facts: Any) -> Named:
+    given = {"members": (effect,), "parameters": {}, **facts}
+    return Named(effect, joint, probability, **given)
+
+
+def test_twice_from_one_seed_gives_the_same_bytes(made: tuple[Path, Path], tmp_path: Path) -> None:
+    make_board(tmp_path / "board", tmp_path / "kept", 3, 5, None, "scara")
+    for place, name in zip(made, ("board", "kept"), strict=True):
+        assert digest_of(tmp_path / name) == digest_of(place)
+
+
+def test_an_answer_that_was_changed_after_sealing_is_found(made: tuple[Path, Path], tmp_path: Path) -> None:
+    board = Board.load(made[0])
+    record = json.loads((made[1] / "answers.json").read_text())
+    name = next(iter(board.sessions))
+    record["answers"][name]["kind"] += " "
+    write_record(tmp_path / "answers.json", record)
+    with pytest.raises(InputError, match=f"the answer of {name} is not the one that was sealed"):
+        Kept.load(tmp_path, board)
+    del record["answers"][name]
+    write_record(tmp_path / "answers.json", record)
+    with pytest.raises(InputError, match=f"lacks the answer of {name}"):
+        Kept.load(tmp_path, board)
+
+
+def test_a_torque_that_was_changed_after_sealing_is_found(made: tuple[Path, Path], tmp_path: Path) -> None:
+    board = Board.load(made[0])
+    name = next(iter(board.sessions))
+    columns = read_columns(made[1] / "unseen" / f"{name}.parquet", "")
+    first = next(key for key in columns if key.endswith("/effort"))
+    columns[first][0] += 1e-9
+    (tmp_path / "kept" / "unseen").mkdir(parents=True)
+    (tmp_path / "kept" / "answers.json").write_bytes((made[1] / "answers.json").read_bytes())
+    write_columns(columns, tmp_path / "kept" / "unseen" / f"{name}.parquet")
+    entry = tmp_path / "entry"
+    entry.mkdir()
+    write_columns(columns, entry / f"{name}.parquet")
+    with pytest.raises(InputError, match="not the torque that was sealed"):
+        score_board(made[0], entry, tmp_path / "kept")
+
+
+def test_a_seal_hangs_on_salt_and_answer() -> None:
+    """Law: the same answers of two sessions have different seals, and no order of keys matters."""
+    salts = [salt_of(1, "s001"), salt_of(1, "s002"), salt_of(2, "s001")]
+    assert len({seal_of(salt, {"a": 1}) for salt in salts}) == 3
+    assert seal_of(salts[0], {"a": 1, "b": 2}) == seal_of(salts[0], {"b": 2, "a": 1})
+
+
+def test_no_file_tells_a_truth(made: tuple[Path, Path]) -> None:
+    board = Board.load(made[0])
+    kept = Kept.load(made[1], board)
+    assert list(find_words(made[0], kept.answers)) == []
+    assert different_urdfs(board) == []
+    text = "".join(path.read_text() for path in made[0].glob("*.json"))
+    assert not any(salt_of(kept.seed, name) in text for name in board.sessions)
+    times = {path.stat().st_mtime for path in made[0].rglob("*") if not path.name.startswith(".")}
+    assert len(times) == 1
+
+
+def test_a_word_that_tells_is_found(tmp_path: Path) -> None:
+    place = tmp_path / "sessions" / "s001"
+    place.mkdir(parents=True)
+    (place / "session.toml").write_text('note = "payload"\n')
+    answers = {"s001": {"effects": [{"effect": "payload"}]}}
+    assert [word for _, word in find_words(tmp_path, answers)] == ["payload"]
+
+
+def test_what_is_wrong_changes_no_time_and_no_column() -> None:
+    """Law: with and without its cause a session has the same runs, channels and instants."""
+    tasks = [task for task in plan_drawn(6, 3, "scara,short") if task.slot.kind == "single"]
+    options = _options(tasks[0], 0)
+    ill = simulate(options).session.runs
+    well = simulate(replace(options, effects=())).session.runs
+    assert [run.name for run in ill] == [run.name for run in well]
+    for first, second in zip(ill, well, strict=True):
+        assert list(first.channels()) == list(second.channels())
+        np.testing.assert_array_equal(first.time, second.time)
+
+
+def test_figures_that_go_with_the_truth_are_told_from_chance() -> None:
+    rng = np.random.default_rng(0)
+    truths = rng.integers(4, size=120)
+    tiers = rng.integers(2, size=120)
+    leaking = truths + rng.standard_normal(120)
+    assert exchange_p_value(leaking, truths, tiers, np.random.default_rng(1)) < 1e-3
+    innocent = 5.0 * tiers + rng.standard_normal(120)
+    assert exchange_p_value(innocent, truths, tiers, np.random.default_rng(1)) > 0.01
+    assert exchange_p_value(np.ones(120), truths, tiers, np.random.default_rng(1)) == 1.0
+
+
+def test_packed_numbers_keep_what_is_asked_for() -> None:
+    values = np.random.default_rng(0).standard_normal(1000)
+    assert np.max(np.abs(packed(values, 16) / values - 1.0)) < 2.0**-16
+    np.testing.assert_array_equal(packed(values), values.astype(np.float32))
+
+
+# Scores
+
+
+def test_who_is_sure_and_right_loses_nothing() -> None:
+    answer = Answer((named("payload", 1.0),), 0.0, 0.0)
+    score = score_answer(answer, truth("payload"), "drawn")
+    assert score.log_score == 0.0
+    assert score.strict
+    assert score.joint
+    nothing = score_answer(Answer((), 1.0, 0.0), truth(), "drawn")
+    assert (nothing.log_score, nothing.strict, nothing.class_size) == (0.0, True, None)
+    outside = score_answer(Answer((), 0.0, 1.0), truth("a_cat_on_the_arm"), "drawn")
+    assert (outside.log_score, outside.strict) == (0.0, True)
+
+
+def test_who_knows_nothing_gets_the_logarithm_of_all_answers() -> None:
+    score = score_answer(undecided(EFFECTS), truth("payload"), "drawn")
+    assert score.log_score == pytest.approx(np.log(len(EFFECTS) + 2))
+
+
+def test_of_two_causes_half_each_is_best() -> None:
+    """Law: no other shares of two true causes have a better log score than even ones."""
+    pair = truth("payload", "backlash")
+    scores: dict[float, float] = {}
+    for share in (0.2, 0.5, 0.9):
+        names = (named("payload", share), named("backlash", 1.0 - share))
+        scores[share] = score_answer(Answer(names, 0.0, 0.0), pair, "drawn").log_score
+    assert min(scores, key=lambda share: scores[share]) == 0.5
+    assert scores[0.5] == pytest.approx(np.log(2.0))
+
+
+def test_what_others_measured_is_neither_right_nor_wrong() -> None:
+    known = {"spring_torque": ["b"]}
+    names = (named("spring_torque", 0.5, "b"), named("payload", 0.25))
+    answer = Answer(names, 0.25, 0.0)
+    score = score_answer(answer, truth("payload", known=known), "semi-real")
+    assert score.log_score == pytest.approx(np.log(2.0))
+    blamed = score_answer(answer, truth("payload"), "semi-real")
+    assert blamed.log_score == pytest.approx(np.log(4.0))
+
+
+def test_a_class_and_an_interval_count_where_they_hold_the_truth() -> None:
+    inside = {"mass_kg": {"value": 1.0, "low": 0.5, "high": 1.5}}
+    members = ("link_inertial_error", "payload")
+    name = named("link_inertial_error", 1.0, "a", members=members)
+    score = score_answer(Answer((name,), 0.0, 0.0), truth("payload"), "drawn")
+    assert (score.strict, score.classed, score.class_size) == (False, True, 2)
+    right = named("payload", 1.0, "a", parameters=inside)
+    held = truth("payload")
+    held["effects"][0]["parameters"] = {"mass_kg": 1.25}
+    assert score_answer(Answer((right,), 0.0, 0.0), held, "drawn").intervals == ((True, 0.4),)
+    held["effects"][0]["parameters"] = {"mass_kg": 2.0}
+    assert score_answer(Answer((right,), 0.0, 0.0), held, "drawn").intervals == ((False, 0.25),)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"schema": "x"}, "write"),
+        ({"session": "s999"}, "write"),
+        ({"none": 0.5}, "add up to"),
+        ({"none": -1.0}, "give 0 to 1"),
+        ({"none": "much"}, "give 0 to 1"),
+        ({"effects": 3}, "is no list"),
+        ({"effects": [{"effect": "gremlins", "probability": 0.0}]}, "there is no effect"),
+        ({"effects": [{"effect": "backlash", "joint": "tail", "probability": 0.0}]}, "stands at"),
+        ({"effects": [{"effect": "payload", "probability": True}]}, "give 0 to 1"),
+        ({"effects": [{"effect": "payload", "probability": 0.0, "class": "x"}]}, "is no list"),
+        (
+            {"effects": [{"effect": "payload", "probability": 0.0, "parameters": {"mass_kg": 1.0}}]},
+            "has no value",
+        ),
+    ],
+)
+def test_an_entry_that_is_none_is_refused_in_a_line(
+    made: tuple[Path, Path], tmp_path: Path, change: dict[str, Any], words: str
+) -> None:
+    board = Board.load(made[0])
+    name = next(iter(board.sessions))
+    path = tmp_path / f"{name}.json"
+    good = {"schema": "ident.board_answer/1", "session": name, "effects": [], "none": 1.0}
+    write_record(path, good)
+    assert read_answer(path, board, name).none == 1.0
+    write_record(path, good | change)
+    with pytest.raises(InputError, match=words):
+        read_answer(path, board, name)
+
+
+def test_entrants_are_scored_beside_each_other(made: tuple[Path, Path], tmp_path: Path) -> None:
+    """Law: who foretells the torque itself is off by nothing, and the page tells all entrants."""
+    board = Board.load(made[0])
+    entry_of(board, tmp_path / "sure")
+    vague = entry_of(board, tmp_path / "vague", 0.5)
+    for name in board.sessions:
+        content = (made[1] / "unseen" / f"{name}.parquet").read_bytes()
+        (vague / f"{name}.parquet").write_bytes(content)
+    report = score_board(made[0], tmp_path, made[1])
+    entries = {entry["name"]: entry for entry in report.record["entries"]}
+    assert entries["vague"]["prediction"]["median_Nm"] == 0.0
+    assert "prediction" not in entries["sure"]
+    page = render_board(report.to_dict())
+    assert "vague" in page
+    assert "vague" in report.summary()
+
+
+def test_a_foretold_motion_of_other_length_is_refused(made: tuple[Path, Path], tmp_path: Path) -> None:
+    board = Board.load(made[0])
+    name = next(iter(board.sessions))
+    columns = read_columns(made[1] / "unseen" / f"{name}.parquet", "")
+    shorter = {key: np.ascontiguousarray(values[1:]) for key, values in columns.items()}
+    write_columns(shorter, tmp_path / f"{name}.parquet")
+    with pytest.raises(InputError, match="one row for each"):
+        score_board(made[0], tmp_path, made[1])
+
+
+def test_a_diagnosis_as_an_answer_adds_up_to_one(made: tuple[Path, Path], tmp_path: Path) -> None:
+    board = Board.load(made[0])
+    name = next(iter(board.sessions))
+    joint = board.sessions[name]["joints"][0]
+    found = {"effect": "backlash", "joints": [joint], "class": ["backlash", "presliding_hysteresis"]}
+    found |= {"probability": 0.6, "class_probability": 0.9, "parameters": {}}
+    verdicts = ("named", "no_gap", "refused")
+    for verdict, findings in zip(verdicts, ([found], [], []), strict=True):
+        record = {"verdict": verdict, "findings": findings, "reservations": [], "outside_score": 0.3}
+        path = tmp_path / OURS / f"{name}.json"
+        write_record(path, our_answer(name, record, board))
+        shares = read_answer(path, board, name).shares()
+        assert sum(shares.values()) == pytest.approx(1.0)
+        assert min(shares.values()) > 0.0
+        if verdict == "named":
+            assert max(shares, key=lambda label: shares[label]) == "backlash"
+            assert shares["presliding_hysteresis"] > 10.0 * shares["payload"]
+        if verdict == "no_gap":
+            assert max(shares, key=lambda label: shares[label]) == NONE
+
+
+def test_a_drawn_session_comes_with_a_motion_without_its_cause() -> None:
+    task = next(task for task in plan_drawn(6, 3, "scara,short") if task.slot.kind == "single")
+    case = make_drawn(task, oracle=False)
+    assert case.unseen is not None
+    assert case.unseen.joints == case.runs[0].joints
+    assert len(case.effects) == 1
+
+
+def test_a_peer_enters_by_the_files_alone(made: tuple[Path, Path], tmp_path: Path) -> None:
+    """Law: a script that knows nothing of armgap foretells every motion, better than torque zero."""
+    script = Path(__file__).parents[2] / "bench" / "peers" / "board_least_squares.py"
+    subprocess.run([sys.executable, script, made[0], tmp_path / "peer"], check=True)
+    entry = score_board(made[0], tmp_path, made[1]).record["entries"][0]
+    motions = sum(facts["unseen"] for facts in Board.load(made[0]).sessions.values())
+    assert entry["foretold"] == motions == 3
+    assert entry["prediction"]["share_of_spread"] < 1.0
+
+
+@pytest.mark.real
+@pytest.mark.skipif(not (REAL / "kr300").is_dir(), reason="no recordings of real arms")
+def test_sessions_on_recordings_hold_no_row_of_the_unseen_motion() -> None:
+    sources = load_board_sources(REAL)
+    turns = turns_of(list(sources.values()), 4)
+    ends = {source.arm: source for source in sources.values()}
+    urdfs: dict[str, set[str]] = {}
+    for slot in plan_planted(8, 4):
+        case = make_planted(slot, turns, len(sources), 4)
+        if case is None:
+            continue
+        assert sum(len(run) for run in case.runs) < split_of(ends[case.arm])
+        urdfs.setdefault(case.arm, set()).add(case.urdf)
+    assert all(len(texts) == 1 for texts in urdfs.values())
