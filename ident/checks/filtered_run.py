@@ -43,6 +43,7 @@ CLOCK = read_group(__file__, "clock")
 EFFORT_KIND = read_group(__file__, "effort_kind")
 ARRANGEMENT = read_group(__file__, "arrangement")
 INFORMATION = read_group(__file__, "information")
+BETWEEN_RUNS = read_group(__file__, "between_runs")
 
 
 # Samples by which both ends are extended: three times the filter's own.

@@ -40,6 +40,7 @@ from ident.checks.effort_kind import (
 from ident.checks.excitation import Amount
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.information import check_information
+from ident.checks.odd_runs import check_odd_runs
 from ident.checks.report import TelemetryReport, as_mounted
 from ident.checks.urdf_faults import check_bodies_of_urdf
 from ident.recordings.columns import match_joints
@@ -176,6 +177,9 @@ def inspect_alone(
     if not session.samples or arm is None:
         issues += [] if not session.samples else _check_channels(session)
         return TelemetryReport(session, tuple(issues), arm)
+    if not is_damaged(issues):
+        session, told = check_odd_runs(session, arm)
+        issues += told
     # Inertia and the bodies' places are part of every torque: where they are wrong, nothing else can be read.
     misplaced = check_bodies(session, arm)
     if misplaced or is_damaged(issues) or is_clock_wrong(session, arm):
