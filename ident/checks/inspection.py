@@ -40,6 +40,7 @@ from ident.checks.effort_kind import (
 from ident.checks.excitation import Amount
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.information import check_information
+from ident.checks.lateness import check_lateness
 from ident.checks.odd_runs import check_odd_runs
 from ident.checks.report import TelemetryReport, as_mounted
 from ident.checks.urdf_faults import check_bodies_of_urdf
@@ -197,7 +198,7 @@ def inspect_alone(
     if states is not None:
         # Each question is asked only where the ones before it left the torque its meaning.
         torque = misplaced + (check_absent(session, states, absent) if absent else [])
-        torque += check_placeholders(session, arm)
+        torque += check_placeholders(session, arm) + check_lateness(session, judged)
         # A torque that is off at all joints by one factor is told once.
         in_model_unit = not any(issue.issue in ("mass_factor", "effort_not_torque") for issue in reading.issues)
         torque += check_rating(session, judged, states) if in_model_unit else []
