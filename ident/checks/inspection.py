@@ -205,7 +205,7 @@ def inspect_alone(
         sound = not any(issue.severity == "fatal" for issue in torque)
         issues += torque + (check_effort(session, judged, states) if sound else [])
         if not any(issue.severity == "fatal" for issue in issues):
-            issues = [*check_scales(session, states), *issues]  # what rests on a wrong gain is said after it
+            issues = [*check_scales(session, states, judged), *issues]  # what rests on a wrong gain is said after it
     effort = judge_effort(session, states, issues)
     return TelemetryReport(session, tuple(issues), arm, effort, reading.conventions)
 

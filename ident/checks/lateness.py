@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.arrays import Float, least_squares
+from ident.arrays import Array, Float, least_squares
 from ident.checks.effort import TRANSITION_RAD_S
 from ident.checks.filtered_run import BETWEEN_RUNS, LATENESS, FilteredRun, filter_run
 from ident.checks.report import issue_of

@@ -1,4 +1,4 @@
-"""Laws of channels with clocks of their own: a torque beyond what a diagnosis looks for is told, and nothing else is."""
+"""Laws of channels with clocks of their own: a torque later than a diagnosis looks for is told, and nothing else is."""
 
 import tomllib
 from pathlib import Path
