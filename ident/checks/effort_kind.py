@@ -22,6 +22,7 @@ from scipy.special import stdtrit
 from ident.arrays import Array, Float, least_squares
 from ident.checks.angles import speed
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
+from ident.checks.filtered_run import ARRANGEMENT
 from ident.checks.filtered_run import EFFORT_KIND as LIMIT
 from ident.checks.report import JointEffort, issue_of, joints_at
 from ident.model.inertia import PRIOR_SHARE, parameter_scale
@@ -303,9 +304,17 @@ def check_scales(session: Session, states: States, arm: ArmModel) -> list[Teleme
 
 
 def gravity_tolerance(states: States, arm: ArmModel) -> Float[Array, " n"]:
-    """Standard deviation of what a URDF within its tolerance has otherwise of each joint's change of gravity [N m]."""
+    """Standard deviation of what a URDF within its tolerance has otherwise of each joint's change of gravity [N m].
+
+    Its links are off by their tolerance, and its base by any tilt up to the one that a diagnosis finds.
+    """
     q = states.q[:: max(1, len(states.q) // TOLERANCE_STATES)]
     still = np.zeros_like(q)
     spread = arm.regressor(q, still, still).var(axis=0)
     deviation = PRIOR_SHARE["consistent"] * parameter_scale(arm)
-    return np.asarray(np.sqrt((spread * deviation**2).sum(axis=-1)))
+    square = (spread * deviation**2).sum(axis=-1)
+    tilt = np.radians(ARRANGEMENT.least_turn_deg) / np.sqrt(3.0)  # of a uniform distribution
+    size = float(np.linalg.norm(arm.model.gravity.linear))
+    for axis in np.eye(3):
+        square += (tilt * arm.with_gravity(size * axis).gravity(q)).var(axis=0)
+    return np.asarray(np.sqrt(square))

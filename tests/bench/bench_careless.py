@@ -54,7 +54,7 @@ class Fault:
     session: Session
     kinds: tuple[str, ...]  # issues that name it
     joints: tuple[str, ...] = ()  # joints that a right answer names one of
-    runs: tuple[str, ...] = ()  # runs that a right answer names one of
+    runs: tuple[str, ...] = ()  # words, of runs mostly, that a right answer says one of
 
 
 def of_joint(run: Recording, joint: int, channel: str, change: Callable[[Array], Array]) -> Recording:
@@ -199,7 +199,7 @@ def faults(log: Log, others: Sequence[Log]) -> dict[str, Fault]:
         found[f"constant, {place}"] = Fault(each(session, constant(joint)), dead, (joints[joint],))
     found["100 ms late"] = Fault(each(session, late), late_kinds)
     found["angle doubled"] = Fault(each(session, doubled(heavy)), ("angle_scale",), (joints[heavy],))
-    found["10 to 100 Hz"] = Fault(each(session, interpolated), ("interpolated",))
+    found["10 to 100 Hz"] = Fault(each(session, interpolated), ("wrong_time_base",), (), ("straight lines",))
     found["clock halved"] = Fault(each(session, halved_clock), ("wrong_time_base", "clock_jump"))
     if heavy > 0:
         elbow = heaviest(log, heavy + 1) if heavy < last else heavy
