@@ -25,10 +25,10 @@ from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_si
 from ident.checks.filtered_run import ARRANGEMENT
 from ident.checks.filtered_run import EFFORT_KIND as LIMIT
 from ident.checks.report import JointEffort, issue_of, joints_at
-from ident.model.inertia import PRIOR_SHARE, parameter_scale
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.limits import is_placeholder
+from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
 
 # States by which a URDF's tolerance is weighed (chosen: limit of work).
 TOLERANCE_STATES = 200

@@ -18,9 +18,9 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.filtered_run import filter_run
-from ident.model.inertia import PRIOR_SHARE, parameter_scale
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
 
 TRANSITION_RAD_S = 0.02  # as for the sign of a torque
 STATES = ("q", "dq", "ddq", "tau")
