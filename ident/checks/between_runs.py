@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
-from ident.checks.foretold import RunStates, Tables, error_of, errors_among, fit, states_of
+from ident.checks.foretold import RunStates, RunTables, error_of, errors_among, fit, states_of
 from ident.checks.run_changes import OTHER_ARM, RunChange, discrete_changes, scale_changes, zero_changes
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
@@ -29,7 +29,7 @@ FEWEST_RUNS = 3  # of two runs nobody knows the odd one
 
 
 @dataclass(frozen=True, eq=False)
-class Difference:
+class RunDifference:
     """What some runs have otherwise than the rest."""
 
     odd: tuple[str, ...]  # their names
@@ -50,18 +50,18 @@ def partings(count: int) -> list[tuple[int, ...]]:
     return alone + parts
 
 
-class Comparison:
+class RunComparison:
     """The runs of a session, and what each parting of them says."""
 
     def __init__(self, runs: Sequence[RunStates], arm: ArmModel) -> None:
         self.runs = list(runs)
         self.arm = arm
-        self.tables = Tables(arm, runs)
+        self.tables = RunTables(arm, runs)
         self.sums = np.array([self.tables.sums(run) for run in runs])
         self.errors = errors_among(self.sums)
         self.partings = partings(len(self.runs))
 
-    def find(self) -> Difference | None:
+    def find(self) -> RunDifference | None:
         """The likeliest difference; None where there is none."""
         found = []
         for odd in self._suspects():
@@ -84,7 +84,7 @@ class Comparison:
     def _rest(self, odd: tuple[int, ...]) -> list[int]:
         return [number for number in range(len(self.runs)) if number not in odd]
 
-    def _explain(self, odd: tuple[int, ...]) -> Iterator[Difference]:
+    def _explain(self, odd: tuple[int, ...]) -> Iterator[RunDifference]:
         """What the odd runs have otherwise, if the evidence says so: a convention, or all of it."""
         rest = self._rest(odd)
         usual = errors_among(self.sums[rest])
@@ -96,10 +96,10 @@ class Comparison:
         coefficients = fit(self.sums[rest].mean(axis=0))
         before = self._odd_errors(odd, coefficients)
 
-        def difference(change: RunChange, gain: float, after: Float[Array, " n"]) -> Difference:
+        def difference(change: RunChange, gain: float, after: Float[Array, " n"]) -> RunDifference:
             names = tuple(self.runs[number].name for number in odd)
             sizes = [np.exp(errors) for errors in (before, after, usual.mean(axis=0))]
-            return Difference(names, change, gain, *sizes)
+            return RunDifference(names, change, gain, *sizes)
 
         # Smaller torques have smaller errors: none count below the rest's.
         own = np.maximum(self._own_errors(odd, rest, usual), usual.mean(axis=0))
@@ -176,9 +176,9 @@ def followed(change: RunChange, cost: Callable[[RunChange], float]) -> RunChange
     return change
 
 
-def find_difference(session: Session, arm: ArmModel) -> Difference | None:
+def find_difference(session: Session, arm: ArmModel) -> RunDifference | None:
     """What some runs of a session have otherwise than the rest; None where they are alike, or too few."""
     states = [run for run in map(states_of, session.runs) if run is not None]
     if len(states) < FEWEST_RUNS:
         return None
-    return Comparison(states, arm).find()
+    return RunComparison(states, arm).find()

@@ -56,7 +56,7 @@ def states_of(run: Recording) -> RunStates | None:
     return RunStates(run.name, motion.q[::step], motion.dq[::step], motion.ddq[::step], motion.tau[::step])
 
 
-class Tables:
+class RunTables:
     """Makes sums of runs: inner products of a joint's columns and torque, each a mean over the run's states."""
 
     def __init__(self, arm: ArmModel, runs: Sequence[RunStates]) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.checks.between_runs import Difference, find_difference
+from ident.checks.between_runs import RunDifference, find_difference
 from ident.checks.report import issue_of
 from ident.checks.run_changes import OTHER_ARM
 from ident.recordings.recording import Session, TelemetryIssue
@@ -34,7 +34,7 @@ def check_odd_runs(session: Session, arm: ArmModel) -> tuple[Session, list[Telem
     return session.replace(runs=rest), [tell(difference, session)]
 
 
-def tell(difference: Difference, session: Session) -> TelemetryIssue:
+def tell(difference: RunDifference, session: Session) -> TelemetryIssue:
     """The issue of a difference, with the runs and joints concerned, and by how much its errors shrink."""
     change = difference.change
     joints = [session.joints[joint] for joint in change.joints]
