@@ -19,14 +19,19 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from ident.arrays import Array, least_squares
+from ident.arrays import Array, Float, least_squares
 from ident.checks.angles import speed
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
+from ident.checks.filtered_run import ARRANGEMENT
 from ident.checks.filtered_run import EFFORT_KIND as LIMIT
 from ident.checks.report import JointEffort, issue_of, joints_at
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.limits import is_placeholder
+from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
+
+# States by which a URDF's tolerance is weighed (chosen: limit of work).
+TOLERANCE_STATES = 200
 
 
 @dataclass(frozen=True)
@@ -264,16 +269,31 @@ def fit_scale(states: States, joint: int) -> tuple[float, float, float]:
     return scale, float(np.hypot(error, 0.5 * (scale - sprung))), sprung
 
 
-def check_scales(session: Session, states: States) -> list[TelemetryIssue]:
-    """Moving joints whose whole torque is the model's at another size: a gain that is off, or masses that are."""
+def check_scales(session: Session, states: States, arm: ArmModel) -> list[TelemetryIssue]:
+    """Moving joints whose whole torque is the model's at another size: a gain that is off, or masses that are.
+
+    Where gravity changes much, a size is told that the recordings tell; elsewhere one that its URDF's tolerance, too,
+    leaves no room for.
+    """
     held, found = states.settings, []
-    tested = np.flatnonzero(states.heavy & states.alive & states.moving)
+    tested = np.flatnonzero(states.alive & states.moving)
     # Student's t for the errors of so few pieces, one chance in twenty for all joints together.
-    sure = float(stdtrit(held.pieces - 1, 1.0 - 0.025 / max(len(tested), 1)))
+    heavy_sure, sure = (
+        float(stdtrit(held.pieces - 1, 1.0 - 0.025 / max(count, 1)))
+        for count in (int(states.heavy[tested].sum()), len(tested))
+    )
+    change = states.gravity.std(axis=0)
+    tolerance = gravity_tolerance(states, arm)
     for joint in map(int, tested):
         scale, error, sprung = fit_scale(states, joint)
         # What a spring explains for the most part is no scale.
-        if abs(scale - 1.0) > max(held.scale_off, sure * error) and abs(sprung - 1.0) > 0.5 * abs(scale - 1.0):
+        is_spring = abs(sprung - 1.0) <= 0.5 * abs(scale - 1.0)
+        if states.heavy[joint]:
+            is_off = abs(scale - 1.0) > max(held.scale_off, heavy_sure * error)
+        else:
+            doubt = float(np.hypot(error * change[joint], tolerance[joint]))
+            is_off = abs(scale - 1.0) * change[joint] > sure * doubt
+        if is_off and not is_spring:
             found.append((joint, scale, error))
     if not found:
         return []
@@ -281,3 +301,20 @@ def check_scales(session: Session, states: States) -> list[TelemetryIssue]:
     words = "{} reads {:.2f} ± {:.2f} of the model's gravity torque"
     reported = "; ".join(words.format(session.joints[j], scale, 2.0 * error) for j, scale, error in found)
     return [issue_of("scale", session, [j for j, _, _ in found], reported=reported)]
+
+
+def gravity_tolerance(states: States, arm: ArmModel) -> Float[Array, " n"]:
+    """Standard deviation of what a URDF within its tolerance has otherwise of each joint's change of gravity [N m].
+
+    Its links are off by their tolerance, and its base by any tilt up to the one that a diagnosis finds.
+    """
+    q = states.q[:: max(1, len(states.q) // TOLERANCE_STATES)]
+    still = np.zeros_like(q)
+    spread = arm.regressor(q, still, still).var(axis=0)
+    deviation = PRIOR_SHARE["consistent"] * parameter_scale(arm)
+    square = (spread * deviation**2).sum(axis=-1)
+    tilt = np.radians(ARRANGEMENT.least_turn_deg) / np.sqrt(3.0)  # of a uniform distribution
+    size = float(np.linalg.norm(arm.model.gravity.linear))
+    for axis in np.eye(3):
+        square += (tilt * arm.with_gravity(size * axis).gravity(q)).var(axis=0)
+    return np.asarray(np.sqrt(square))

@@ -43,6 +43,8 @@ CLOCK = read_group(__file__, "clock")
 EFFORT_KIND = read_group(__file__, "effort_kind")
 ARRANGEMENT = read_group(__file__, "arrangement")
 INFORMATION = read_group(__file__, "information")
+BETWEEN_RUNS = read_group(__file__, "between_runs")
+LATENESS = read_group(__file__, "lateness")
 
 
 # Samples by which both ends are extended: three times the filter's own.
@@ -60,6 +62,7 @@ class FilteredRun:
     ddq: Float[Array, "T n"]
     tau: Float[Array, "T n"]  # measured torque through the same filter [N m]
     dq_measured: Float[Array, "T n"] | None  # measured velocity through the same filter [rad/s], or None
+    interval: float  # time between states [s]
 
 
 def filter_run(run: Recording) -> FilteredRun | None:
@@ -92,7 +95,7 @@ def filter_run(run: Recording) -> FilteredRun | None:
     ddq = np.gradient(dq, interval, axis=0)
     keep = slice(edge, len(grid) - edge, step)
     measured = None if run.velocity is None else smooth(run.velocity)[keep]
-    _KEPT[run] = FilteredRun(q[keep], dq[keep], ddq[keep], smooth(run.effort)[keep], measured)
+    _KEPT[run] = FilteredRun(q[keep], dq[keep], ddq[keep], smooth(run.effort)[keep], measured, step * interval)
     return _KEPT[run]
 
 

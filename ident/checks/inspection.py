@@ -40,6 +40,8 @@ from ident.checks.effort_kind import (
 from ident.checks.excitation import Amount
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.information import check_information
+from ident.checks.lateness import check_lateness
+from ident.checks.odd_runs import check_odd_runs
 from ident.checks.report import TelemetryReport, as_mounted
 from ident.checks.urdf_faults import check_bodies_of_urdf
 from ident.recordings.columns import match_joints
@@ -176,6 +178,9 @@ def inspect_alone(
     if not session.samples or arm is None:
         issues += [] if not session.samples else _check_channels(session)
         return TelemetryReport(session, tuple(issues), arm)
+    if not is_damaged(issues):
+        session, told = check_odd_runs(session, arm)
+        issues += told
     # Inertia and the bodies' places are part of every torque: where they are wrong, nothing else can be read.
     misplaced = check_bodies(session, arm)
     if misplaced or is_damaged(issues) or is_clock_wrong(session, arm):
@@ -193,14 +198,14 @@ def inspect_alone(
     if states is not None:
         # Each question is asked only where the ones before it left the torque its meaning.
         torque = misplaced + (check_absent(session, states, absent) if absent else [])
-        torque += check_placeholders(session, arm)
+        torque += check_placeholders(session, arm) + check_lateness(session, judged)
         # A torque that is off at all joints by one factor is told once.
         in_model_unit = not any(issue.issue in ("mass_factor", "effort_not_torque") for issue in reading.issues)
         torque += check_rating(session, judged, states) if in_model_unit else []
         sound = not any(issue.severity == "fatal" for issue in torque)
         issues += torque + (check_effort(session, judged, states) if sound else [])
         if not any(issue.severity == "fatal" for issue in issues):
-            issues = [*check_scales(session, states), *issues]  # what rests on a wrong gain is said after it
+            issues = [*check_scales(session, states, judged), *issues]  # what rests on a wrong gain is said after it
     effort = judge_effort(session, states, issues)
     return TelemetryReport(session, tuple(issues), arm, effort, reading.conventions)
 

@@ -30,14 +30,12 @@ from ident.arrays import Array, Float, Int, freeze
 from ident.model.interior_point import NO_BODIES, Bodies, Program, minimise
 from ident.model.loss import InertiaFigure
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import PRIOR_SHARE as PRIOR_SHARE
+from ident.robot.tolerance import parameter_scale as parameter_scale
 
 PER_LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 # Columns whose pivot is smaller than this share of the largest act on no joint torque.
 RANK_TOLERANCE = 1e-9
-# How far a URDF's inertia may be off before we look for another cause, as a share of the link's own scale.
-PRIOR_SHARE = {"base": 2.0, "consistent": 0.3}
-# Links lighter and shorter than these shares of the arm's moving mass and reach have no scale of their own.
-LEAST_MASS_SHARE, LEAST_LENGTH_SHARE = 0.01, 0.054
 STATES_FOR_RANK = 200
 
 
@@ -89,20 +87,6 @@ def base_parameters(arm: ArmModel) -> BaseParameters:
     mapping[:, others] = np.linalg.solve(factor[:rank, :rank], factor[:rank, rank : 10 * arm.n])
     names = tuple(f"{arm.links[i // 10]}.{PER_LINK[i % 10]}" for i in columns)
     return BaseParameters(tuple(int(i) for i in columns), freeze(mapping), names)
-
-
-def parameter_scale(arm: ArmModel) -> Float[Array, " 10n"]:
-    """Natural size of each inertial number: mass, mass × length and mass × length² of its link."""
-    links = arm.inertial_parameters.reshape(arm.n, 10)
-    mass = np.maximum(links[:, 0], max(LEAST_MASS_SHARE * float(links[:, 0].sum()), 1e-9))
-    lever = np.linalg.norm(links[:, 1:4], axis=1) / mass
-    radius = np.sqrt(np.maximum(links[:, 4] + links[:, 6] + links[:, 9], 0.0) / (2 * mass))
-    steps = [float(np.linalg.norm(place.translation)) for place in list(arm.model.jointPlacements)[2:]]
-    length = np.maximum(np.maximum(lever, radius), LEAST_LENGTH_SHARE * max(sum(steps) + float(lever.max()), 1e-6))
-    scale = np.concatenate(
-        [mass[:, None], np.repeat((mass * length)[:, None], 3, 1), np.repeat((mass * length**2)[:, None], 6, 1)], 1
-    )
-    return freeze(scale.ravel())
 
 
 def lift_base(base: BaseParameters, scale: Float[Array, " 10n"]) -> Float[Array, "10n r"]:

@@ -10,9 +10,11 @@ from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.progress import stage
 from ident.results import Provenance
+from ident.robot.arm import ArmModel
 from plan.command_options import USUAL_BUDGET, CompareOptions, SolveOptions, TaskOptions
 from plan.planners.base import Planner, processor_seconds
 from plan.problem.controllers import Controller, choose_controller, require_joints
+from plan.problem.driveless import hold_driveless
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Task, load_task
@@ -162,6 +164,7 @@ def open_task(scene: Scene, model: Model | None = None, options: TaskOptions = D
     task = scene if isinstance(scene, Task) else load_task(scene)
     if task.stops:
         raise InputError(task.source, "its [[leg]] tables make it a cycle", "use `plan cycle`, or take them out")
+    task = hold_driveless(task, ArmModel.load(task.robot))
     fitted = None if model is None else HybridModel.given(model)
     problems = reach_goals(set_up(task, fitted, options), task)
     require_valid_ends(problems[0], task, options.inside)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,6 +17,7 @@ from ident.safe_read import read_toml, urdf_from
 from plan.geometry.obstacle_files import read_cloud, read_mesh
 from plan.geometry.solids import Box, Kind, Solid
 from plan.geometry.tool import Carried
+from plan.problem.driveless import is_the_driven
 from plan.problem.rules import Cone, Pose, ViaPoint, WayRules
 from plan.problem.scene_keys import KEYS, SceneTable
 from plan.problem.stops import Stop, read_stops
@@ -132,6 +134,7 @@ class Task(Surroundings):
     way: WayRules = NO_RULES  # what the motion has to keep on its way
     stops: tuple[Stop, ...] = ()  # where a cycle stops on its way; none for a single motion
     keys: tuple[str, str] = ("start_deg", "goal_deg")  # by which the file names start and goal, for messages
+    held: Mapping[str, float] = field(default_factory=dict)  # joints without a drive, where they stand [rad or m]
 
     @property
     def n(self) -> int:
@@ -164,7 +167,8 @@ def load_task(path: str | Path) -> Task:
 
         give_states(top, arm)
     given = len(top.table("task")["start_deg"])
-    slides = np.append(arm.sliding_joints, np.zeros(given, dtype=bool))
+    sliding = arm.sliding_joints[arm.n - given :] if is_the_driven(given, arm) else arm.sliding_joints
+    slides = np.append(sliding, np.zeros(given, dtype=bool))
     top.joints = slides[:given]
     task, limits = top.table("task"), top.table("limits")
     start, wrist = task["start_deg"], task["wrist_deg"]

@@ -64,6 +64,8 @@ def set_up(task: Task, model: HybridModel | None = None, options: TaskOptions = 
     robot = ArmModel.load(task.robot)
     if model is not None:
         model.require_robot(robot, task.source)
+    not_the_arms = frozenset(robot.locked_joints)
+    robot = robot.locked(list(task.held), list(task.held.values()))
     hung, payload, carried = hang(robot, task.attached, task.payload, task.payload_link)
     robot = robot if payload is None else robot.with_payload(payload)
     arm, unknown = with_known_positions(_moving_arm(task, robot), task)
@@ -102,7 +104,7 @@ def set_up(task: Task, model: HybridModel | None = None, options: TaskOptions = 
         trained=trained,
         way=task.way,
         carried=carried,
-        not_the_arms=frozenset(robot.locked_joints),
+        not_the_arms=not_the_arms,
         notes=(*leaving, *kept, *unknown, *said, *(() if model is not None else (NO_FRICTION,))),
         known=known,
         longest=longest,

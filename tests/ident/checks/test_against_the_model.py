@@ -26,7 +26,7 @@ from ident.robot.arm import ArmModel
 from ident.robot.chain import compute_joint_poses
 from ident.robot.names import data_path
 from ident.sessions import open_sessions
-from tests.ident.checks.faults import inspect, spoil, without_velocity
+from tests.ident.checks.faults import inspect, spoil, spoil_column, without_velocity
 from tests.ident.made_up import joint, link, made_session, urdf
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -446,3 +446,21 @@ def test_bodies_in_the_frame_of_the_base_are_refused_as_such(robot: str, session
         report = found(session, arm.with_inertial_parameters(links.ravel()))
         assert [issue.issue for issue in report.fatal] == ["bodies_misplaced"]
         assert not overrule(report, (), REPORTED_BY_A_FIT).fatal
+
+
+@pytest.mark.parametrize(("joint", "factor"), [(3, 10.0), (3, 5.0), (4, 20.0)])
+def test_a_wrist_of_another_scale_is_told(joint: int, factor: float, clean: Session, arm: ArmModel) -> None:
+    """Law: a torque that its URDF's tolerance leaves no room for is named, however little gravity changes there."""
+    report = inspect(spoil_column(clean, "effort", joint, lambda effort: factor * effort), arm)
+    told = {name for issue in report.issues if issue.severity != "note" for name in issue.joints}
+    assert told == {arm.joint_names[joint]}
+    assert {issue.issue for issue in report.issues if issue.severity != "note"} <= {"torque_scale", "effort_not_torque"}
+
+
+def test_a_urdf_within_its_tolerance_has_no_scale(clean: Session, arm: ArmModel) -> None:
+    """Law: links that are some per cent off, as URDFs are, are told of no wrist."""
+    rng = np.random.default_rng(8)
+    for _ in range(3):
+        off = arm.with_inertial_parameters(arm.inertial_parameters * rng.lognormal(0.0, 0.05, 10 * arm.n))
+        joints = {name for issue in inspect(clean, off).find("torque_scale") for name in issue.joints}
+        assert not joints & {"joint_4", "joint_5", "joint_6"}

@@ -157,3 +157,48 @@ def test_a_state_needs_its_file(tmp_path: Path) -> None:
     ends = "start_deg = [1, 2, 3, 4, 5, 6, 7]\ngoal_deg = [1, 2, 3, 4, 5, 6, 7]"
     with pytest.raises(InputError, match="7 angles, tm5_900 has 6 joints: joint_1, joint_2"):
         open_task(scene(tmp_path, "tm5-900", ends))
+
+
+def on_wheels(folder: Path) -> Path:
+    """The TM5-900 on a base that slides and turns, without a drive and without mass."""
+    text = ArmModel.load("tm5-900").urdf.replace('name="tm5_900"', 'name="on_wheels"')
+    joints = (("slide", "prismatic", "1 0 0"), ("yaw", "revolute", "0 0 1"))
+    hanging = re.findall(r'<child link="([^"]+)"', text)
+    (root,) = (link for link in re.findall(r'<link name="([^"]+)"', text) if link not in hanging)
+    parents, children = ("floor", "slider"), ("slider", root)
+    added = '<link name="floor"/><link name="slider"/>'
+    for (name, kind, axis), parent, child in zip(joints, parents, children, strict=True):
+        limit = '<limit lower="-3" upper="3" effort="0" velocity="0"/>'
+        added += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        added += f'<axis xyz="{axis}"/>{limit}</joint>'
+    (folder / "on_wheels.urdf").write_text(text.replace("</robot>", f"{added}</robot>"))
+    return folder / "on_wheels.urdf"
+
+
+ON_WHEELS = {
+    "all angles": ("[0.5, 20, 10, 0, -60, 0, 30, 0]", "[0.5, 20, 30, 20, -50, 0, 30, 0]", [0.5, np.radians(20.0)]),
+    "the arm's angles": ("[10, 0, -60, 0, 30, 0]", "[30, 20, -50, 0, 30, 0]", [0.0, 0.0]),
+    "the base at its zero": ("[0, 0, 10, 0, -60, 0, 30, 0]", "[0, 0, 30, 20, -50, 0, 30, 0]", [0.0, 0.0]),
+}
+
+
+@pytest.mark.parametrize("case", ON_WHEELS)
+def test_joints_without_a_drive_are_held_where_they_stand(case: str, tmp_path: Path) -> None:
+    """Law: a task that does not move a base without a drive is the arm's, the base held and told."""
+    start, goal, held = ON_WHEELS[case]
+    path = scene(tmp_path, on_wheels(tmp_path), f"start_deg = {start}\ngoal_deg = {goal}")
+    problem = open_task(path).problem
+    assert problem.scene.arm.joint_names == tuple(f"joint_{number}" for number in range(1, 7))
+    assert list(problem.held) == ["slide", "yaw"]
+    np.testing.assert_allclose(list(problem.held.values()), held)
+    np.testing.assert_allclose(np.degrees(problem.start), [10, 0, -60, 0, 30, 0])
+
+
+def test_a_base_that_is_to_move_is_not_held(tmp_path: Path) -> None:
+    path = scene(
+        tmp_path,
+        on_wheels(tmp_path),
+        "start_deg = [0, 0, 10, 0, -60, 0, 30, 0]\ngoal_deg = [0.2, 0, 30, 20, -50, 0, 30, 0]",
+    )
+    with pytest.raises(InputError, match=r"how fast slide, yaw may be.*speed_deg_s"):
+        open_task(path)

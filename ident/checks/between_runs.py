@@ -1,0 +1,184 @@
+"""Each run of a session held against the others: signs, zeros, scales, columns, clock, and whether it is this arm's.
+
+The runs are parted, one against the rest or an earlier part against a later one. What a parting may gain is told by
+foretelling: each run by a model of all others, and so again with a convention of the odd runs undone, or with a model
+of their own. Evidence is the sum over runs and joints of the logarithm by which errors shrink: a run counts once at
+each joint, however many samples it has, for runs differ more than their samples tell. It must exceed the logarithm of
+the number of alternatives over the chance of a false alarm. Runs that only move otherwise are foretold badly, too, and
+no change mends that.
+
+Source: Bonferroni's bound on likelihood ratios of many alternatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
+from ident.checks.foretold import RunStates, RunTables, error_of, errors_among, fit, states_of
+from ident.checks.run_changes import OTHER_ARM, RunChange, discrete_changes, scale_changes, zero_changes
+from ident.recordings.recording import Session
+from ident.robot.arm import ArmModel
+
+FIRST_STEP = np.pi / 12.0  # of a zero that is followed [rad]
+FEWEST_RUNS = 3  # of two runs nobody knows the odd one
+
+
+@dataclass(frozen=True, eq=False)
+class RunDifference:
+    """What some runs have otherwise than the rest."""
+
+    odd: tuple[str, ...]  # their names
+    change: RunChange
+    gain: float  # by how much all errors shrink together [nats]
+    before: Float[Array, " n"]  # their root mean square errors, foretold by the rest [N m]
+    after: Float[Array, " n"]  # and with the change undone; as they are among themselves where the arm is another
+    usual: Float[Array, " n"]  # that of the rest among themselves
+
+
+def partings(count: int) -> list[tuple[int, ...]]:
+    """Each run alone; and the smaller of an earlier and a later part, both of more than one run."""
+    alone = [(number,) for number in range(count)]
+    parts = []
+    for cut in range(2, count - 1):
+        early, late = tuple(range(cut)), tuple(range(cut, count))
+        parts.append(early if len(early) < len(late) else late)
+    return alone + parts
+
+
+class RunComparison:
+    """The runs of a session, and what each parting of them says."""
+
+    def __init__(self, runs: Sequence[RunStates], arm: ArmModel) -> None:
+        self.runs = list(runs)
+        self.arm = arm
+        self.tables = RunTables(arm, runs)
+        self.sums = np.array([self.tables.sums(run) for run in runs])
+        self.errors = errors_among(self.sums)
+        self.partings = partings(len(self.runs))
+
+    def find(self) -> RunDifference | None:
+        """The likeliest difference; None where there is none."""
+        found = []
+        for odd in self._suspects():
+            found += list(self._explain(odd))
+        return max(found, key=lambda difference: difference.gain, default=None)
+
+    def _suspects(self) -> list[tuple[int, ...]]:
+        """Partings whose odd runs the rest foretell worst, by the joint at which it is worst."""
+        excess = []
+        for odd in self.partings:
+            rest = self._rest(odd)
+            errors = self.errors[list(odd)]
+            if len(odd) > 1:
+                coefficients = fit(self.sums[rest].mean(axis=0))
+                errors = np.array([error_of(self.sums[number], coefficients) for number in odd])
+            excess.append(float((errors.mean(axis=0) - self.errors[rest].mean(axis=0)).max()))
+        worst = np.argsort(excess)[::-1][: LIMIT.suspects]
+        return [self.partings[int(place)] for place in worst]
+
+    def _rest(self, odd: tuple[int, ...]) -> list[int]:
+        return [number for number in range(len(self.runs)) if number not in odd]
+
+    def _explain(self, odd: tuple[int, ...]) -> Iterator[RunDifference]:
+        """What the odd runs have otherwise, if the evidence says so: a convention, or all of it."""
+        rest = self._rest(odd)
+        usual = errors_among(self.sums[rest])
+        alternatives = float(np.log(len(self.partings) / LIMIT.chance))
+        # As much is gained where the odd runs become like the rest.
+        possible = self.errors.sum() - usual.sum() - len(odd) * usual.mean(axis=0).sum()
+        if possible < alternatives:
+            return
+        coefficients = fit(self.sums[rest].mean(axis=0))
+        before = self._odd_errors(odd, coefficients)
+
+        def difference(change: RunChange, gain: float, after: Float[Array, " n"]) -> RunDifference:
+            names = tuple(self.runs[number].name for number in odd)
+            sizes = [np.exp(errors) for errors in (before, after, usual.mean(axis=0))]
+            return RunDifference(names, change, gain, *sizes)
+
+        # Smaller torques have smaller errors: none count below the rest's.
+        own = np.maximum(self._own_errors(odd, rest, usual), usual.mean(axis=0))
+        gain = float(self.errors.sum() - usual.sum() - own.sum())
+        if gain > alternatives:
+            yield difference(RunChange(OTHER_ARM, ()), gain, own.mean(axis=0))
+        changes = list(self._changes(odd, coefficients))
+        costs = [float(self._odd_errors(odd, coefficients, change).sum()) for change in changes]
+        alternatives += float(np.log(len(changes)))
+        for place in np.argsort(costs)[: LIMIT.closer]:
+            change = changes[int(place)]
+            sums = np.array(self.sums)
+            for number in odd:
+                sums[number] = self.tables.sums(change.undo(self.runs[number]))
+            gain = float(self.errors.sum() - errors_among(sums).sum())
+            if gain > alternatives:
+                yield difference(change, gain, self._odd_errors(odd, coefficients, change))
+
+    def _own_errors(self, odd: tuple[int, ...], rest: Sequence[int], usual: Float[Array, "r n"]) -> Float[Array, "k n"]:
+        """Errors of the odd runs, each foretold by the other odd ones.
+
+        A run alone is foretold from half to half. Halves are more alike than runs: the most that one of the rest gains
+        so is added.
+        """
+        if len(odd) > 1:
+            return errors_among(self.sums[list(odd)])
+        halves = np.array([self._by_halves(number) for number in (*odd, *rest)])
+        gained = np.maximum((usual - halves[1:]).max(axis=0), 0.0)
+        return np.asarray(halves[:1] + gained)
+
+    def _by_halves(self, number: int) -> Float[Array, " n"]:
+        """A run's errors where each half of it foretells the other."""
+        parts = self.runs[number].halves()
+        return errors_among(np.array([self.tables.sums(part) for part in parts])).mean(axis=0)
+
+    def _odd_errors(
+        self, odd: tuple[int, ...], coefficients: Float[Array, "n p"], change: RunChange | None = None
+    ) -> Float[Array, " n"]:
+        """Mean logarithm of the odd runs' errors by joint, with a change undone."""
+        found = []
+        for number in odd:
+            sums = self.sums[number]
+            if change is not None:
+                sums = self.tables.sums(change.undo(self.runs[number]))
+            found.append(error_of(sums, coefficients))
+        return np.asarray(np.mean(found, axis=0))
+
+    def _changes(self, odd: tuple[int, ...], coefficients: Float[Array, "n p"]) -> Iterator[RunChange]:
+        """All that may be otherwise in the odd runs."""
+        yield from discrete_changes(self.arm.n, self.arm.sliding_joints)
+        runs = [self.runs[number] for number in odd]
+        foretold = np.concatenate([self.tables.foretell(run, coefficients) for run in runs])
+        yield from scale_changes(runs, foretold)
+
+        def cost(change: RunChange) -> float:
+            return float(self._odd_errors(odd, coefficients, change).sum())
+
+        for joint in range(self.arm.n):
+            tried = list(zero_changes(self.arm, joint))
+            if tried:
+                yield followed(min(tried, key=cost), cost)
+
+
+def followed(change: RunChange, cost: Callable[[RunChange], float]) -> RunChange:
+    """A zero followed to where it costs least, by halving steps."""
+    best, step = cost(change), FIRST_STEP
+    for _ in range(LIMIT.halvings):
+        for angle in (change.size - step, change.size + step):
+            tried = replace(change, size=float(angle))
+            tried_cost = cost(tried)
+            if tried_cost < best:
+                change, best = tried, tried_cost
+        step *= 0.5
+    return change
+
+
+def find_difference(session: Session, arm: ArmModel) -> RunDifference | None:
+    """What some runs of a session have otherwise than the rest; None where they are alike, or too few."""
+    states = [run for run in map(states_of, session.runs) if run is not None]
+    if len(states) < FEWEST_RUNS:
+        return None
+    return RunComparison(states, arm).find()

@@ -1,0 +1,123 @@
+"""Runs foretold by other runs of their session: how far each joint's torque is off a model fitted to the others.
+
+Of each joint
+
+    tau_j = Y_j(q, dq, ddq) π + b tanh(dq_j / eps) + c dq_j + d ddq_j + o
+
+is fitted to some runs, π held near the URDF's, and the root mean square of what it leaves in another run is that run's
+error. Its logarithm has about the same scatter at every joint of sound sessions, whatever the arm is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
+from ident.checks.filtered_run import filter_run
+from ident.recordings.recording import Recording
+from ident.robot.arm import ArmModel
+from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
+
+TRANSITION_RAD_S = 0.02  # as for the sign of a torque
+STATES = ("q", "dq", "ddq", "tau")
+LEAST_SQUARE = 1e-24  # [(N m)²], so that logarithms stay finite
+
+
+@dataclass(frozen=True, eq=False)
+class RunStates:
+    """A run's filtered states, thinned out, shapes (T, n)."""
+
+    name: str
+    q: Float[Array, "T n"]
+    dq: Float[Array, "T n"]
+    ddq: Float[Array, "T n"]
+    tau: Float[Array, "T n"]
+
+    def halves(self) -> tuple[RunStates, RunStates]:
+        """Its first and its second half."""
+        middle = len(self.q) // 2
+        return self.at(slice(middle)), self.at(slice(middle, None))
+
+    def at(self, rows: slice) -> RunStates:
+        """Some of its states."""
+        return RunStates(self.name, self.q[rows], self.dq[rows], self.ddq[rows], self.tau[rows])
+
+
+def states_of(run: Recording) -> RunStates | None:
+    """What of a run is compared; None where it is too short to be filtered."""
+    motion = filter_run(run)
+    if motion is None:
+        return None
+    step = max(1, len(motion.q) // LIMIT.states)
+    return RunStates(run.name, motion.q[::step], motion.dq[::step], motion.ddq[::step], motion.tau[::step])
+
+
+class RunTables:
+    """Makes sums of runs: inner products of a joint's columns and torque, each a mean over the run's states."""
+
+    def __init__(self, arm: ArmModel, runs: Sequence[RunStates]) -> None:
+        self._arm = arm
+        self._stated = np.array(arm.inertial_parameters)
+        self._scale = PRIOR_SHARE["consistent"] * parameter_scale(arm)
+        spread = {name: np.concatenate([getattr(run, name) for run in runs]).std(axis=0) for name in STATES}
+        torque = np.maximum(spread["tau"], 1e-9)
+        # Columns of losses in units that no prior holds back: each may be as large as the whole torque.
+        units = [torque, torque / np.maximum(spread["dq"], 1e-6), torque / np.maximum(spread["ddq"], 1e-6), torque]
+        self._loss_scale: Float[Array, "n 4"] = np.column_stack(units)
+
+    def table(self, run: RunStates) -> Float[Array, "n T c"]:
+        """Each joint's columns, and last what its torque is beyond the URDF's."""
+        regressor = self._arm.regressor(run.q, run.dq, run.ddq).transpose(1, 0, 2)
+        losses = np.stack([np.tanh(run.dq / TRANSITION_RAD_S), run.dq, run.ddq, np.ones_like(run.dq)], axis=-1)
+        losses = losses.transpose(1, 0, 2) * self._loss_scale[:, None, :]
+        beyond = run.tau.T - regressor @ self._stated
+        return np.concatenate([regressor * self._scale, losses, beyond[:, :, None]], axis=-1)
+
+    def sums(self, run: RunStates) -> Float[Array, "n c c"]:
+        """The inner products of a run's table."""
+        table = self.table(run)
+        return np.asarray(table.transpose(0, 2, 1) @ table / len(run.q))
+
+    def foretell(self, run: RunStates, coefficients: Float[Array, "n p"]) -> Float[Array, "T n"]:
+        """A run's torques by some coefficients [N m]."""
+        table = self.table(run)
+        beyond = np.einsum("jtp,jp->tj", table[:, :, :-1], coefficients)
+        return np.asarray(run.tau - table[:, :, -1].T + beyond)
+
+
+def fit(sums: Float[Array, "n c c"]) -> Float[Array, "n p"]:
+    """Coefficients of each joint, the prior weighed against the noise that they leave.
+
+    Source: the prior's weight is found as in evidence maximisation (MacKay 1992), by fixed-point steps.
+    """
+    count = sums.shape[-1] - 1
+    noise = sums[:, -1, -1]
+    coefficients = np.zeros((len(sums), count))
+    for _ in range(LIMIT.rounds):
+        normal = sums[:, :count, :count] + (noise / LIMIT.states)[:, None, None] * np.eye(count)
+        coefficients = np.linalg.solve(normal, sums[:, :count, -1:])[..., 0]
+        noise = np.maximum(left_square(sums, coefficients), LEAST_SQUARE)
+    return coefficients
+
+
+def left_square(sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]) -> Float[Array, " n"]:
+    """Mean square of what coefficients leave of each joint's torque [(N m)²]."""
+    weights = np.concatenate([-coefficients, np.ones((len(coefficients), 1))], axis=1)
+    left = np.einsum("jp,jpk,jk->j", weights, sums, weights)
+    return np.asarray(np.maximum(left, LEAST_SQUARE))
+
+
+def error_of(sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]) -> Float[Array, " n"]:
+    """Logarithm of each joint's root mean square error."""
+    return np.asarray(0.5 * np.log(left_square(sums, coefficients)))
+
+
+def errors_among(sums: Float[Array, "R n c c"]) -> Float[Array, "R n"]:
+    """Each run's error, foretold by all the others."""
+    total = sums.sum(axis=0)
+    errors = [error_of(run, fit((total - run) / (len(sums) - 1))) for run in sums]
+    return np.array(errors)

@@ -1,0 +1,52 @@
+"""What is told of runs that have a convention otherwise than the rest, and the session without them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ident.checks.between_runs import RunDifference, find_difference
+from ident.checks.report import issue_of
+from ident.checks.run_changes import OTHER_ARM
+from ident.recordings.recording import Session, TelemetryIssue
+from ident.robot.arm import ArmModel
+
+# What is otherwise, in words, by the kind of change.
+WORDS = {
+    "effort_sign": "the torque of {joints} has the other sign",
+    "axis": "{joints} turns the other way",
+    "columns": "the columns of {joints} stand in each other's place",
+    "effort_columns": "the efforts of {joints} stand in each other's place",
+    "effort_scale": "the torque of {joints} is {size:.3g} times as large",
+    "zero": "the zero of {joints} is moved by {size:.2f} rad",
+    "clock": "the clock goes at {size:.3g} times its speed",
+    OTHER_ARM: "nothing is as in the other runs: another arm, another load, or columns of other joints",
+}
+
+
+def check_odd_runs(session: Session, arm: ArmModel) -> tuple[Session, list[TelemetryIssue]]:
+    """Finds runs that have a convention otherwise than the rest; later checks see the session without them."""
+    difference = find_difference(session, arm)
+    if difference is None:
+        return session, []
+    rest = [run for run in session.runs if run.name not in difference.odd]
+    return session.replace(runs=rest), [tell(difference, session)]
+
+
+def tell(difference: RunDifference, session: Session) -> TelemetryIssue:
+    """The issue of a difference, with the runs and joints concerned, and by how much its errors shrink."""
+    change = difference.change
+    joints = [session.joints[joint] for joint in change.joints]
+    what = WORDS[change.kind].format(joints=" and ".join(joints), size=change.size)
+    worst = int(np.argmax(difference.before / difference.after))
+    seen: dict[str, Any] = {
+        "runs": ", ".join(difference.odd),
+        "what": what,
+        "before": float(difference.before[worst]),
+        "after": float(difference.after[worst]),
+        "usual": float(difference.usual[worst]),
+        "at": session.joints[worst],
+    }
+    key = f"run_{change.kind}"
+    return issue_of(key, session, joints, **seen)

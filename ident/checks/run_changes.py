@@ -1,0 +1,95 @@
+"""What may be otherwise in some runs of a session: a change undone gives the states as the other runs have them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.checks.foretold import RunStates
+from ident.robot.arm import ArmModel
+
+OTHER_ARM = "other_arm"  # nothing is as in the other runs
+ZEROS = 12  # places of a joint's zero that are tried at first, evenly over a turn
+# Factors by which the clock of a run, or the unit of an angle, is another one's.
+CLOCKS = (0.5, 2.0)
+
+
+@dataclass(frozen=True)
+class RunChange:
+    """One convention that some runs have otherwise."""
+
+    kind: str  # `effort_sign`, `axis`, `columns`, `effort_columns`, `effort_scale`, `zero`, `clock` or `other_arm`
+    joints: tuple[int, ...]  # columns of the joints concerned
+    size: float = 0.0  # of a zero [rad], a scale or a clock [1]
+
+    def undo(self, run: RunStates) -> RunStates:
+        """The run's states read by the convention of the others."""
+        count = run.q.shape[1]
+        mask = np.zeros(count, dtype=bool)
+        mask[list(self.joints)] = True
+        sign = np.where(mask, -1.0, 1.0)
+        order = np.arange(count)
+        if len(self.joints) == 2:
+            order[list(self.joints)] = self.joints[::-1]
+        match self.kind:
+            case "effort_sign":
+                return replace(run, tau=sign * run.tau)
+            case "axis":
+                return replace(run, q=sign * run.q, dq=sign * run.dq, ddq=sign * run.ddq, tau=sign * run.tau)
+            case "columns":
+                return replace(
+                    run, q=run.q[:, order], dq=run.dq[:, order], ddq=run.ddq[:, order], tau=run.tau[:, order]
+                )
+            case "effort_columns":
+                return replace(run, tau=run.tau[:, order])
+            case "effort_scale":
+                return replace(run, tau=run.tau / np.where(mask, self.size, 1.0))
+            case "zero":
+                return replace(run, q=run.q - np.where(mask, self.size, 0.0))
+            case "clock":
+                return replace(run, dq=run.dq * self.size, ddq=run.ddq * self.size**2)
+        return run
+
+
+def discrete_changes(count: int, sliding: Float[Array, " n"]) -> Iterator[RunChange]:
+    """Changes without a size: signs, axes, columns and clocks."""
+    every = tuple(range(count))
+    yield RunChange("effort_sign", every)
+    for joint in every if count > 1 else ():
+        yield RunChange("effort_sign", (joint,))
+    for joint in every:
+        yield RunChange("axis", (joint,))
+    for pair in combinations(every, 2):
+        if sliding[pair[0]] == sliding[pair[1]]:
+            yield RunChange("columns", pair)
+            yield RunChange("effort_columns", pair)
+    for factor in CLOCKS:
+        yield RunChange("clock", every, factor)
+
+
+def scale_changes(runs: Sequence[RunStates], foretold: Float[Array, "T n"]) -> Iterator[RunChange]:
+    """Torques of one joint, or of all, at the factor at which they are foretold best.
+
+    Args:
+        runs: The runs concerned.
+        foretold: Their torques as the other runs foretell them [N m].
+    """
+    tau = np.concatenate([run.tau for run in runs])
+    along = np.maximum((tau * foretold).sum(axis=0), 1e-12)
+    factors = np.maximum((tau**2).sum(axis=0), 1e-12) / along
+    for joint, factor in enumerate(factors.tolist()):
+        yield RunChange("effort_scale", (joint,), factor)
+    everywhere = float(np.exp(np.median(np.log(factors))))
+    yield RunChange("effort_scale", tuple(range(len(factors))), everywhere)
+
+
+def zero_changes(arm: ArmModel, joint: int) -> Iterator[RunChange]:
+    """Zeros of a joint that turns, evenly over a turn; of one that slides none."""
+    if not bool(arm.sliding_joints[joint]):
+        for step in range(1, ZEROS):
+            angle = 2.0 * np.pi * step / ZEROS
+            yield RunChange("zero", (joint,), float(angle if angle <= np.pi else angle - 2.0 * np.pi))
