@@ -84,7 +84,7 @@ class Pairs:
 
     def rows(self) -> list[tuple[str, Row]]:
         """All changes, each with its case."""
-        return [(case, row) for case, record in self.results.items() for row in record["rows"]]
+        return [(case, row) for case, record in self.results.items() for row in record.get("rows", ())]
 
     def choices(self) -> list[Choice]:
         """Changes that are what was planted or have it among their rivals, with the deficits."""
@@ -234,12 +234,26 @@ class Fitted:
 
 
 def fit(rows: Rows) -> tuple[Logistic, float, Float[Array, " N"]]:
-    """The regression of the ridge that holds best on arms left out, that ridge, and the
-    probabilities there.
+    """The regression, its ridge, and the probabilities on arms left out.
+
+    Of ridges that hold as well as the best on arms left out, within one standard error over the
+    arms, it is the largest (Breiman et al. 1984): what few arms say is not to be believed further.
     """
     held_out = {float(ridge): leave_arms_out(rows, float(ridge)) for ridge in RIDGES}
-    best = max(held_out, key=lambda ridge: log_score(held_out[ridge], rows.right, rows.weights))
-    return _fit(rows, best, np.ones(len(rows.right), dtype=bool)), best, held_out[best]
+    scores = {ridge: _scores_by_arm(rows, held_out[ridge]) for ridge in held_out}
+    best = max(scores.values(), key=lambda by_arm: by_arm.mean())
+    least = best.mean() - best.std(ddof=1) / np.sqrt(len(best))
+    chosen = max(ridge for ridge, by_arm in scores.items() if by_arm.mean() >= least)
+    return _fit(rows, chosen, np.ones(len(rows.right), dtype=bool)), chosen, held_out[chosen]
+
+
+def _scores_by_arm(rows: Rows, probability: Float[Array, " N"]) -> Float[Array, " A"]:
+    """Mean log score of each arm's rows [nats]."""
+    scores = []
+    for arm in np.unique(rows.arm):
+        is_of_arm = rows.arm == arm
+        scores.append(log_score(probability[is_of_arm], rows.right[is_of_arm], np.ones(int(is_of_arm.sum()))))
+    return np.array(scores)
 
 
 def fit_all(pairs: Pairs) -> tuple[Fitted, Rows]:

@@ -7,10 +7,13 @@ import numpy as np
 from ident.arrays import Array, Float, freeze
 from ident.robot.arm import ArmModel
 
-# How far a URDF's inertia may be off before we look for another cause, as a share of the link's own scale.
+# How far a URDF's inertia may be off before we look for another cause, as a share of the link's own
+# scale.
 PRIOR_SHARE = {"base": 2.0, "consistent": 0.3}
-# Links lighter and shorter than these shares of the arm's moving mass and reach have no scale of their own.
-LEAST_MASS_SHARE, LEAST_LENGTH_SHARE = 0.01, 0.054
+# Links lighter and shorter than these shares of the arm's moving mass and reach have no scale of
+# their own.
+LEAST_MASS_SHARE = 0.01
+LEAST_LENGTH_SHARE = 0.054
 
 
 def parameter_scale(arm: ArmModel) -> Float[Array, " 10n"]:
@@ -19,9 +22,11 @@ def parameter_scale(arm: ArmModel) -> Float[Array, " 10n"]:
     mass = np.maximum(links[:, 0], max(LEAST_MASS_SHARE * float(links[:, 0].sum()), 1e-9))
     lever = np.linalg.norm(links[:, 1:4], axis=1) / mass
     radius = np.sqrt(np.maximum(links[:, 4] + links[:, 6] + links[:, 9], 0.0) / (2 * mass))
-    steps = [float(np.linalg.norm(place.translation)) for place in list(arm.model.jointPlacements)[2:]]
-    length = np.maximum(np.maximum(lever, radius), LEAST_LENGTH_SHARE * max(sum(steps) + float(lever.max()), 1e-6))
-    scale = np.concatenate(
-        [mass[:, None], np.repeat((mass * length)[:, None], 3, 1), np.repeat((mass * length**2)[:, None], 6, 1)], 1
-    )
+    placements = list(arm.model.jointPlacements)[2:]
+    steps = [float(np.linalg.norm(place.translation)) for place in placements]
+    reach = max(sum(steps) + float(lever.max()), 1e-6)
+    length = np.maximum(np.maximum(lever, radius), LEAST_LENGTH_SHARE * reach)
+    moments = np.repeat((mass * length)[:, None], 3, 1)
+    inertias = np.repeat((mass * length**2)[:, None], 6, 1)
+    scale = np.concatenate([mass[:, None], moments, inertias], 1)
     return freeze(scale.ravel())

@@ -13,16 +13,20 @@ from pathlib import Path
 
 import numpy as np
 
+from ident.arrays import Float
 from ident.diagnosis.change.change_features import describe_changes, later_scorers
 from ident.diagnosis.change.change_sets import ChangeSet
-from ident.diagnosis.change.gain_uncertainty import BODIES, solve_body
+from ident.diagnosis.change.gain_uncertainty import BODIES, GainUncertainty, solve_body
+from ident.effects.base import Interval
 from ident.inference.calibration import NameCalibration, load_names
 from ident.inference.conclusion import Named, tell
-from ident.inference.estimate import CLASS_ODDS, Estimate, estimate, widened
+from ident.inference.estimate import CLASS_ODDS, Estimate, estimate
 from ident.inference.features import Described
 from ident.regression.cross_validation import HeldOutScore
 from ident.regression.least_squares import project
 
+# Gains as good as known.
+CERTAIN = GainUncertainty(own=1e-4)
 FILE = Path(__file__).with_name("calibration_changes.toml")
 
 
@@ -57,24 +61,50 @@ def tell_changes(likely: ChangeSet, calibration: NameCalibration | None = None) 
     described = describe_changes(likely, scorers)
     session = likely.design.later_session
     estimates = estimate(described, session, calibration)
-    uncertain = [_with_gains_uncertain(one, likely, calibration) for one in estimates]
+    uncertain = [_with_gains_uncertain(one, likely) for one in estimates]
     told = tell(described, uncertain, scorers)
     return ToldChanges(likely, told.names, told.unlikely, told.ladder, calibration)
 
 
-def _with_gains_uncertain(told: Estimate, likely: ChangeSet, calibration: NameCalibration) -> Estimate:
-    """The estimate of a body with each joint's gain uncertain; other estimates as they are."""
-    group, design = told.refined, likely.design
-    if group.effect.id not in BODIES:
+def _with_gains_uncertain(told: Estimate, likely: ChangeSet) -> Estimate:
+    """The estimate of a body with each joint's gain uncertain; other estimates as they are.
+
+    What gains leave open is known beforehand: fitted widths are of what is left open beside it.
+    """
+    if told.refined.effect.id not in BODIES:
         return told
-    model = project(likely.evidence.gram(), likely.evidence, design.prior, likely.chosen)
-    scale = likely.evidence.scale[group.columns]
-    scaled, covariance = solve_body(likely.evidence, model, group, told.coefficients * scale, design.gain_uncertainty)
+    known, _, _ = _body(told, likely, CERTAIN)
+    free, coefficients, covariance = _body(told, likely, likely.design.gain_uncertainty)
+    parameters = {
+        name: _wider_by_gains(interval, known[name], free[name]) for name, interval in told.parameters.items()
+    }
+    return replace(told, parameters=parameters, coefficients=coefficients, covariance=covariance)
+
+
+def _body(
+    told: Estimate, likely: ChangeSet, uncertainty: GainUncertainty
+) -> tuple[dict[str, Interval], Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
+    """Parameters of a body, its coefficients and their covariance, gains as uncertain as is said."""
+    group, evidence, design = told.refined, likely.evidence, likely.design
+    model = project(evidence.gram(), evidence, design.prior, likely.chosen)
+    scale = evidence.scale[group.columns]
+    scaled, cells = solve_body(evidence, model, group, told.coefficients * scale, uncertainty)
     coefficients = scaled / scale
-    certain = covariance / np.outer(scale, scale)
-    parameters = group.effect.parameters(design.later_session, group.joint, group.variant, coefficients, certain)
-    wide = widened(group.effect.id, parameters, parameters, calibration.widths)
-    return replace(told, parameters=wide, coefficients=coefficients, covariance=certain)
+    covariance = cells / np.outer(scale, scale)
+    numbers = (group.variant, coefficients, covariance)
+    parameters = group.effect.parameters(design.later_session, group.joint, *numbers)
+    return parameters, coefficients, covariance
+
+
+def _wider_by_gains(told: Interval, known: Interval, free: Interval) -> Interval:
+    """An interval with what uncertain gains add to its square; one that is open stays."""
+    if told.open or free.open or not np.isfinite(free.value):
+        return told
+    below = max((free.value - free.low) ** 2 - (known.value - known.low) ** 2, 0.0)
+    above = max((free.high - free.value) ** 2 - (known.high - known.value) ** 2, 0.0)
+    low = free.value - float(np.sqrt((told.value - told.low) ** 2 + below))
+    high = free.value + float(np.sqrt((told.high - told.value) ** 2 + above))
+    return Interval(free.value, low, high, low_with_urdf=low, high_with_urdf=high)
 
 
 def other_places(described: Described, temper: float) -> list[tuple[str, int]]:

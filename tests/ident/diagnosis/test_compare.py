@@ -187,8 +187,8 @@ def test_a_load_in_gears_that_rub_is_known_as_well_as_the_gains(three_joints: Ar
         (figure,) = [one.estimate.parameters["mass_kg"] for one in found.changes if one.effect == "payload"]
         assert figure.low <= LOAD.mass_kg <= figure.high
         widths.append((figure.high - figure.low) / LOAD.mass_kg)
-    assert widths[0] < 0.15
-    assert 1.3 * widths[0] < widths[1] < 0.3
+    assert widths[0] < 0.25
+    assert 1.3 * widths[0] < widths[1] < 0.4
 
 
 def test_a_load_is_weighed_by_the_difference_and_its_leaving_too(three_joints: ArmModel, before: list[Motion]) -> None:
