@@ -35,8 +35,8 @@ from ident.errors import InputError
 from ident.export.identified import IdentifiedArm
 from ident.export.loaded import LawModel
 from ident.files import write_record
-from ident.motion.settings import FOR_DIAGNOSIS
 from ident.motion.motion import Motion, prepare
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
 from ident.sessions import Given, inspect_sources
