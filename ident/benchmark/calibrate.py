@@ -236,10 +236,7 @@ class Further:
 
 def fit_further(table: Table, fitted: Fitted, results: Mapping[str, Any], entries: Mapping[str, Entry]) -> Further:
     """Fits gaps at joints, the temper between rivals, and the widths of intervals."""
-    by_case: dict[str, list[float]] = {case: [] for case in results}
-    for row, probability in zip(table.rows, fitted.held_out, strict=True):
-        by_case[row["case"]].append(float(probability))
-    gaps = fit_gaps(JointRows.of(results, entries, by_case))
+    gaps = fit_gaps(JointRows.of(results, entries))
     misses = []
     for row, probability in zip(table.rows, fitted.held_out, strict=True):
         session = table.sessions[row["case"]]

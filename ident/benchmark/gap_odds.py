@@ -46,26 +46,23 @@ class JointRows:
         cls,
         results: Mapping[str, Mapping[str, Any]],
         entries: Mapping[str, Entry],
-        probability: Mapping[str, Sequence[float]],
     ) -> JointRows:
         """The rows of all results.
 
+        What is left at a joint was measured beside the names that the session was given then, so
+        whether a cause is without a name is asked of these.
+
         Args:
             results, entries: Results and index entries by case.
-            probability: For each case the probabilities of its candidates, from fits without its
-            unit.
         """
         features, gaps, weights, units = [], [], [], []
         for case, result in results.items():
             entry = entries.get(case)
             if entry is None or not result.get("joints"):
                 continue
-            named = [
-                Name.of_candidate(candidate)
-                for candidate, sure in zip(result["candidates"], probability[case], strict=True)
-                if sure >= 0.5
-            ]
-            rows = _labelled(result["joints"], entry, named)
+            named = [candidate for candidate in result["candidates"] if candidate["named"]]
+            names = [Name.of_candidate(candidate) for candidate in named]
+            rows = _labelled(result["joints"], entry, names)
             for values, is_open in rows:
                 features.append([values[name] for name in FEATURES])
                 gaps.append(is_open)
