@@ -30,7 +30,7 @@ from tests.layout import RECORD, beyond, measure, with_numbers
 NARROW = (
     *("ident/api", "ident/cli", "ident/closed_loop", "ident/effects", "ident/laws"),
     *("ident/monitor", "ident/motion", "ident/recordings", "ident/regression", "ident/robot"),
-    *("ident/simulation", "tests/house"),
+    *("ident/inference", "ident/simulation", "tests/house"),
 )
 RECORDED = tomllib.loads(RECORD.read_text(encoding="utf-8"))["recorded"]
 REMEDY = "write it more plainly, or raise the number in tests/layout.toml and say why"

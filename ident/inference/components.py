@@ -84,12 +84,15 @@ class ModelSums:
         last.
     """
 
-    def __init__(self, sums: SessionSums, names: Names, baseline: Baseline, components: Components) -> None:
+    def __init__(
+        self, sums: SessionSums, names: Names, baseline: Baseline, components: Components
+    ) -> None:
         self.sums, self.names, self.baseline = sums, names, baseline
         self.components = components
         layout = sums.evidence.layout
         self.whole = [
-            sums.of_joint(j, float(components.friction[j])) / components.dispersion[j] for j in range(layout.n)
+            sums.of_joint(j, float(components.friction[j])) / components.dispersion[j]
+            for j in range(layout.n)
         ]
         # The discrepancies' columns come last, before the torque.
         flexible = [group.columns[0] for blocks in layout.flexible for group in blocks]
@@ -106,7 +109,9 @@ class ModelSums:
             self.fixed_nats += sums.friction_nats(j, float(components.friction[j]))
 
     def _named(self, joint: int) -> tuple[Int[Array, " q"], Int[Array, " q"]]:
-        """Where the columns of a joint's rows that are no discrepancy stand, there and in `gram`."""
+        """Where the columns of a joint's rows that are no discrepancy stand, there and in
+        `gram`.
+        """
         layout = self.sums.evidence.layout
         named = np.setdiff1d(np.arange(len(layout.local[joint])), layout.flexible_places[joint])
         return named, np.minimum(layout.local[joint][named], self.last)
@@ -149,7 +154,9 @@ class ModelSums:
         """Log determinants of discrepancies and friction, and priors of the components [nats]."""
         return self.fixed_nats + float(self.log_determinants.sum())
 
-    def _without_discrepancy(self, joint: int, variances: Float[Array, " b"]) -> tuple[Float[Array, "p p"], float]:
+    def _without_discrepancy(
+        self, joint: int, variances: Float[Array, " b"]
+    ) -> tuple[Float[Array, "p p"], float]:
         """A joint's sums with its discrepancy integrated out, and the log determinant's part."""
         whole = self.whole[joint]
         deviation = self._deviations(joint, variances)
@@ -161,7 +168,9 @@ class ModelSums:
         inner = scale[:, None] * whole[np.ix_(places, places)] * scale
         inner[np.diag_indices(len(inner))] += 1.0
         factor = factorise(inner)
-        half = solve_triangular(factor, scale[:, None] * whole[places], lower=True, check_finite=False)
+        half = solve_triangular(
+            factor, scale[:, None] * whole[places], lower=True, check_finite=False
+        )
         return whole - half.T @ half, -float(np.log(np.diag(factor)).sum())
 
     def _deviations(self, joint: int, variances: Float[Array, " b"]) -> Float[Array, " m"]:
@@ -170,9 +179,13 @@ class ModelSums:
 
     def prior(self, error: UrdfError | None = None) -> Prior:
         """The URDF's tolerance, in the columns' scale."""
-        return Prior.believing(self.sums.evidence, self.baseline, self.components.urdf if error is None else error)
+        return Prior.believing(
+            self.sums.evidence, self.baseline, self.components.urdf if error is None else error
+        )
 
-    def information(self, chosen: Sequence[Group], prior: Prior) -> tuple[Int[Array, " z"], Float[Array, "z z"]]:
+    def information(
+        self, chosen: Sequence[Group], prior: Prior
+    ) -> tuple[Int[Array, " z"], Float[Array, "z z"]]:
         """Columns of the baseline and some effects, and the information on their coefficients."""
         layout = self.sums.evidence.layout
         inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in chosen)])
@@ -181,7 +194,9 @@ class ModelSums:
         self._add_priors(information, chosen, prior)
         return inside, information
 
-    def _add_priors(self, information: Float[Array, "z z"], chosen: Sequence[Group], prior: Prior) -> None:
+    def _add_priors(
+        self, information: Float[Array, "z z"], chosen: Sequence[Group], prior: Prior
+    ) -> None:
         layout = self.sums.evidence.layout
         prior.add_to(information, layout)
         tuned = np.arange(layout.tuned)

@@ -156,7 +156,9 @@ def conclude(
     fine = Inferred.of(best.model, best.search, _with(best.chosen, likely))
     scorers = Scorers.of(fine)
     told = tell(described, estimates, scorers)
-    joints = {left.joint: left for left in describe_joints(fine, [name.group for name in told.names])}
+    joints = {
+        left.joint: left for left in describe_joints(fine, [name.group for name in told.names])
+    }
     return Conclusion(
         inference,
         fine,
@@ -207,11 +209,14 @@ def tell(described: Sequence[Described], estimates: Sequence[Estimate], scorers:
     return Told(tuple(names), tuple(unlikely), tuple(ladder))
 
 
-def _consistent(described: Sequence[Described], estimates: Sequence[Estimate]) -> tuple[list[int], dict[int, int]]:
-    """The effects that are likelier than not, the likeliest first, and those that one of them hides.
+def _consistent(
+    described: Sequence[Described], estimates: Sequence[Estimate]
+) -> tuple[list[int], dict[int, int]]:
+    """The effects that are likelier than not, the likeliest first, and those that one of them
+    hides.
 
-    Of two sets, an effect of one may explain what an effect of the other does: of these the likelier
-    alone is a name. Effects of one set explain what the others leave, so both may be.
+    Of two sets, an effect of one may explain what an effect of the other does: of these the
+    likelier alone is a name. Effects of one set explain what the others leave, so both may be.
     """
     order = sorted(range(len(described)), key=lambda k: -estimates[k].class_probability)
     names: list[int] = []
@@ -228,11 +233,15 @@ def _consistent(described: Sequence[Described], estimates: Sequence[Estimate]) -
 
 
 def _behind(estimate: Estimate, named: Estimate) -> Estimate:
-    """An effect's estimate where a likelier one explains the same torque: it is left what that leaves."""
+    """An effect's estimate where a likelier one explains the same torque: it is left what that
+    leaves.
+    """
     left = 1.0 - named.class_probability
     words = "a likelier cause explains the same"
     reason = Reason("rival_behind", float(np.log(max(left, 1e-12))), words)
-    return replace(estimate, probability=estimate.probability * left, reasons=(reason, *estimate.reasons))
+    return replace(
+        estimate, probability=estimate.probability * left, reasons=(reason, *estimate.reasons)
+    )
 
 
 def _rival(first: Described, second: Described) -> bool:

@@ -73,7 +73,11 @@ class Estimate:
     def shares(self) -> dict[str, float]:
         """Probability of each effect of the class, its own first."""
         own = {self.rivals[0]: self.probability}
-        return own | {name: self.probability / self.odds[name] for name in self.rivals[1:] if name in self.odds}
+        return own | {
+            name: self.probability / self.odds[name]
+            for name in self.rivals[1:]
+            if name in self.odds
+        }
 
     @property
     def class_probability(self) -> float:

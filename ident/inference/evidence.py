@@ -29,15 +29,16 @@ from ident.arrays import Array, Float
 # Logarithms of variances of whitened coefficients that are looked at: beyond them a block is off,
 # or free [nats].
 LEAST_LOG_VARIANCE, MOST_LOG_VARIANCE = -18.0, 16.0
-# Below this share of the largest eigenvalue, in units of the diagonal, double precision tells nothing.
+# Below this share of the largest eigenvalue, in units of the diagonal, double precision tells
+# nothing.
 ROUNDING = 1e-13
 
 
 def factorise(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
     """Lower factor L, L Lᵀ the matrix, of one that is positive but for rounding.
 
-    Where columns are nearly the same, as in a single short run, what is left of one beside the others is lost in
-    rounding and may come out below zero: it is raised to what rounding leaves of it.
+    Where columns are nearly the same, as in a single short run, what is left of one beside the
+    others is lost in rounding and may come out below zero: it is raised to what rounding leaves.
     """
     try:
         return np.asarray(cholesky(matrix, lower=True, check_finite=False))
@@ -45,7 +46,8 @@ def factorise(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
         size = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
         values, vectors = eigh(matrix / np.outer(size, size), check_finite=False)
         root = vectors * np.sqrt(np.maximum(values, ROUNDING * values[-1]))
-        upper = np.asarray(qr((size[:, None] * root).T, mode="r", check_finite=False)[0])[: len(matrix)]
+        factors = qr((size[:, None] * root).T, mode="r", check_finite=False)
+        upper = np.asarray(factors[0])[: len(matrix)]
         return upper.T * np.where(np.diag(upper) < 0.0, -1.0, 1.0)
 
 
@@ -58,7 +60,9 @@ class Solved:
     covariance: Float[Array, "k k"]  # posterior covariance
 
 
-def log_evidence(gram: Float[Array, "k k"], target: Float[Array, " k"], deviation: Float[Array, " k"]) -> Solved:
+def log_evidence(
+    gram: Float[Array, "k k"], target: Float[Array, " k"], deviation: Float[Array, " k"]
+) -> Solved:
     """Log evidence, mean and covariance of coefficients θ ~ N(0, diag deviation²).
 
     Args:
@@ -113,4 +117,6 @@ def optimise(
     best = minimize(minus_evidence, first, jac=True, method="L-BFGS-B", bounds=bounds)
     variances = np.where(best.x > LEAST_LOG_VARIANCE + 1e-6, np.exp(best.x), 0.0)
     nats = log_evidence(gram, target, np.sqrt(variances)[block]).nats
-    return BlockVariances(nats, variances) if nats > 0.0 else BlockVariances(0.0, np.zeros(len(sizes)))
+    return (
+        BlockVariances(nats, variances) if nats > 0.0 else BlockVariances(0.0, np.zeros(len(sizes)))
+    )

@@ -188,7 +188,11 @@ def describe(inference: Inference, refined: Inference, session: SessionContext) 
 
 
 def _describe_set(
-    inference: Inference, coarse: Inferred, fine: Inferred, new: Sequence[Group], session: SessionContext
+    inference: Inference,
+    coarse: Inferred,
+    fine: Inferred,
+    new: Sequence[Group],
+    session: SessionContext,
 ) -> list[Described]:
     """Features and rivals of some effects of one set."""
     scorers = Scorers.of(fine)
@@ -270,7 +274,9 @@ def _all_nats(fine: Inferred) -> float:
     return fine.search.nats(fine.chosen)
 
 
-def of_held_out(view: HeldOutView, scorers: Scorers, joints: Sequence[int], group: Group) -> dict[str, float]:
+def of_held_out(
+    view: HeldOutView, scorers: Scorers, joints: Sequence[int], group: Group
+) -> dict[str, float]:
     """What an effect gains on parts of the session that it never saw."""
     own = list(joints)
     gain, error = view.after.gain_over(view.before, own)
@@ -293,7 +299,9 @@ def of_held_out(view: HeldOutView, scorers: Scorers, joints: Sequence[int], grou
     }
 
 
-def _size_in_errors(scorers: Scorers, chosen: Sequence[Group], group: Group, view: HeldOutView) -> float:
+def _size_in_errors(
+    scorers: Scorers, chosen: Sequence[Group], group: Group, view: HeldOutView
+) -> float:
     """How large an effect is beside the error of its size that its variation between parts shows.
 
     The error is the jackknife's over solutions that leave out one part each, along the mean
@@ -348,7 +356,11 @@ def _of_others(
     n = fine.model.sums.evidence.layout.n
     others = [reached for reached in inference.reached if reached is not coarse]
     again = [reached.member(group.key) is not None for reached in others]
-    near = [other for other in rest_of(fine.chosen, group) if other.effect.rows == "own" and other.joint in joints]
+    near = [
+        other
+        for other in rest_of(fine.chosen, group)
+        if other.effect.rows == "own" and other.joint in joints
+    ]
     best = inference.best
     behind = best.log_evidence - coarse.log_evidence
     spread = best.model.components.friction[list(joints)].max()
@@ -432,7 +444,9 @@ def describe_joints(fine: Inferred, names: Sequence[Group]) -> list[JointLeft]:
     model = fine.model
     evidence = model.sums.evidence
     with_rows = [j for j in range(evidence.layout.n) if evidence.samples[j] >= 1.0]
-    smooth = {j: discrepancy_at(model, j, names, warm=len(names) == len(fine.chosen)) for j in with_rows}
+    smooth = {
+        j: discrepancy_at(model, j, names, warm=len(names) == len(fine.chosen)) for j in with_rows
+    }
     beside = model.with_discrepancy({j: variances for j, (variances, _) in smooth.items()})
     residual, smooth_share = beside.residual(names), beside.smooth_share(names)
     tuned = HeldOut(evidence_of(model), model.prior())

@@ -5,10 +5,11 @@ more. That has several maxima, so it starts in two ways, and in two more with th
 
     plain     no discrepancies yet, so that laws come first
     flexible  the discrepancies and the URDF's error of the baseline alone, so that laws come last
-    trusting  the same, but a URDF as sure as URDFs usually are: where all its numbers may be off by
-              half, a body that is not in it shows nowhere
-    steady    the same, but friction as steady as it usually is, and no discrepancy that is a function
-              of time: where friction may have any level at any time, a law of its drift shows nowhere
+    trusting  the same, but a URDF as sure as URDFs usually are: where all its numbers may be off
+              by half, a body that is not in it shows nowhere
+    steady    the same, but friction as steady as it usually is, and no discrepancy that is a
+              function of time: where friction may have any level at any time, a law of its drift
+              shows nowhere
 
 What foretells nothing on parts of the session that a fit never saw leaves each set (`unseen`). The
 greatest log evidence counts; what stands in the other sets stays as a candidate, and a name that
@@ -51,7 +52,9 @@ class Inferred:
     held: bool = False  # whether its variances were held, not made likeliest beside the set
 
     @classmethod
-    def of(cls, model: ModelSums, search: SetSearch, chosen: Sequence[Group], held: bool = False) -> Inferred:
+    def of(
+        cls, model: ModelSums, search: SetSearch, chosen: Sequence[Group], held: bool = False
+    ) -> Inferred:
         """A set with its log evidence."""
         nats = model.log_evidence(()) + search.nats(chosen)
         return cls(model, search, tuple(chosen), nats, held)

@@ -54,9 +54,13 @@ class Profile:
             # What is one of a few numbers lies at one of them.
             elif name in self.group.effect.doubt.exact:
                 likely = values[self.log_likelihood > self.log_likelihood.max() - self.drop]
-                found[name] = Interval(float(value), float(min(value, *likely)), float(max(value, *likely)))
+                found[name] = Interval(
+                    float(value), float(min(value, *likely)), float(max(value, *likely))
+                )
             else:
-                falls = np.array([self.log_likelihood[values == point].max() for point in values_on_grid])
+                falls = np.array(
+                    [self.log_likelihood[values == point].max() for point in values_on_grid]
+                )
                 found[name] = profile_interval(np.log(values_on_grid), falls, self.drop)
         return found
 
@@ -70,7 +74,10 @@ class Profile:
         for k in np.flatnonzero((falls < self.drop) & (np.arange(len(falls)) != best)):
             others = self._at(int(k), session)
             narrowing = float(np.sqrt(1.0 - falls[k] / self.drop))
-            reported = {name: unite(interval, others[name], narrowing, name) for name, interval in reported.items()}
+            reported = {
+                name: unite(interval, others[name], narrowing, name)
+                for name, interval in reported.items()
+            }
         return reported | self.inner_parameters()
 
     def _at(self, point: int, session: SessionContext) -> dict[str, Interval]:
@@ -91,7 +98,9 @@ def unite(one: Interval, other: Interval, narrowing: float, name: str) -> Interv
     return replace(one, low=float(min(one.low, low)), high=float(max(one.high, high)))
 
 
-def profile_interval(x: Float[np.ndarray, " k"], falls: Float[np.ndarray, " k"], drop: float) -> Interval:
+def profile_interval(
+    x: Float[np.ndarray, " k"], falls: Float[np.ndarray, " k"], drop: float
+) -> Interval:
     """Maximum and 95 % interval of a profile over a parameter's logarithm: a parabola through the
     top points.
 

@@ -30,7 +30,9 @@ class Concluded(Protocol):
         """The fitted numbers."""
 
 
-def candidate_rows(conclusion: Concluded, session: SessionContext, joints: Sequence[str]) -> list[dict[str, Any]]:
+def candidate_rows(
+    conclusion: Concluded, session: SessionContext, joints: Sequence[str]
+) -> list[dict[str, Any]]:
     """A row for each chosen effect: features, rivals, and intervals without the fitted factor.
 
     Args:
@@ -70,4 +72,7 @@ def _row(name: Named, plain: Estimate, joints: Sequence[str], named: bool) -> di
 
 def joint_rows(conclusion: Conclusion, joints: Sequence[str]) -> list[dict[str, Any]]:
     """A row for each joint with rows: what is left there beside the names."""
-    return [{"joint": joints[left.joint], "features": dict(left.features)} for left in conclusion.joints.values()]
+    return [
+        {"joint": joints[left.joint], "features": dict(left.features)}
+        for left in conclusion.joints.values()
+    ]

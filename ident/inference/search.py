@@ -56,7 +56,9 @@ class Searchable(Protocol):
     def prior(self) -> Prior:
         """What is known of the baseline."""
 
-    def information(self, chosen: Sequence[Group], prior: Prior) -> tuple[Int[Array, " z"], Float[Array, "z z"]]:
+    def information(
+        self, chosen: Sequence[Group], prior: Prior
+    ) -> tuple[Int[Array, " z"], Float[Array, "z z"]]:
         """Columns of the baseline and some effects, and the information on their coefficients."""
 
 
@@ -128,7 +130,10 @@ class SetSearch:
         _, scaled = self._solve(chosen)
         ends = np.cumsum([len(group.columns) for group in chosen])[:-1]
         parts = np.split(scaled, ends)
-        return {group: part / self.scale[group.columns - self.first] for group, part in zip(chosen, parts, strict=True)}
+        return {
+            group: part / self.scale[group.columns - self.first]
+            for group, part in zip(chosen, parts, strict=True)
+        }
 
     def covariance(self, chosen: Sequence[Group], group: Group) -> Float[Array, "k k"]:
         """Posterior covariance of one of a set's effects, in the columns' own units.
@@ -177,7 +182,9 @@ class SetSearch:
         if chosen:
             columns = np.concatenate([group.columns for group in chosen]) - self.first
             deviation = np.concatenate([self.names.deviation[group] for group in chosen])
-            inner = self.rest[np.ix_(columns, columns)] + np.diag(np.maximum(deviation, 1e-12) ** -2.0)
+            inner = self.rest[np.ix_(columns, columns)] + np.diag(
+                np.maximum(deviation, 1e-12) ** -2.0
+            )
             factor = factorise(inner)
             half = solve_triangular(factor, self.rest[columns], lower=True, check_finite=False)
         target = self.rest[:, -1] - half.T @ half[:, -1]

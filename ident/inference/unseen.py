@@ -1,9 +1,9 @@
 """Sets without the effects that foretell nothing.
 
-Log evidence of a Gaussian model is too sure wherever noise is not as it is modelled, so a set that is
-likeliest by it holds effects that only follow the noise. What speaks of that is data that a fit never
-saw: an effect without which the rest foretells left-out parts of the session as well, or better, is no
-part of the simplest set that explains it.
+Log evidence of a Gaussian model is too sure wherever noise is not as it is modelled, so a set that
+is likeliest by it holds effects that only follow the noise. What speaks of that is data that a fit
+never saw: an effect without which the rest foretells left-out parts of the session as well, or
+better, is no part of the simplest set that explains it.
 """
 
 from __future__ import annotations
