@@ -43,7 +43,8 @@ def cut_rows(run: Recording, rows: Array) -> Recording | None:
 
 def speed_of(run: Recording) -> Array:
     """The fastest joint's share of its greatest speed, sample by sample."""
-    speed = np.abs(np.gradient(run.position, run.time, axis=0))
+    interval = np.maximum(np.diff(run.time, prepend=2.0 * run.time[0] - run.time[1]), 1e-6)
+    speed = np.abs(np.diff(run.position, axis=0, prepend=run.position[:1])) / interval[:, None]
     return np.max(speed / np.maximum(speed.max(axis=0), 1e-9), axis=1)
 
 
