@@ -95,16 +95,19 @@ def infer(evidence: Evidence, baseline: Baseline, session: SessionContext) -> In
     sums, names = SessionSums(evidence), Names.of(evidence, session)
     plain = ModelSums(sums, names, baseline, Components.usual(sums))
     flexible = ModelSums(sums, names, baseline, revise(plain, (), warm=False))
-    reached = [foretelling(settle(plain)), foretelling(settle(flexible))]
-    for components in (trusting_urdf(flexible.components), steady_friction(flexible)):
-        model = ModelSums(sums, names, baseline, components)
-        reached.append(foretelling(find_held(model)))
+    steady = ModelSums(sums, names, baseline, steady_friction(flexible))
+    reached = [
+        foretelling(settle(plain)),
+        foretelling(settle(flexible)),
+        foretelling(find_held(trusting_urdf(flexible))),
+        foretelling(find_held(steady)),
+    ]
     return Inference(tuple(sorted(reached, key=lambda one: -one.log_evidence)))
 
 
-def trusting_urdf(components: Components) -> Components:
-    """The same with a URDF that is as sure as URDFs usually are."""
-    return replace(components, urdf=UrdfError())
+def trusting_urdf(model: ModelSums) -> ModelSums:
+    """A model with a URDF that is as sure as URDFs usually are."""
+    return model.with_urdf(UrdfError())
 
 
 def steady_friction(model: ModelSums) -> Components:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from ident.diagnosis.diagnose import Analysis
-from ident.inference.components import ModelSums
 from ident.inference.infer import Inferred, evidence_of, find_held, steady_friction, trusting_urdf
 from ident.inference.search import rest_of
 from ident.inference.unseen import without_unforetelling
@@ -63,15 +62,14 @@ def test_what_happens_once_is_not_asked_of_other_parts(sprung: Analysis) -> None
 
 def test_a_start_that_trusts_the_urdf_has_its_usual_error(sprung: Analysis) -> None:
     """Law: nothing but the URDF's error differs, and it stays held while a set is looked for."""
-    components = best_of(sprung).model.components
-    trusted = trusting_urdf(components)
-    assert trusted.urdf == UrdfError()
-    np.testing.assert_array_equal(trusted.discrepancy, components.discrepancy)
-    np.testing.assert_array_equal(trusted.friction, components.friction)
     before = best_of(sprung).model
-    reached = find_held(ModelSums(before.sums, before.names, before.baseline, trusted))
+    trusted = trusting_urdf(before)
+    assert trusted.components.urdf == UrdfError()
+    np.testing.assert_array_equal(trusted.components.discrepancy, before.components.discrepancy)
+    np.testing.assert_array_equal(trusted.components.friction, before.components.friction)
+    reached = find_held(trusted)
     assert reached.held
-    assert reached.model.components is trusted
+    assert reached.model is trusted
 
 
 def test_a_start_with_steady_friction_has_no_drift(sprung: Analysis) -> None:
