@@ -94,7 +94,7 @@ def test_bad_recordings(run: Run, spoilt: Path, tmp_path: Path, fault: str) -> N
         (("evaluate", E1, "--model", "nowhere"), ("nowhere", "ident fit")),
         (("evaluate", E1), ("no folder of a fitted model", "give MODEL SESSION")),
         (("diagnose", E1, *ROBOT, "--catalogue", "nowhere.py"), ("nowhere.py",)),
-        (("diagnose", E1, *ROBOT, "--until", "2"), ("--until", "2", "between 0.5 and")),
+        (("diagnose", E1, *ROBOT, "--until", "2"), ("--until", "2", "from 0.5 to below 1")),
         (("simulate", "--out", "s", "--effect", "stribek:joint_1:1"), ("--effect", "stribek", "stribeck_friction")),
         (("simulate", "--out", "s", "--payload", "heavy"), ("heavy",)),
         (("simulate", "--out", "s", "--decoy", "luck"), ("luck",)),

@@ -151,9 +151,9 @@ def test_a_wider_level_has_a_wider_interval_about_the_same_estimate(two_joints: 
     lines = loss.summary().splitlines()
     assert len(lines) == 1 + 2 * 3
     assert "95 % interval" in lines[0]
-    assert lines[6].split()[:2] == ["joint_2", "coulomb"]
+    assert lines[6].split()[:3] == ["joint_2", "dry", "friction"]
     assert lines[6].endswith("N m")
-    assert float(lines[6].split()[2]) == pytest.approx(values[1, 2], rel=1e-3)
+    assert float(lines[6].split()[3]) == pytest.approx(values[1, 2], rel=1e-3)
 
 
 NOISE_NM = np.array([2.0, 1.0])

@@ -64,11 +64,17 @@ def test_a_named_law_is_fitted_beside_the_rest(fitted: FitResults, runs: list[Mo
 
 
 def test_a_saved_model_keeps_its_laws(fitted: FitResults, runs: list[Motion], tmp_path: Path) -> None:
-    """The same torque to the last bit; the summary says the laws with their intervals."""
+    """The same torque to the last bit; the summary says laws in words, with their intervals."""
     loaded = HybridModel.load(fitted.model.save(tmp_path / "m"))
     states = (runs[5].q, runs[5].dq, runs[5].ddq)
     assert np.array_equal(loaded.torque(*states), fitted.model.torque(*states))
-    assert "joint_1: friction that falls as motion sets in (stribeck_friction" in fitted.summary()
+    told = " ".join(fitted.summary().split())
+    shape = "(Stribeck velocity 0.4 rad/s, exponent 1)"
+    value, low, high = fitted.model.named[0].figures[0]
+    size = f"{value:.3g} [{low:.3g}, {high:.3g}] N m"
+    assert f"joint_1: friction that falls as motion sets in {shape}: {size}" in told
+    for value, low, high in fitted.model.named[1].figures:
+        assert f"{value:.3g} [{low:.3g}, {high:.3g}]" in told
 
 
 def test_the_record_is_what_its_schema_says(fitted: FitResults) -> None:
