@@ -32,12 +32,15 @@ ELSEWHERE = {
     "ident demo": None,
     "ident diagnose": "ident/diagnosis/contract.py",
     "ident blind": "ident/benchmark/test_blind_worlds.py",
+    "ident board": "ident/benchmark/test_board.py",
     "ident close": "ident/closed_loop/test_closing.py",
     "ident compare": "ident/cli/test_cli.py",
 }
 # Results of many arms or robots name them for each.
 EACH = {"ident.blind": ("outcomes", "BlindOutcomeRecord"), "ident.close": ("arms", "ClosedArmRecord")}
 EACH |= {"ident.watch": ("arms", "WatchedArmRecord"), "ident.telemetry": ("sessions", "InspectedRecord")}
+
+EACH |= {f"ident.board_{deed}": ("arms", "BoardArmRecord") for deed in ("made", "answered", "sealed", "score")}
 
 
 @dataclass(frozen=True)
