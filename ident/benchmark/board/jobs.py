@@ -66,8 +66,12 @@ def _make(folder: Path, aside: Path, options: BoardOptions, progress: Progress) 
     if made.left_out:
         left_out = plural(made.left_out, "effect")
         lines.append(f"{left_out} left out: no recording shows so much of it")
-    record = {"schema": "ident.board_made/1", "arms": Board.load(folder).arms()}
-    record |= {"tiers": made.counts, "left_out": made.left_out}
+    record = {
+        "schema": "ident.board_made/1",
+        "arms": Board.load(folder).arms(),
+        "tiers": made.counts,
+        "left_out": made.left_out,
+    }
     settings = {"cases": options.cases, "worlds": options.worlds, "oracle": options.oracle}
     made_by = Provenance("ident board make", settings=settings)
     return BoardReport(record, tuple(lines), provenance=made_by)
