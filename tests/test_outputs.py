@@ -32,12 +32,15 @@ ELSEWHERE = {
     "ident demo": None,
     "ident diagnose": "ident/diagnosis/contract.py",
     "ident blind": "ident/benchmark/test_blind_worlds.py",
+    "ident board": "ident/benchmark/test_board.py",
     "ident close": "ident/closed_loop/test_closing.py",
     "ident compare": "ident/cli/test_cli.py",
 }
 # Results of many arms or robots name them for each.
 EACH = {"ident.blind": ("outcomes", "BlindOutcomeRecord"), "ident.close": ("arms", "ClosedArmRecord")}
 EACH |= {"ident.watch": ("arms", "WatchedArmRecord"), "ident.telemetry": ("sessions", "InspectedRecord")}
+
+EACH |= {f"ident.board_{deed}": ("arms", "BoardArmRecord") for deed in ("made", "answered", "sealed", "score")}
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,14 @@ def _servo_table(folder: Path) -> str:
     header = "time,shoulder/position,shoulder/position_command"
     np.savetxt(folder / "servo.csv", rows, delimiter=",", header=header, comments="")
     return str(folder / "servo.csv")
+
+
+def _cycle(folder: Path) -> str:
+    """A scene of two motions with a stop between them."""
+    scene = (HERE / "plan/data/table3.toml").read_text(encoding="utf-8").replace("duration_s = 0.65\n", "")
+    stop = "[[leg]]\ndeg = [65, 15, -105]\ndwell_s = 0.2\n"
+    (folder / "cycle.toml").write_text(f"{scene}{stop}", encoding="utf-8")
+    return str(folder / "cycle.toml")
 
 
 def _cell(folder: Path) -> str:
@@ -85,6 +96,7 @@ def lines(at: Place) -> dict[str, tuple[str, ...]]:
         "ident servo": (_servo_table(at.out),),
         "ident watch": (_cell(at.out), *ROBOT, *store, "--once", "--settle", "0", "--no-diagnose"),
         "plan solve": (scene, "--method", "toppra", "--objective", "time", "--no-gap", "--beyond"),
+        "plan cycle": (_cycle(at.out), "--objective", "time", "--evaluations", "300"),
         "plan compare": (scene, "--methods", "toppra", "--objective", "time", "--seeds", "1", "--beyond"),
         "plan excite": ("--separate", "torque_gain_error,all_masses", "--minutes", "0.3", "--evaluations", "8"),
     }

@@ -48,14 +48,14 @@ def write_feed_forward(identified: IdentifiedArm) -> str:
     for j, name in enumerate(names):
         # A JSON string is a YAML string, whatever a joint is called.
         lines += [
-            f"  {json.dumps(name)}:",
+            f"  {json.dumps(name, ensure_ascii=False)}:",
             f"    coulomb_Nm: {_number(losses.coulomb[j])}",
             f"    width_rad_s: {_number(losses.transition[j])}",
             f"    viscous_Nms_rad: {_number(losses.viscous[j])}",
         ]
     lines += [
         "crisp_controllers:",
-        f"  joints: {json.dumps(list(names))}",
+        f"  joints: {json.dumps(names, ensure_ascii=False)}",
         "  use_friction: true",
         "  friction:",
         f"    fp1: {_numbers(2.0 * losses.coulomb)}",

@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 FILE = "robot.usda"
 SCHEMAS = "newton_usd_schemas"
 UNREAD = "not loaded back: pip install usd-core newton-usd-schemas"
+# A JSON text is one of USD as long as letters stay themselves: of \u00e9 USD makes u00e9.
+quoted = partial(json.dumps, ensure_ascii=False)
 
 
 def write_newton(identified: IdentifiedArm) -> str:
@@ -55,7 +58,7 @@ def write_newton(identified: IdentifiedArm) -> str:
         f"    vector3f physics:gravityDirection = {_tuple(down)}",
         f"    float physics:gravityMagnitude = {pull!r}\n}}",
         'def Xform "robot" (\n    prepend apiSchemas = ["PhysicsArticulationRootAPI"]',
-        f"    displayName = {json.dumps(arm.name)}\n)\n{{",
+        f"    displayName = {quoted(arm.name)}\n)\n{{",
         *_body("base", "base", np.eye(3), np.zeros(3), None),
         '    def PhysicsFixedJoint "base_fixed"\n    {',
         "        rel physics:body1 = </robot/base>\n    }",
@@ -110,7 +113,7 @@ def _body(
     return [
         f'    def Xform "{name}" (',
         '        prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]',
-        f"        displayName = {json.dumps(shown)}\n    )\n    {{",
+        f"        displayName = {quoted(shown)}\n    )\n    {{",
         f"        double3 xformOp:translate = {_tuple(place)}",
         f"        quatd xformOp:orient = {_quaternion(turn)}",
         '        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]',
@@ -139,7 +142,7 @@ def _joint(
     z_to_axis = Rotation.align_vectors(chain.axes[j][None], upright)[0].as_matrix()
     lines = [
         f'    def {kind} "{name}" (\n        prepend apiSchemas = ["NewtonJointAPI"]',
-        f"        displayName = {json.dumps(arm.joint_names[j])}\n    )\n    {{",
+        f"        displayName = {quoted(arm.joint_names[j])}\n    )\n    {{",
         f"        rel physics:body0 = </robot/{bodies[0]}>",
         f"        rel physics:body1 = </robot/{bodies[1]}>",
         '        uniform token physics:axis = "Z"',
@@ -169,8 +172,8 @@ def _motor(shown: str, name: str, effort: float) -> list[str]:
     schemas = ["NewtonPDControlAPI", *(["NewtonMaxEffortClampingAPI"] if limited else [])]
     lines = [
         f'    def NewtonActuator "{name}_motor" (',
-        f"        prepend apiSchemas = {json.dumps(schemas)}",
-        f"        displayName = {json.dumps(shown)}\n    )\n    {{",
+        f"        prepend apiSchemas = {quoted(schemas)}",
+        f"        displayName = {quoted(shown)}\n    )\n    {{",
         f"        rel newton:targets = </robot/{name}>",
         "        float newton:kp = 0",
         "        float newton:kd = 0",

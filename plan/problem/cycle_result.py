@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from ident.results import Result
 from plan.command_options import SolveOptions
+from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.stops import Stop
 from plan.problem.task_file import Task
@@ -32,7 +33,8 @@ class CycleResult(Result):
 
     status: Literal["solved", "infeasible"]
     objective: str
-    robot: str  # name or path, as the file has it
+    robot: str  # name of the arm and of the joints that move
+    joints: tuple[str, ...]
     legs: tuple[Leg, ...]  # its motions, in turn
     stops: tuple[Stop, ...]  # where it stops between them
     standby: float  # power that the cell takes all the while [W]
@@ -46,13 +48,25 @@ class CycleResult(Result):
     def of(
         cls,
         task: Task,
+        problem: PlanningProblem,
         options: SolveOptions,
         legs: Sequence[Leg],
         shared: float | None,
         even: float | None,
         reason: str = "",
     ) -> CycleResult:
-        """From the motions that were planned; solved where all of them are."""
+        """From the motions that were planned; solved where all of them are.
+
+        Args:
+            task: What the file says.
+            problem: Any of its motions: all are of one arm.
+            options: How it was planned.
+            legs: Its motions in turn; none where nothing was searched.
+            shared: Energy as shared out on the motions' curves [J].
+            even: The same where each takes the same multiple of its shortest duration [J].
+            reason: Why there is no plan; left empty, the first motion without one says so.
+        """
+        arm = problem.scene.arm
         for number, leg in enumerate(legs, start=1):
             if reason:
                 break
@@ -65,7 +79,8 @@ class CycleResult(Result):
         return cls(
             status,
             options.objective,
-            task.robot,
+            arm.name,
+            arm.joint_names,
             tuple(legs),
             task.stops,
             task.standby,
@@ -116,6 +131,7 @@ class CycleResult(Result):
             "reason": self.reason,
             "objective": self.objective,
             "robot": self.robot,
+            "joints": list(self.joints),
             "duration_s": self.duration if self.solved else None,
             "moving_s": self.moving if self.solved else None,
             "dwell_s": self.dwelling,

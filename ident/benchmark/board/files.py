@@ -129,6 +129,13 @@ class Board:
         truths = _read(folder / TRUTHS_FILE, SCHEMA)
         return cls(folder, record["sessions"], effects["effects"], truths["sealed"])
 
+    def arms(self) -> list[dict[str, Any]]:
+        """Its arms with joints and names of sessions, as results of a board name them."""
+        groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+        for name, facts in self.sessions.items():
+            groups.setdefault((facts["arm"], tuple(facts["joints"])), []).append(name)
+        return [{"robot": arm, "joints": list(joints), "sessions": names} for (arm, joints), names in groups.items()]
+
     def session_folder(self, name: str) -> Path:
         return self.folder / SESSIONS / name
 

@@ -66,7 +66,12 @@ def _make(folder: Path, aside: Path, options: BoardOptions, progress: Progress) 
     if made.left_out:
         left_out = plural(made.left_out, "effect")
         lines.append(f"{left_out} left out: no recording shows so much of it")
-    record = {"schema": "ident.board_made/1", "tiers": made.counts, "left_out": made.left_out}
+    record = {
+        "schema": "ident.board_made/1",
+        "arms": Board.load(folder).arms(),
+        "tiers": made.counts,
+        "left_out": made.left_out,
+    }
     settings = {"cases": options.cases, "worlds": options.worlds, "oracle": options.oracle}
     made_by = Provenance("ident board make", settings=settings)
     return BoardReport(record, tuple(lines), provenance=made_by)
@@ -78,7 +83,7 @@ def _answer(folder: Path, out: Path, options: BoardOptions, say: Say) -> BoardRe
         raise InputError(out, "it lies in the board's folder", "choose another folder for answers")
     count = answer_board(board, out, options.limit, say)
     lines = (f"{plural(count, 'session')} answered, in {out}",)
-    record = {"schema": "ident.board_answered/1", "answered": count}
+    record = {"schema": "ident.board_answered/1", "arms": board.arms(), "answered": count}
     return BoardReport(record, lines, provenance=Provenance("ident board answer"))
 
 
@@ -87,5 +92,5 @@ def _seal(folder: Path, answers: Path) -> BoardReport:
     places = entry_folders(answers, board)
     digests = {place.name: digest_of(place, "s*.*") for place in places}
     lines = tuple(f"{name}: sha256 {digest}" for name, digest in digests.items())
-    record = {"schema": "ident.board_sealed/1", "sha256": digests}
+    record = {"schema": "ident.board_sealed/1", "arms": board.arms(), "sha256": digests}
     return BoardReport(record, lines, provenance=Provenance("ident board seal"))

@@ -63,6 +63,7 @@ def score_board(folder: Path, answers: Path, kept_folder: Path) -> BoardReport:
     tiers = [session["tier"] for session in board.sessions.values()]
     record: Row = {
         "schema": SCORE_SCHEMA,
+        "arms": board.arms(),
         "sessions": len(board.sessions),
         "tiers": {tier: tiers.count(tier) for tier in TIERS if tier in tiers},
         "seals": len(board.sealed),

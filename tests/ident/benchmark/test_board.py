@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from ident.benchmark.board.case import NONE, OTHER
 from ident.benchmark.board.drawn import _options, make_drawn, plan_drawn
 from ident.benchmark.board.entry import Answer, Named, read_answer, undecided
 from ident.benchmark.board.files import Board, Kept, packed, read_columns, write_columns
+from ident.benchmark.board.jobs import JOBS
 from ident.benchmark.board.leaks import different_urdfs, exchange_p_value, find_words
 from ident.benchmark.board.make import make_board
 from ident.benchmark.board.methods import OURS, our_answer, undecided_record
@@ -29,9 +31,11 @@ from ident.benchmark.board.recorded import (
 from ident.benchmark.board.report import render_board, score_board
 from ident.benchmark.board.score import score_answer
 from ident.benchmark.board.sealing import digest_of, salt_of, seal_of
+from ident.cli.app import app
 from ident.errors import InputError
 from ident.files import write_record
 from ident.simulation.simulate import simulate
+from tests.schemas import check_file
 
 EFFECTS = list(published_effects())
 REAL = Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
@@ -102,6 +106,36 @@ def test_a_torque_that_was_changed_after_sealing_is_found(made: tuple[Path, Path
     write_columns(columns, entry / f"{name}.parquet")
     with pytest.raises(InputError, match="not the torque that was sealed"):
         score_board(made[0], entry, tmp_path / "kept")
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_every_job_names_arms_joints_and_sessions(
+    job: str,
+    made: tuple[Path, Path],
+    tmp_path: Path,
+) -> None:
+    """Law: what came of a job holds to its schema, and names every session of the board under its arm."""
+    folder, kept = (tmp_path / "board", tmp_path / "kept") if job == "make" else made
+    entries = tmp_path / "entries"
+    if job in ("seal", "score"):
+        entry_of(Board.load(folder), entries)
+    asked = {
+        "make": ["--cases", "1", "--seed", "5", "--worlds", "scara"],
+        "answer": [str(entries), "--limit", "1"],
+        "seal": [str(entries)],
+        "score": [str(entries)],
+    }
+    file = tmp_path / "result.json"
+    given = [job, str(folder), *asked[job], "--kept", str(kept), "--json", str(file)]
+    done = CliRunner().invoke(app, ["board", *given])
+    assert done.exit_code == 0, (done.output, done.exception)
+    arms = check_file(file)["arms"]
+    sessions = Board.load(folder).sessions
+    assert sorted(name for arm in arms for name in arm["sessions"]) == sorted(sessions)
+    for arm in arms:
+        for name in arm["sessions"]:
+            assert sessions[name]["arm"] == arm["robot"]
+            assert sessions[name]["joints"] == arm["joints"]
 
 
 def test_a_seal_hangs_on_salt_and_answer() -> None:

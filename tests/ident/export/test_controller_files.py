@@ -87,6 +87,24 @@ def test_tiny_numbers_stay_numbers_for_a_yaml_reader(tmp_path: Path) -> None:
     assert (row["viscous_Nms_rad"], row["coulomb_Nm"]) == (1e-7, 2e22)
 
 
+def test_names_of_any_alphabet_stay_what_they_are() -> None:
+    """Law: readers of USD and of YAML find each joint under its own name."""
+    yaml = pytest.importorskip("yaml")
+    sdf = pytest.importorskip("pxr.Sdf")
+    arm = ArmModel.load("tm5-900")
+    names = ("Gelenk é", "関節", "😀", *arm.joint_names[3:])
+    arm = replace(arm, joint_names=names)
+    identified = IdentifiedArm.with_losses(arm, _losses(arm.n))
+    record = yaml.safe_load(write_feed_forward(identified))
+    assert tuple(record["joints"]) == names
+    assert tuple(record["crisp_controllers"]["joints"]) == names
+    layer = sdf.Layer.CreateAnonymous(".usda")
+    layer.ImportFromString(write_newton(identified))
+    prims = layer.GetPrimAtPath("/robot").nameChildren
+    shown = {prim.GetInfo("displayName") for prim in prims}
+    assert set(names) <= shown
+
+
 def _stated(arm: ArmModel, damping: float, friction: float) -> ArmModel:
     """The arm with friction in its `<dynamics>`."""
     import xml.etree.ElementTree as ET

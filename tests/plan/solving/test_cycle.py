@@ -12,6 +12,7 @@ from plan.command_options import SolveOptions
 from plan.problem.task_file import Task, load_task
 from plan.solving.cycle import PACES, PLACES, share_duration, solve_cycle, split_cycle
 from plan.solving.free_duration import Look
+from tests.schemas import check_record
 
 SCENE = """robot = "tm5-900"
 [task]
@@ -122,7 +123,7 @@ def test_a_cycle_takes_its_duration_and_stays_within_torque_at_every_pace(tmp_pa
             tau = problem.model.torque(q, pace * dq, pace**2 * ddq)
             assert np.all(np.abs(tau) <= problem.limits.torque * (1.0 + 1e-9))
         assert leg.plan.certificate.broken == []
-    record = found.to_dict()
+    record = check_record(found.to_dict())
     assert record["cost_J"] == pytest.approx(sum(leg["energy_J"]["absolute"] for leg in record["legs"]))
 
 
@@ -132,7 +133,10 @@ def test_too_short_a_cycle_is_told_with_what_it_needs(tmp_path: Path) -> None:
     found = solve_cycle(task, split_cycle(task, None, QUICK), QUICK)
     assert not found.solved
     assert "too short" in found.reason
-    assert found.to_dict()["cost_J"] is None
+    record = check_record(found.to_dict())
+    assert record["cost_J"] is None
+    assert record["robot"] == "tm5_900"
+    assert record["joints"] == ["joint_1", "joint_2", "joint_3"]
 
 
 @pytest.mark.parametrize(
