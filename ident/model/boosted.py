@@ -21,6 +21,8 @@ from ident.compiled import compiled
 TREES, DEPTH, RATE, SHRINKAGE = 100, 5, 0.2, 20.0
 # Bins of an input, and shares of rows and of inputs that a tree is drawn.
 BINS, ROW_SHARE, INPUT_SHARE = 32, 0.5, 0.6
+# Share of an input's range below which values differ by rounding alone.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +66,7 @@ def fit_trees(x: Float[Array, "T f"], y: Float[Array, " T"], seed: int) -> Trees
         y: Target [N m].
         seed: Of what each tree is drawn.
     """
-    levels = np.arange(1, BINS) / BINS
-    edges = np.ascontiguousarray(np.quantile(x, levels, axis=0).T)
+    edges = np.array([place_edges(column) for column in x.T])
     binned = np.empty(x.shape[::-1], dtype=np.uint8)
     for f in range(x.shape[1]):
         binned[f] = np.searchsorted(edges[f], x[:, f], side="left")
@@ -82,6 +83,28 @@ def fit_trees(x: Float[Array, "T f"], y: Float[Array, " T"], seed: int) -> Trees
         places = _grow(binned, left, sample, among, BINS, inputs[tree], leaves[tree], RATE, SHRINKAGE)
         thresholds[tree] = edges[inputs[tree], places]
     return Trees(inputs, thresholds, leaves)
+
+
+def place_edges(values: Float[Array, " T"]) -> Float[Array, " e"]:
+    """Thresholds of one input: its quantiles, each moved to the middle of the next gap between values.
+
+    A threshold on a value, such as the end of a stop's range or of a tanh, leaves the answer to the
+    last bit, and another runtime's last bit is another one. Values that differ by rounding alone
+    have no gap.
+
+    Args:
+        values: The input's values.
+    """
+    ordered = np.sort(values)
+    steps = np.diff(ordered)
+    above = ordered[1:][steps > ROUNDING * (ordered[-1] - ordered[0])]
+    if not len(above):
+        return np.full(BINS - 1, ordered[-1])
+    below = ordered[np.searchsorted(ordered, above) - 1]
+    middles = 0.5 * (below + above)
+    quantiles = np.quantile(ordered, np.arange(1, BINS) / BINS)
+    gaps = np.searchsorted(above, quantiles, side="right")
+    return np.asarray(middles[np.minimum(gaps, len(middles) - 1)])
 
 
 @compiled(error_model="numpy", nogil=True)

@@ -7,7 +7,7 @@ from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from tests.ident.effects.smooth_motion import make_session
-from tests.ident.export.learned_arm import fit_learned, learned_runs
+from tests.ident.export.learned_arm import fit_learned, forget, learned_runs
 from tests.ident.made_up import two_joint_arm
 
 
@@ -18,7 +18,19 @@ def session(arm: ArmModel) -> SessionContext:
 
 
 @pytest.fixture(scope="session")
-def learned_runs_and_model() -> tuple[list[Motion], HybridModel]:
+def fitted_runs_and_model() -> tuple[list[Motion], HybridModel]:
     """Runs of an arm with load friction, a bend and a hysteresis, and what is fitted to them."""
     motions = learned_runs(two_joint_arm())
     return motions, fit_learned(motions)
+
+
+@pytest.fixture(scope="session", params=["as fitted", "net at joint 1", "net at joint 2"])
+def learned_runs_and_model(
+    request: pytest.FixtureRequest, fitted_runs_and_model: tuple[list[Motion], HybridModel]
+) -> tuple[list[Motion], HybridModel]:
+    """The same with every joint's memory that the fit kept, and with a net in place of one joint's."""
+    motions, model = fitted_runs_and_model
+    which = str(request.param)
+    if which == "as fitted":
+        return motions, model
+    return motions, forget(model, int(which[-1]) - 1)

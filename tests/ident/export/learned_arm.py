@@ -1,11 +1,14 @@
 """A made-up arm whose friction grows with its load, bends, and remembers: a fit of it has laws, net and memory."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ident.command_options import FitOptions
 from ident.fitting.fit import fit_hybrid
 from ident.model.hybrid import HybridModel
 from ident.model.linearisation import stop_operator
+from ident.model.memory import JointMemory
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, multisine, two_joint_arm
@@ -31,10 +34,18 @@ def learned_runs(arm: ArmModel, seed: int = 5) -> list[Motion]:
 
 
 def fit_learned(motions: list[Motion]) -> HybridModel:
-    """The default fit: it has laws, a net at one joint and a memory at the other."""
+    """The default fit: it has laws, nets and memories."""
     model = fit_hybrid(motions, two_joint_arm(), FitOptions()).model
     assert model.named
+    assert model.net is not None
     assert model.memory is not None
     assert model.memory.kept.any()
-    assert not model.memory.kept.all()
     return model
+
+
+def forget(model: HybridModel, joint: int) -> HybridModel:
+    """The same without what a joint remembers: there its net counts."""
+    assert model.memory is not None
+    trees = list(model.memory.trees)
+    trees[joint] = None
+    return replace(model, memory=JointMemory(tuple(trees), model.memory.gate))
