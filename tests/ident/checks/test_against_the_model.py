@@ -414,6 +414,16 @@ KINDS = {
     "commanded": lambda run, arm: run.replace(effort_command=run.effort),
     "unknown": lambda run, arm: at_rest(run),
 }
+# How the summary says them.
+KINDS_IN_WORDS = {
+    "motor_torque": "the motor's torque, with the gear's friction",
+    "joint_torque": "torque at the joint, hardly any friction",
+    "motor_current": "the motor's current",
+    "gravity_compensated": "torque without gravity",
+    "external_torque": "torque from outside: it follows neither gravity nor motion",
+    "commanded": "a command",
+    "unknown": "unknown",
+}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -427,10 +437,12 @@ def test_every_joints_effort_has_a_verdict_with_evidence(
     seen = {one["joint"]: one for one in record["effort"]}
     assert tuple(seen) == arm.joint_names
     chosen = ("joint_6",) if kind == "unknown" else ("joint_2",) if kind == "external_torque" else arm.joint_names
+    lines = " ".join(found.summary().split())
     for name in chosen:
+        evidence = seen[name]["evidence"]
         assert seen[name]["kind"] == kind, seen[name]
-        assert any(letter.isdigit() for letter in seen[name]["evidence"]) or kind == "unknown"
-        assert f"effort of {name}: {kind}" in found.summary()
+        assert any(letter.isdigit() for letter in evidence) or kind == "unknown"
+        assert f"effort of {name}: {KINDS_IN_WORDS[kind]} ({evidence})" in lines
 
 
 @pytest.mark.parametrize("robot", ["tm5-900", "panda", "ur10", "z1"])
