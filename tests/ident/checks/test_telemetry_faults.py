@@ -265,13 +265,38 @@ def test_a_joint_that_friction_holds_is_not_frozen(velocity: bool, clean: Sessio
     assert not inspect(session, arm).find("stuck_channel")
 
 
+def leap_of(run: Recording, rows: int) -> np.ndarray:
+    """A step of 0.8 rad at joint 4 in the midst of a run, over so many rows."""
+    size = 0.8 * np.clip((np.arange(len(run)) - 332) / rows, 0.0, 1.0)
+    return np.outer(size, np.arange(6) == 3)
+
+
 @pytest.mark.parametrize("rows", [1, 10])
 def test_gaps_and_jumps_part_a_run(clean: Session, arm: ArmModel, rows: int) -> None:
-    """Also where a filter has smeared the jump, so that each of its steps alone is one that an arm may make."""
-    leap = 0.8 * np.clip((np.arange(len(clean.runs[1])) - 332) / rows, 0.0, 1.0)
-    report = inspect(spoil_column(clean, "position", 3, lambda q: q + leap, run=1), arm)
+    """Where the arm is elsewhere after a jump, by its torque, too, both parts are used. Also where a filter has
+    smeared the jump, so that each of its steps alone is one that an arm may make.
+    """
+
+    def leaps(run: Recording) -> Recording:
+        q = run.position + leap_of(run, rows)
+        ddq = np.gradient(run.velocity, run.time, axis=0)
+        before, after = (arm.inverse_dynamics(angles, run.velocity, ddq) for angles in (run.position, q))
+        return run.replace(position=q, effort=run.effort + after - before)
+
+    report = inspect(spoil(clean, leaps, 1), arm)
     assert found(report) == {"time_gap": "warning"}
     assert [run.name for run in report.session.runs][1:3] == ["run1[0]", f"run1[{3 * rows - 2}]"]
+
+
+@pytest.mark.parametrize("rows", [1, 10])
+def test_an_encoder_that_jumps_has_another_zero_thereafter(clean: Session, arm: ArmModel, rows: int) -> None:
+    """Law: the run is parted likewise; what follows is refused by the zero that its torque tells, and not used."""
+    report = inspect(spoil(clean, lambda run: run.replace(position=run.position + leap_of(run, rows)), 1), arm)
+    assert found(report) == {"zero_shifted": "fatal", "time_gap": "warning"}
+    moved = report.issues[0]
+    assert moved.joints == ("joint_4",)
+    assert f"run1[{3 * rows - 2}]: the zero of joint_4 is moved by 0.80 rad" in moved.evidence
+    assert [run.name for run in report.session.runs] == ["run0", "run1[0]", "run2", "run3", "run4"]
 
 
 def test_too_little_is_told_and_evaluated_all_the_same(clean: Session, arm: ArmModel) -> None:
