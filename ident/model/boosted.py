@@ -21,8 +21,8 @@ from ident.compiled import compiled
 TREES, DEPTH, RATE, SHRINKAGE = 100, 5, 0.2, 20.0
 # Bins of an input, and shares of rows and of inputs that a tree is drawn.
 BINS, ROW_SHARE, INPUT_SHARE = 32, 0.5, 0.6
-# Share of an input's range below which values differ by rounding alone.
-ROUNDING = 1e-9
+# Share of an input's range below which values differ by rounding alone: half of a number's digits.
+ROUNDING = float(np.sqrt(np.finfo(float).eps))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def fit_trees(x: Float[Array, "T f"], y: Float[Array, " T"], seed: int) -> Trees
 
 
 def place_edges(values: Float[Array, " T"]) -> Float[Array, " e"]:
-    """Thresholds of one input: its quantiles, each moved to the middle of the next gap between values.
+    """Thresholds of one input: quantiles, each moved to the middle of the next gap of its values.
 
     A threshold on a value, such as the end of a stop's range or of a tanh, leaves the answer to the
     last bit, and another runtime's last bit is another one. Values that differ by rounding alone

@@ -28,7 +28,7 @@ def fitted_runs_and_model() -> tuple[list[Motion], HybridModel]:
 def learned_runs_and_model(
     request: pytest.FixtureRequest, fitted_runs_and_model: tuple[list[Motion], HybridModel]
 ) -> tuple[list[Motion], HybridModel]:
-    """The same with every joint's memory that the fit kept, and with a net in place of one joint's."""
+    """The same with all memories that the fit kept, and with a net in place of one joint's."""
     motions, model = fitted_runs_and_model
     which = str(request.param)
     if which == "as fitted":

@@ -61,6 +61,19 @@ def test_trees_stay_within_what_they_saw() -> None:
     assert np.allclose(trees.scaled(0.5)(x), 0.5 * trees(x))
 
 
+def test_no_answer_of_a_tree_hangs_on_the_last_bit() -> None:
+    """Inputs that hold at an end, as a stop operator's and a tanh's do, are no thresholds."""
+    rng = np.random.default_rng(4)
+    wide = rng.standard_normal((2000, 2))
+    x = np.column_stack([np.clip(wide[:, 0], -1.0, 1.0), np.tanh(20.0 * wide[:, 1])])
+    y = x[:, 0] + (x[:, 1] > -1.0) + 0.1 * rng.standard_normal(2000)
+    trees = fit_trees(x, y, seed=2)
+    said = trees(x)
+    assert np.std(y - said) < 0.5 * np.std(y)
+    for towards in (-2.0, 2.0):
+        assert np.array_equal(trees(np.nextafter(x, towards)), said)
+
+
 def test_only_states_that_follow_one_another_have_a_past() -> None:
     """A run tells its interval; shuffled or drawn states tell none, and neither does one that stands."""
     rng, time = np.random.default_rng(1), np.arange(500) / RATE
