@@ -64,7 +64,7 @@ def test_a_named_law_is_fitted_beside_the_rest(fitted: FitResults, runs: list[Mo
 
 
 def test_a_saved_model_keeps_its_laws(fitted: FitResults, runs: list[Motion], tmp_path: Path) -> None:
-    """The same torque to the last bit; the summary says the laws in words, with shapes, units and intervals."""
+    """The same torque to the last bit; the summary says laws in words, with their intervals."""
     loaded = HybridModel.load(fitted.model.save(tmp_path / "m"))
     states = (runs[5].q, runs[5].dq, runs[5].ddq)
     assert np.array_equal(loaded.torque(*states), fitted.model.torque(*states))
