@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from ident.results import Result
-from plan.command_options import SolveOptions
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.stops import Stop
@@ -49,7 +48,6 @@ class CycleResult(Result):
         cls,
         task: Task,
         problem: PlanningProblem,
-        options: SolveOptions,
         legs: Sequence[Leg],
         shared: float | None,
         even: float | None,
@@ -60,7 +58,6 @@ class CycleResult(Result):
         Args:
             task: What the file says.
             problem: Any of its motions: all are of one arm.
-            options: How it was planned.
             legs: Its motions in turn; none where nothing was searched.
             shared: Energy as shared out on the motions' curves [J].
             even: The same where each takes the same multiple of its shortest duration [J].
@@ -78,7 +75,7 @@ class CycleResult(Result):
         status: Literal["solved", "infeasible"] = "infeasible" if reason else "solved"
         return cls(
             status,
-            options.objective,
+            problem.objective,
             arm.name,
             arm.joint_names,
             tuple(legs),

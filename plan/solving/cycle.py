@@ -130,13 +130,13 @@ def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveO
     )
     if options.objective == "time":
         legs = [_plan(problem, share, None) for problem in problems]
-        return CycleResult.of(task, problems[0], options, legs, None, None)
+        return CycleResult.of(task, problems[0], legs, None, None)
     free = _moving_time(task, options.objective)
     assert free is not None
     needs = np.array([shortest_duration(problem) for problem in problems])
     if needs.sum() > free:
         reason = f"{free:g} s are too short: the motions take {needs.sum():.3f} s at the least"
-        return CycleResult.of(task, problems[0], options, [], None, None, reason)
+        return CycleResult.of(task, problems[0], [], None, None, reason)
     curves = []
     for number, problem in enumerate(problems, start=1):
         stage(
@@ -147,7 +147,7 @@ def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveO
     for number, curve in enumerate(curves, start=1):
         if not any(np.isfinite(look.energy) for look in curve):
             reason = f"no motion found for leg {number}"
-            return CycleResult.of(task, problems[0], options, [], None, None, reason)
+            return CycleResult.of(task, problems[0], [], None, None, reason)
     shared = share_duration(curves, needs, free, task)
     legs = []
     parts = zip(problems, curves, shared.durations, strict=True)
@@ -157,7 +157,7 @@ def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveO
             *_share_of_work(number, problems, 0.5),
         )
         legs.append(_plan(lasting(problem, float(duration)), share, curve))
-    return CycleResult.of(task, problems[0], options, legs, shared.energy, shared.even)
+    return CycleResult.of(task, problems[0], legs, shared.energy, shared.even)
 
 
 def _share_of_work(number: int, problems: Sequence[PlanningProblem], begin: float) -> tuple[float, float]:

@@ -129,7 +129,7 @@ class Board:
         truths = _read(folder / TRUTHS_FILE, SCHEMA)
         return cls(folder, record["sessions"], effects["effects"], truths["sealed"])
 
-    def arms(self) -> list[dict[str, Any]]:
+    def arms(self) -> list[dict[str, object]]:
         """Its arms with joints and names of sessions, as results of a board name them."""
         groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
         for name, facts in self.sessions.items():
