@@ -156,9 +156,8 @@ def conclude(
     fine = Inferred.of(best.model, best.search, _with(best.chosen, likely))
     scorers = Scorers.of(fine)
     told = tell(described, estimates, scorers)
-    joints = {
-        left.joint: left for left in describe_joints(fine, [name.group for name in told.names])
-    }
+    names = [name.group for name in told.names]
+    joints = {left.joint: left for left in describe_joints(fine, names, scorers.tuned)}
     return Conclusion(
         inference,
         fine,

@@ -52,7 +52,7 @@ FEATURE_WORDS = {
     "share_of_square": ("it explains much of the error", "it explains little of the error"),
     "share_of_gap": ("it closes much of the gap", "it closes little of the gap"),
     "log_size_over_noise": ("it is large beside the noise", "it is small beside the noise"),
-    "log_left_over_noise": ("much is left beside it", "much is left beside it"),
+    "log_left_over_noise": ("little is left beside it", "much is left beside it"),
     "log_size_over_usual": (
         "its size is one that arms have",
         "its size is not one that arms usually have",
@@ -436,10 +436,15 @@ class JointLeft:
         return features
 
 
-def describe_joints(fine: Inferred, names: Sequence[Group]) -> list[JointLeft]:
+def describe_joints(fine: Inferred, names: Sequence[Group], tuned: HeldOut) -> list[JointLeft]:
     """What is left at each joint that has rows, beside some of the chosen effects.
 
     Discrepancies are estimated beside these alone: what an unlikely effect explains is open.
+
+    Args:
+        fine: The set on fine grids.
+        names: Those of its effects that are likelier than not.
+        tuned: Scores of models on parts that a fit never saw, by the set's variances.
     """
     model = fine.model
     evidence = model.sums.evidence
@@ -449,7 +454,6 @@ def describe_joints(fine: Inferred, names: Sequence[Group]) -> list[JointLeft]:
     }
     beside = model.with_discrepancy({j: variances for j, (variances, _) in smooth.items()})
     residual, smooth_share = beside.residual(names), beside.smooth_share(names)
-    tuned = HeldOut(evidence_of(model), model.prior())
     score, alone = tuned.score(names), tuned.score()
     left = []
     for j in with_rows:
