@@ -149,22 +149,6 @@ class SymmetricSums:
         return spots
 
 
-@dataclass(frozen=True, eq=False)
-class FoldSums:
-    """A joint's sums of each fold, and of all folds but it."""
-
-    own: SymmetricSums  # of each fold
-    # of all others; None where that is the difference from the sum of all
-    rest: SymmetricSums | None
-
-    def without(self, columns: Int[Array, " c"]) -> Float[Array, "F c c"]:
-        """Sums of some columns over all folds but each in turn."""
-        if self.rest is not None:
-            return self.rest.part(columns)
-        of_fold = self.own.part(columns)
-        return np.asarray(of_fold.sum(axis=0) - of_fold)
-
-
 def stored(
     halves: Iterable[Float[Array, " h"]], numbers: int, room: SpooledArrays | None
 ) -> Halves:

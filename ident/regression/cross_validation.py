@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from ident.regression.block_sums import FoldSums, SymmetricSums
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, factorise_signed, signs_of
@@ -84,6 +83,33 @@ class FoldWeights:
     values: Float[Array, "F z"]
 
 
+@dataclass(frozen=True, eq=False)
+class ColumnSums:
+    """Sums of some columns of a joint's rows, fold by fold."""
+
+    places: Int[Array, " c"]  # where the columns stand in its rows, ascending
+    without: Float[Array, "F c c"]  # whitened, over all folds but each
+    of_fold: Float[Array, "F c c"]  # whitened, over each fold
+    plain: Float[Array, "F c c"]  # over each fold [N² m²]
+
+    @classmethod
+    def of(cls, evidence: Evidence, joint: int, places: Int[Array, " c"]) -> ColumnSums:
+        """Those of a session."""
+        without, of_fold = evidence.fold_sums(joint, places)
+        return cls(places, without, of_fold, evidence.plain[joint].part(places))
+
+    def at(self, places: Int[Array, " d"]) -> ColumnSums:
+        """Those of some of the columns."""
+        spots = np.searchsorted(self.places, places)
+        rows, columns = spots[:, None], spots
+        return ColumnSums(
+            places,
+            self.without[:, rows, columns],
+            self.of_fold[:, rows, columns],
+            self.plain[:, rows, columns],
+        )
+
+
 def _spots(
     local: Int[Array, " p"], used: Int[Array, " z"]
 ) -> tuple[Int[Array, " k"], Int[Array, " k"]]:
@@ -96,31 +122,59 @@ def _spots(
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Scores models on folds."""
+    """Scores models on folds.
+
+    Attributes:
+        evidence, prior: Sums of the session, and what is known beforehand of the baseline.
+        expected: Groups that models will have; others may come, too.
+    """
 
     evidence: Evidence
     prior: Prior
+    expected: tuple[Group, ...] = field(default=(), kw_only=True)
+
+    def believing(self, prior: Prior) -> HeldOut:
+        """Scores of the same session with another belief; the sums of both are one."""
+        other = replace(self, prior=prior)
+        vars(other).update(_known=self._known, _sums_at=self._sums_at)
+        return other
 
     @cached_property
-    def _whole(self) -> Float[Array, "P P"]:
-        return self.evidence.gram()
+    def _known(self) -> dict[int, ColumnSums]:
+        """Of each joint the sums of all columns that a model is expected to have, or had so far."""
+        if not self.expected:
+            return {}
+        known = {}
+        used = self._columns_of(self.expected)
+        for joint, local in enumerate(self.evidence.layout.local):
+            places, _ = _spots(local, used)
+            known[joint] = ColumnSums.of(self.evidence, joint, np.sort(places))
+        return known
+
+    def _columns_of(self, groups: Sequence[Group]) -> Int[Array, " z"]:
+        """Columns of the baseline, some groups, and the torque."""
+        layout = self.evidence.layout
+        columns = [np.arange(layout.tuned), *(group.columns for group in groups), [layout.size]]
+        return np.concatenate(columns).astype(int)
 
     @cached_property
-    def _sums_at(self) -> tuple[Callable[[bytes], tuple[Array, Array, Array]], ...]:
-        """For each joint a function of places in its rows, packed: sums without each fold, of each
-        fold, and plain.
+    def _sums_at(self) -> tuple[Callable[[bytes], ColumnSums], ...]:
+        """For each joint a function of places in its rows, packed.
 
         The last few are kept: most models differ at one joint from the one before.
         """
 
-        def sums_at(
-            sums: FoldSums, plain: SymmetricSums, packed: bytes
-        ) -> tuple[Array, Array, Array]:
+        def sums_at(joint: int, packed: bytes) -> ColumnSums:
             places = np.frombuffer(packed, dtype=int)
-            return sums.without(places), sums.own.part(places), plain.part(places)
+            known = self._known.get(joint)
+            if known is None or not np.isin(places, known.places).all():
+                wanted = places if known is None else np.union1d(known.places, places)
+                known = ColumnSums.of(self.evidence, joint, np.sort(wanted))
+                self._known[joint] = known
+            return known.at(places)
 
-        joints = zip(self.evidence.parts, self.evidence.plain, strict=True)
-        return tuple(lru_cache(MODELS_KEPT)(partial(sums_at, *sums)) for sums in joints)
+        joints = range(self.evidence.layout.n)
+        return tuple(lru_cache(MODELS_KEPT)(partial(sums_at, joint)) for joint in joints)
 
     @cached_property
     def _scored(self) -> dict[tuple[Group, ...], tuple[FoldWeights, HeldOutScore]]:
@@ -136,8 +190,16 @@ class HeldOut:
         return self._of(groups)[1]
 
     def power(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:
-        """Whitened squares of some columns over the whole session."""
-        return np.maximum(self._whole[columns, columns], 0.0)
+        """Whitened squares of some columns over all folds."""
+        return np.maximum(np.diag(self._over_all_folds(columns)), 0.0)
+
+    def _over_all_folds(self, columns: Int[Array, " z"]) -> Float[Array, "z z"]:
+        """Whitened sums of some columns of all joints over all folds."""
+        whole = np.zeros((len(columns), len(columns)))
+        for sums_at, local in zip(self._sums_at, self.evidence.layout.local, strict=True):
+            places, into = _spots(local, columns)
+            whole[np.ix_(into, into)] += sums_at(places.tobytes()).of_fold.sum(axis=0)
+        return whole
 
     def _of(self, groups: Sequence[Group]) -> tuple[FoldWeights, HeldOutScore]:
         key = tuple(groups)
@@ -148,20 +210,19 @@ class HeldOut:
 
     def _solved(self, groups: Sequence[Group]) -> FoldWeights:
         layout = self.evidence.layout
-        used = np.concatenate(
-            [np.arange(layout.tuned), *(group.columns for group in groups), [layout.size]]
-        ).astype(int)
-        grams = np.zeros((len(self.evidence.parts[0].own), len(used), len(used)))
+        used = self._columns_of(groups)
+        folds = len(self.evidence.weights)
+        grams = np.zeros((folds, len(used), len(used)))
         for sums_at, local in zip(self._sums_at, layout.local, strict=True):
             places, into = _spots(local, used)
-            grams[:, into[:, None], into] += sums_at(places.tobytes())[0]
+            grams[:, into[:, None], into] += sums_at(places.tobytes()).without
         signed = signs_of(layout.tuned, groups)
         values = np.array([self._solve(gram, used, signed) for gram in grams])
         once = np.isin(
             used, [column for group in groups if group.effect.event for column in group.columns]
         )
         if once.any():  # what happened once can't be learnt from other runs
-            values[:, once] = self._solve(self._whole[np.ix_(used, used)], used, signed)[once]
+            values[:, once] = self._solve(self._over_all_folds(used), used, signed)[once]
         return FoldWeights(used, values)
 
     def _score_of(self, weights: FoldWeights) -> HeldOutScore:
@@ -171,9 +232,8 @@ class HeldOut:
             places, into = _spots(local, weights.columns)
             w = weights.values[:, into]
             with np.errstate(over="ignore"):  # what a fold knows nothing of may run away
-                for sums, squared in zip(
-                    self._sums_at[j](places.tobytes())[1:], (misfit, squares), strict=True
-                ):
+                known = self._sums_at[j](places.tobytes())
+                for sums, squared in ((known.of_fold, misfit), (known.plain, squares)):
                     squared[:, j] = np.einsum("fk,fk->f", w, (sums @ w[:, :, None])[:, :, 0])
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 

@@ -38,26 +38,31 @@ class FrictionSums:
         """The friction columns in a joint's rows."""
         return slice(self.rank + FRICTION.start, self.rank + FRICTION.stop)
 
-    def taken(
-        self, joint: int, spread: float, inside: Bool[Array, " K"] | None = None
-    ) -> Float[Array, "p p"]:
-        """What friction levels that are free within a share take off a joint's sums, of all pieces
-        or of some.
+    def taken(self, joint: int, spread: float) -> Float[Array, "p p"]:
+        """What friction levels that are free within a share take off a joint's sums.
 
         Args:
             joint: The joint.
             spread: Relative standard deviation of its friction level from stretch to stretch.
-            inside: Which pieces; each still knows its friction level by its whole stretch.
         """
-        pieces = self.sums[joint]
-        whole = self._wholes[joint]
-        place = self._place
-        if inside is not None:
-            pieces = pieces[inside]
-            place = place[inside]
-        follow = np.einsum("kab,kbp->kap", self._known(whole, joint, spread)[place], whole[place])
+        pieces, follow = self._followed(joint, spread, None)
         half = pieces.reshape(-1, pieces.shape[-1]).T @ follow.reshape(-1, pieces.shape[-1])
         return np.asarray(0.5 * (half + half.T))
+
+    def _followed(
+        self, joint: int, spread: float, places: Int[Array, " c"] | None
+    ) -> tuple[Float[Array, "K 2 c"], Float[Array, "K 2 c"]]:
+        """Sums of each piece, and what its stretch's friction level follows of them.
+
+        Args:
+            joint: The joint.
+            spread: Relative standard deviation of its friction level.
+            places: Columns of the joint's rows that are asked for; all if None.
+        """
+        whole = self._wholes[joint]
+        known = self._known(whole, joint, spread)
+        follow = np.einsum("kab,kbp->kap", known, _columns(whole, places))
+        return _columns(self.sums[joint], places), follow[self._place]
 
     def taken_of_blocks(
         self, joint: int, spread: float, weights: Float[Array, " p"], count: int
@@ -94,8 +99,13 @@ class FrictionSums:
         return len(np.unique(self.stretch)) < pairs.shape[1]
 
     def part(
-        self, of_fold: Float[Array, "F p p"], joint: int, spread: float, folds: Int[Array, " B"]
-    ) -> tuple[Float[Array, "F p p"], Float[Array, "F p p"]]:
+        self,
+        of_fold: Float[Array, "F c c"],
+        joint: int,
+        spread: float,
+        folds: Int[Array, " B"],
+        places: Int[Array, " c"] | None = None,
+    ) -> tuple[Float[Array, "F c c"], Float[Array, "F c c"]]:
         """A joint's sums of all folds but one, and of that one alone, fold by fold.
 
         Where a stretch lies in several folds, each side knows its friction level by its own pieces
@@ -103,23 +113,29 @@ class FrictionSums:
         solved with it run away.)
 
         Args:
-            own: Whitened sums of each fold, friction the same in all runs.
+            of_fold: Whitened sums of each fold, friction the same in all runs.
             joint: The joint.
             spread: Relative standard deviation of friction that they are to count with.
             folds: Fold of each block.
+            places: Columns of the joint's rows that they are of; all if None.
         """
         fold_of_piece = folds[self.block]
         if not self.is_cut(folds):
-            of_fold = of_fold - np.stack(
-                [self.taken(joint, spread, fold_of_piece == fold) for fold in range(len(of_fold))]
-            )
+            pieces, follow = self._followed(joint, spread, places)
+            of_fold = of_fold.copy()
+            for fold in range(len(of_fold)):
+                inside = fold_of_piece == fold
+                half = np.tensordot(pieces[inside], follow[inside], axes=((0, 1), (0, 1)))
+                of_fold[fold] -= 0.5 * (half + half.T)
             return of_fold.sum(axis=0) - of_fold, of_fold
         rest = of_fold.sum(axis=0) - of_fold
         of_fold = of_fold.copy()
         for fold in range(len(of_fold)):
             for side, inside in ((of_fold, fold_of_piece == fold), (rest, fold_of_piece != fold)):
                 whole = self._whole(joint, inside)
-                follow = np.einsum("rab,rbp->rap", self._known(whole, joint, spread), whole)
+                known = self._known(whole, joint, spread)
+                whole = _columns(whole, places)
+                follow = np.einsum("rab,rbp->rap", known, whole)
                 side[fold] -= np.tensordot(whole, follow, axes=((0, 1), (0, 1)))
         return rest, of_fold
 
@@ -199,6 +215,11 @@ class FrictionSums:
         inverse = np.linalg.inv(information[moved])
         levels = inverse @ (level[:, None] * whole[moved])
         return levels.reshape(-1, whole.shape[2]), misfit * inverse
+
+
+def _columns(sums: Float[Array, "K 2 p"], places: Int[Array, " c"] | None) -> Float[Array, "K 2 c"]:
+    """Some columns of sums; all if None."""
+    return sums if places is None else sums[:, :, places]
 
 
 def _times(matrices: Float[Array, "K 2 2"], vectors: Float[Array, "K 2"]) -> Float[Array, "K 2"]:

@@ -41,7 +41,6 @@ from ident.model.linearisation import LEAST_MOVING
 from ident.progress import step
 from ident.regression.baseline import Baseline
 from ident.regression.block_sums import (
-    FoldSums,
     SymmetricSums,
     add_half,
     add_products,
@@ -201,25 +200,21 @@ class Evidence:
             for sums, off in zip(self.free, taken, strict=True)
         )
 
-    @cached_property
-    def parts(self) -> tuple[FoldSums, ...]:
-        """For each joint, the whitened sums of every fold, and of all but it."""
-        members = [
-            np.flatnonzero(self.fold_of_block == fold)
-            for fold in range(int(self.fold_of_block.max()) + 1)
-        ]
-        cut = self.friction.is_cut(self.fold_of_block)
-        by_joint = []
-        room = SpooledArrays()
-        for j, sums in enumerate(self.free):
-            whole = np.stack([sums.over(blocks) for blocks in members])
-            rest, of_fold = self.friction.part(whole, j, float(self.spread[j]), self.fold_of_block)
-            by_joint.append(
-                FoldSums(
-                    SymmetricSums.of(of_fold, room), SymmetricSums.of(rest, room) if cut else None
-                )
-            )
-        return tuple(by_joint)
+    def fold_sums(
+        self, joint: int, places: Int[Array, " c"]
+    ) -> tuple[Float[Array, "F c c"], Float[Array, "F c c"]]:
+        """Whitened sums of some columns of a joint's rows over all folds but each in turn, and over
+        each fold.
+
+        Args:
+            joint: The joint.
+            places: Where the columns stand in its rows.
+        """
+        folds = int(self.fold_of_block.max()) + 1
+        of_fold = np.zeros((folds, len(places), len(places)))
+        np.add.at(of_fold, self.fold_of_block, self.free[joint].part(places))
+        spread = float(self.spread[joint])
+        return self.friction.part(of_fold, joint, spread, self.fold_of_block, places)
 
     def times(self, joint: int, weights: Float[Array, " p"]) -> Float[Array, "B p"]:
         """Whitened sums of every block times weights of a joint's columns."""
