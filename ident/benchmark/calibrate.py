@@ -35,7 +35,6 @@ from ident.benchmark.corpus import Entry, read_index
 from ident.benchmark.corpus_run import result_path
 from ident.benchmark.corpus_table import CANDIDATE, REAL, Table, load_table, use_index
 from ident.benchmark.gap_odds import GapFit, JointRows, fit_gaps
-from ident.benchmark.interval_widths import WidthFactor, fit_width
 from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG
 from ident.benchmark.law_shares import Miss, Widths, fit_widths
 from ident.benchmark.leave_out import (
@@ -246,17 +245,17 @@ def fit_further(table: Table, fitted: Fitted, results: Mapping[str, Any], entrie
             unit = session.unit
             intervals = json.loads(row["intervals"])
             sizes = sizes_of({one["parameter"]: one["value"] for one in intervals})
-            misses += [_miss(row, interval, unit, sizes) for interval in intervals]
+            misses += [_miss(interval, unit, sizes) for interval in intervals]
     return Further(gaps, fit_temper(choices(results, entries)), _even_nats(table, fitted), fit_widths(misses))
 
 
-def _miss(row: Mapping[str, Any], interval: Mapping[str, Any], unit: str, sizes: Mapping[str, float]) -> Miss:
+def _miss(interval: Mapping[str, Any], unit: str, sizes: Mapping[str, float]) -> Miss:
     error = abs(interval["true"] - interval["value"])
     if interval["parameter"] == "phase_rad":
         error = abs(float(np.angle(np.exp(1j * error))))
     half = 0.5 * (interval["high"] - interval["low"])
     size = sizes[interval["parameter"]]
-    return Miss(str(row["effect"]), str(interval["parameter"]), error, half, size, unit)
+    return Miss(str(interval["parameter"]), error, half, size, unit)
 
 
 def _even_nats(table: Table, fitted: Fitted) -> float:
@@ -283,7 +282,7 @@ def read_results(folder: Path, cases: Iterable[str]) -> dict[str, Any]:
 
 
 def calibration_record(
-    table: Table, fitted: Fitted, width: WidthFactor | None, origin: Mapping[str, Any]
+    table: Table, fitted: Fitted, origin: Mapping[str, Any]
 ) -> dict[str, Any]:
     """What `calibration.toml` holds."""
     model = fitted.model
@@ -307,8 +306,6 @@ def calibration_record(
         "held_out": judge_groups(table, fitted),
         "ridges": {f"{ridge:.2e}": round(score, 5) for ridge, score in sorted(fitted.scores.items())},
     }
-    if width is not None:
-        record["interval_width"] = width.to_dict()
     return record
 
 
@@ -334,10 +331,9 @@ def further_record(further: Further) -> dict[str, Any]:
         widths = further.widths
         record["widths"] = {
             "factor": widths.factor,
-            "common": widths.common,
+            "share": widths.share,
             "coverage_held_out": round(widths.coverage, 4),
             "count": widths.count,
-            "share": dict(widths.shares),
         }
     return record
 
@@ -363,8 +359,7 @@ def write_fit(
     further: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Writes a calibration, and beside its table what it says of units that it has not seen."""
-    width = fit_width(table, np.asarray(fitted.held_out >= NAMED_FROM))
-    record = {**calibration_record(table, fitted, width, origin), **further}
+    record = {**calibration_record(table, fitted, origin), **further}
     write_calibration(out, record)
     labels = [str(label) for label in fitted.labels]
     with atomic_write(folder / HELD_OUT_FILE) as temporary:

@@ -84,13 +84,6 @@ def summary_lines(record: Mapping[str, Any]) -> list[str]:
         widths = record["widths"]
         lines.append(
             f"intervals of {widths['count']} parameters: factor {widths['factor']:.2f}, law's share "
-            f"{widths['common']:.3f}; they hold {widths['coverage_held_out']:.3f} on units left out"
-        )
-    if "interval_width" in record:
-        width = record["interval_width"]
-        lines.append(
-            f"intervals of {width['count']} parameters hold {width['coverage']:.3f} as they are; "
-            f"0.95 if {width['factor']:.2f} times as wide "
-            f"(on units left out: {width['coverage_held_out']:.3f})"
+            f"{widths['share']:.3f}; they hold {widths['coverage_held_out']:.3f} on units left out"
         )
     return lines

@@ -139,7 +139,7 @@ def _misses(row: Row, truth: Mapping[str, Any], arm: str) -> list[Miss]:
         if name == "phase_rad":
             error = float(np.angle(np.exp(1j * error)))
         half = interval["high"] - interval["value"] if error > 0.0 else interval["value"] - interval["low"]
-        misses.append(Miss(row["effect"], name, abs(error), half, sizes[name], arm))
+        misses.append(Miss(name, abs(error), half, sizes[name], arm))
     return misses
 
 
@@ -288,8 +288,7 @@ def write(fitted: Fitted, rows: Rows, out: Path) -> None:
         "arms": sorted(np.unique(rows.arm).tolist()),
         "widths": {
             "factor": fitted.widths.factor,
-            "common": fitted.widths.common,
-            "share": dict(fitted.widths.shares),
+            "share": fitted.widths.share,
             "coverage_held_out": fitted.widths.coverage,
             "count": fitted.widths.count,
         },
@@ -323,7 +322,7 @@ def summary_lines(fitted: Fitted, rows: Rows) -> list[str]:
         f"{len(rows.right)} changes of {len(np.unique(rows.case))} pairs, {int(rows.right.sum())} of them right",
         f"ridge {fitted.ridge:.3g}; held-out log score {score:.3f} nats a change; temper {fitted.temper:.3f}",
         f"named on arms left out: {int((named & rows.right).sum())} right, {int((named & ~rows.right).sum())} wrong",
-        f"intervals of {widths.count} parameters: factor {widths.factor:.2f}, law's share {widths.common:.3f}; "
+        f"intervals of {widths.count} parameters: factor {widths.factor:.2f}, law's share {widths.share:.3f}; "
         f"they hold {widths.coverage:.3f} on arms left out",
     ]
 

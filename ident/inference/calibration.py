@@ -30,15 +30,17 @@ FILE = Path(__file__).with_name("calibration.toml")
 FREEDOM = 4.0
 QUANTILE = float(stdtrit(FREEDOM, 0.975))
 # Parameters of place have no size that a law could be off by a share of.
-PLACES = ("phase_rad", "order", "start_s", "end_s", "exponent")
-
+PLACES = ("order", "start_s", "end_s")
+# What is off by a share of a wave's amplitude moves its phase by as many radians at the most.
+PHASE = "phase_rad"
 
 # Components of a vector, of which the whole has a size.
 COMPONENT = re.compile(r"_[xyz](?=_)")
 
 
 def sizes_of(values: Mapping[str, float]) -> dict[str, float]:
-    """Size that each parameter's error may be a share of: its own, or its vector's length.
+    """Size that each parameter's error may be a share of: its own, its vector's length, or a
+    radian.
 
     Args:
         values: Parameters by name.
@@ -47,7 +49,8 @@ def sizes_of(values: Mapping[str, float]) -> dict[str, float]:
     for name, value in values.items():
         family = COMPONENT.sub("", name)
         squares[family] = squares.get(family, 0.0) + float(value) ** 2
-    return {name: float(np.sqrt(squares[COMPONENT.sub("", name)])) for name in values}
+    sizes = {name: float(np.sqrt(squares[COMPONENT.sub("", name)])) for name in values}
+    return {name: 1.0 if name == PHASE else size for name, size in sizes.items()}
 
 
 @dataclass(frozen=True)
@@ -85,18 +88,17 @@ class Widths:
     """How wide 95 % intervals have to be."""
 
     factor: float  # on the standard deviation of what the recordings leave open
-    common: float  # share of a parameter's size that an arm's own law may be off by
-    share: Mapping[str, float]  # the same of effects that the corpus has enough of
+    share: float  # of a parameter's size that an arm's own law may be off by
 
-    def half_width(self, effect: str, parameter: str, half: float, size: float) -> float:
+    def half_width(self, parameter: str, half: float, size: float) -> float:
         """Half the width of an interval.
 
         Args:
-            effect, parameter: The effect's id, and the parameter's name.
+            parameter: Its name.
             half: Half the width that the recordings alone leave open.
             size: What the law's share is of (`sizes_of`).
         """
-        share = 0.0 if parameter in PLACES else self.share.get(effect, self.common)
+        share = 0.0 if parameter in PLACES else self.share
         return float(QUANTILE * np.hypot(self.factor * half / NORMAL_95, share * abs(size)))
 
 
@@ -146,8 +148,7 @@ def load_names(path: Path) -> NameCalibration:
 
 
 def _widths(record: Mapping[str, Any]) -> Widths:
-    share = {str(effect): float(value) for effect, value in record["share"].items()}
-    return Widths(float(record["factor"]), float(record["common"]), share)
+    return Widths(float(record["factor"]), float(record["share"]))
 
 
 def _odds(record: Mapping[str, Any]) -> Odds:

@@ -149,6 +149,27 @@ class ModelSums:
         other.components = replace(self.components, urdf=error)
         return other
 
+    def with_dispersion(self, dispersion: Float[Array, " n"]) -> ModelSums:
+        """The same with other dispersions of the joints' rows."""
+        other = copy(self)
+        before = self.components.dispersion
+        other.components = replace(self.components, dispersion=dispersion)
+        other.whole = [
+            sums * (old / new)
+            for sums, old, new in zip(self.whole, before, dispersion, strict=True)
+        ]
+        rows = self.sums.evidence.samples
+        other.fixed_nats = self.fixed_nats + 0.5 * float(rows @ np.log(before / dispersion))
+        other.gram = np.zeros_like(self.gram)
+        other.log_determinants = np.zeros_like(self.log_determinants)
+        other.reduced = []
+        for j, variances in enumerate(other.components.discrepancy):
+            reduced, nats = other._without_discrepancy(j, variances)
+            other._add(j, reduced)
+            other.reduced.append(reduced)
+            other.log_determinants[j] = nats
+        return other
+
     @property
     def nats(self) -> float:
         """Log determinants of discrepancies and friction, and priors of the components [nats]."""

@@ -1,6 +1,6 @@
 """From a session's sums to its causes: the one inference from end to end.
 
-    sums -> sets and variances of four starts (`infer`) -> fine grids (`refine`) -> features
+    sums -> sets and variances of three starts (`infer`) -> fine grids (`refine`) -> features
     -> probabilities and parameters
 
 An effect whose class is likelier than not is a name. The others are reported with their probability

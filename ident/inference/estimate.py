@@ -103,7 +103,7 @@ def estimate(
         solution = one.solution
         given, beta, covariance = _parameters(solution, solution.fixed, one.group, session)
         free, _, _ = _parameters(solution, solution.search, one.group, session)
-        parameters = widened(one.group.effect.id, given, free, calibration.widths)
+        parameters = widened(given, free, calibration.widths)
         parts = calibration.names.parts(one.features)
         ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
         sure = calibration.names.probability(one.features)
@@ -163,19 +163,18 @@ def _parameters(
 
 
 def widened(
-    effect: str, given: Mapping[str, Interval], free: Mapping[str, Interval], widths: Widths | None
+    given: Mapping[str, Interval], free: Mapping[str, Interval], widths: Widths | None
 ) -> dict[str, Interval]:
     """Parameters with intervals as wide as the corpus asks for.
 
     Args:
-        effect: The effect's id.
-        given, free: Its parameters for the URDF as it is, and for one that may be off.
+        given, free: An effect's parameters for the URDF as it is, and for one that may be off.
         widths: The fitted numbers; None for intervals as the recordings alone have them.
     """
     sizes = sizes_of({name: interval.value for name, interval in given.items()})
     parameters = {}
     for name, interval in given.items():
-        fit = Fit(effect, name, sizes[name], widths)
+        fit = Fit(name, sizes[name], widths)
         parameters[name] = _both(fit, interval, free[name])
     return parameters
 
@@ -184,7 +183,6 @@ def widened(
 class Fit:
     """What the width of one parameter's interval is worked out from."""
 
-    effect: str  # id
     parameter: str
     size: float  # what the law's share is of
     widths: Widths | None  # fitted numbers; None for intervals as the recordings alone have them
@@ -207,8 +205,8 @@ def _wider(fit: Fit, interval: Interval) -> Interval:
     value = interval.value
     if fit.widths is None or not np.isfinite(value) or interval.low == interval.high:
         return interval
-    below = fit.widths.half_width(fit.effect, fit.parameter, value - interval.low, fit.size)
-    above = fit.widths.half_width(fit.effect, fit.parameter, interval.high - value, fit.size)
+    below = fit.widths.half_width(fit.parameter, value - interval.low, fit.size)
+    above = fit.widths.half_width(fit.parameter, interval.high - value, fit.size)
     low = interval.low if interval.open in ("low", "both") else value - below
     high = interval.high if interval.open in ("high", "both") else value + above
     if interval.low >= 0.0:

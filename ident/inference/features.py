@@ -18,6 +18,7 @@ from ident.effects.base import SessionContext, impossible
 from ident.inference.components import ModelSums, discrepancy_at
 from ident.inference.infer import Inference, Inferred, evidence_of
 from ident.inference.search import SetSearch, rest_of
+from ident.inference.simple import SimplestSet
 from ident.inference.solution import Solution
 from ident.regression.cross_validation import HeldOut, HeldOutScore
 from ident.regression.design import Group, Key
@@ -79,10 +80,6 @@ FEATURE_WORDS = {
         "it stands in the likeliest explanation of all",
         "it stands in an explanation that is not the likeliest of all",
     ),
-    "held": (
-        "it shows whatever the URDF and friction may do",
-        "it shows only if the URDF and friction are taken for as sure as they usually are",
-    ),
     "log_friction_spread": (
         "the joint's friction is steady",
         "the joint's friction varies from run to run",
@@ -96,6 +93,38 @@ FEATURE_WORDS = {
     "log_dispersion": (
         "the model fits the joint down to its noise",
         "the model does not fit the joint down to its noise",
+    ),
+    "log_nats_alone": (
+        "alone it explains much of what the tuned model leaves",
+        "alone it explains little of what the tuned model leaves",
+    ),
+    "share_alone": (
+        "alone it closes much of the error",
+        "alone it closes little of the error",
+    ),
+    "alone_behind": (
+        "no effect like it explains more alone",
+        "another effect like it explains more alone",
+    ),
+    "how_soon": (
+        "it stands among the first in the simplest explanation",
+        "the simplest explanation does without it, or needs others before it",
+    ),
+    "how_soon_here": (
+        "it stands first at its joint in the simplest explanation",
+        "others at its joint stand before it in the simplest explanation, or it is not in it",
+    ),
+    "log_nats_in_turn": (
+        "beside larger causes it still explains much",
+        "beside larger causes it explains little",
+    ),
+    "share_in_turn": (
+        "beside larger causes it closes much of the error that is left",
+        "beside larger causes it closes little of the error that is left",
+    ),
+    "turn_in_errors": (
+        "beside larger causes it foretells runs that the fit never saw",
+        "beside larger causes it hardly foretells runs that the fit never saw",
     ),
     "rival_behind": ("no other effect explains it", "another effect explains it nearly as well"),
     "place_behind": ("no other joint explains it", "another joint explains it nearly as well"),
@@ -166,7 +195,8 @@ class Scorers:
         evidence = evidence_of(reached.model)
         prior = reached.model.prior()
         factor = FIXED * reached.model.components.urdf.scale
-        return cls(HeldOut(evidence, prior), HeldOut(evidence, prior.tightened(factor)))
+        tuned = HeldOut(evidence, prior, expected=reached.chosen)
+        return cls(tuned, tuned.believing(prior.tightened(factor)))
 
 
 def describe(inference: Inference, refined: Inference, session: SessionContext) -> list[Described]:
@@ -179,10 +209,11 @@ def describe(inference: Inference, refined: Inference, session: SessionContext) 
     """
     described = []
     taken: set[Key] = set()
+    turns = Turns.of(refined)
     for coarse, fine in zip(inference.reached, refined.reached, strict=True):
         new = [group for group in fine.chosen if group.key not in taken]
         if new:
-            described += _describe_set(inference, coarse, fine, new, session)
+            described += _describe_set(inference, coarse, fine, new, session, turns)
         taken |= {group.key for group in new}
     return described
 
@@ -193,6 +224,7 @@ def _describe_set(
     fine: Inferred,
     new: Sequence[Group],
     session: SessionContext,
+    turns: Turns,
 ) -> list[Described]:
     """Features and rivals of some effects of one set."""
     scorers = Scorers.of(fine)
@@ -210,6 +242,7 @@ def _describe_set(
             "size_in_errors": _size_in_errors(scorers, fine.chosen, group, view),
             **_of_shape(fine, group, session),
             **_of_others(inference, coarse, fine, group, joints),
+            **_of_simplest(inference.simplest, turns, group, joints),
             "smooth_share": float(smooth_share[list(joints)].max()),
             "log_dispersion": float(np.log(residual_dispersion(fine.model, joints))),
         }
@@ -367,11 +400,60 @@ def _of_others(
     return {
         "log_urdf_scale": float(np.log(best.model.components.urdf.scale)),
         "log_friction_spread": float(np.log(spread)),
-        "held": float(coarse.held),
         "from_every_start": float(np.mean(again)),
         "start_behind": float(np.log1p(max(behind, 0.0))),
         "others_here": float(len(near)),
         "names_a_joint": len(fine.chosen) / n,
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """Held-out scores along the simplest set, an effect more each time."""
+
+    scorer: HeldOut
+    order: tuple[Group, ...]  # the set on fine grids, in the order in which its effects came
+
+    @classmethod
+    def of(cls, refined: Inference) -> Turns:
+        """Those of the simplest set on fine grids."""
+        keys = [group.key for group in refined.simplest.chosen]
+        fine = next(reached for reached in refined.reached if reached.simplest)
+        order = sorted(fine.chosen, key=lambda group: keys.index(group.key))
+        everything = {group.key: group for group in fine.chosen}
+        for reached in refined.reached:
+            everything |= {group.key: group for group in reached.chosen}
+        expected = tuple(everything.values())
+        scorer = HeldOut(evidence_of(fine.model), fine.model.prior(), expected=expected)
+        return cls(scorer, tuple(order))
+
+    def view(self, group: Group) -> HeldOutView:
+        """Scores before and after an effect came, or of one that did not if it came last."""
+        keys = [other.key for other in self.order]
+        step = keys.index(group.key) if group.key in keys else len(keys)
+        before = self.order[:step]
+        return HeldOutView(self.scorer.score(before), self.scorer.score([*before, group]), False)
+
+
+def _of_simplest(
+    simplest: SimplestSet, turns: Turns, group: Group, joints: Sequence[int]
+) -> dict[str, float]:
+    """What an effect is to the simplest set that explains."""
+    alone = simplest.alone.get(group.key, 0.0)
+    rows = float(simplest.model.sums.evidence.samples[list(joints)].sum())
+    step = simplest.step_of(group.key)
+    steps_here = simplest.steps_before(group)
+    view = turns.view(group)
+    closed, error = view.after.closed_over(view.before, joints)
+    return {
+        "log_nats_alone": signed_log(alone),
+        "share_alone": float(-np.expm1(-2.0 * max(alone, 0.0) / max(rows, 1.0))),
+        "alone_behind": signed_log(max(simplest.most_like(group) - alone, 0.0)),
+        "how_soon": 0.0 if step is None else 1.0 / (1.0 + step),
+        "how_soon_here": 0.0 if steps_here is None else 1.0 / (1.0 + steps_here),
+        "log_nats_in_turn": signed_log(simplest.nats_in_turn(group.key)),
+        "share_in_turn": float(np.clip(view.closed(joints), -1.0, 1.0)),
+        "turn_in_errors": squashed(closed, error),
     }
 
 

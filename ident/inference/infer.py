@@ -1,19 +1,15 @@
-"""From sums to likely sets of effects with their variance components, from four starts.
+"""From sums to likely sets of effects with their variance components, from several starts.
 
 Sets and variances are each likeliest given the other, in turn, until the log evidence rises no
-more. That has several maxima, so it starts in two ways, and in two more with the variances held:
+more. That has several maxima, so there are three sets:
 
-    plain     no discrepancies yet, so that laws come first
-    flexible  the discrepancies and the URDF's error of the baseline alone, so that laws come last
-    trusting  the same, but a URDF as sure as URDFs usually are: where all its numbers may be off
-              by half, a body that is not in it shows nowhere
-    steady    the same, but friction as steady as it usually is, and no discrepancy that is a
-              function of time: where friction may have any level at any time, a law of its drift
-              shows nowhere
+    simplest  what explains most first, beside noise as large as what the set leaves (`simple`)
+    settled   from there: sets and variances in turn, so that laws come before discrepancies
+    flexible  from the discrepancies and the URDF's error of the baseline alone: laws come last
 
-What foretells nothing on parts of the session that a fit never saw leaves each set (`unseen`). The
-greatest log evidence counts; what stands in the other sets stays as a candidate, and a name that
-depends on the start is less sure.
+What foretells nothing on parts of the session that a fit never saw leaves the last two (`unseen`);
+the simplest has room for it in its noise. The greatest log evidence counts; what stands in the
+other sets stays as a candidate, and a name that depends on the start is less sure.
 """
 
 from __future__ import annotations
@@ -27,12 +23,12 @@ from ident.effects.base import SessionContext
 from ident.inference.components import Components, ModelSums, revise
 from ident.inference.names import Names
 from ident.inference.search import SetSearch
+from ident.inference.simple import SimplestSet, explain_simply
 from ident.inference.sums import SessionSums
 from ident.inference.unseen import without_unforetelling
-from ident.regression.baseline import Baseline, UrdfError
+from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group, Key
-from ident.regression.discrepancy import BLOCKS
 from ident.regression.gram import Evidence
 
 # Rounds of sets and variances from each start: a limit on work.
@@ -49,15 +45,19 @@ class Inferred:
     search: SetSearch
     chosen: tuple[Group, ...]
     log_evidence: float  # of the session [nats]
-    held: bool = False  # whether its variances were held, not made likeliest beside the set
+    simplest: bool = False  # whether it is the simplest set that explains
 
     @classmethod
-    def of(
-        cls, model: ModelSums, search: SetSearch, chosen: Sequence[Group], held: bool = False
-    ) -> Inferred:
+    def of(cls, model: ModelSums, search: SetSearch, chosen: Sequence[Group]) -> Inferred:
         """A set with its log evidence."""
         nats = model.log_evidence(()) + search.nats(chosen)
-        return cls(model, search, tuple(chosen), nats, held)
+        return cls(model, search, tuple(chosen), nats)
+
+    @classmethod
+    def of_simplest(cls, simplest: SimplestSet) -> Inferred:
+        """The simplest set, with its variances."""
+        reached = cls.of(simplest.model, simplest.search, simplest.chosen)
+        return replace(reached, simplest=True)
 
     def member(self, key: Key) -> Group | None:
         """The set's effect of this key; None if there is none."""
@@ -66,9 +66,15 @@ class Inferred:
 
 @dataclass(frozen=True, eq=False)
 class Inference:
-    """What was reached from each start, the likeliest first."""
+    """What was reached from each start, the likeliest first.
+
+    Attributes:
+        reached: Sets with their variances.
+        simplest: How the simplest set came about.
+    """
 
     reached: tuple[Inferred, ...]
+    simplest: SimplestSet
 
     @property
     def best(self) -> Inferred:
@@ -93,42 +99,29 @@ def infer(evidence: Evidence, baseline: Baseline, session: SessionContext) -> In
         baseline, session: The tuned model, and the runs.
     """
     sums, names = SessionSums(evidence), Names.of(evidence, session)
-    plain = ModelSums(sums, names, baseline, Components.usual(sums))
-    flexible = ModelSums(sums, names, baseline, revise(plain, (), warm=False))
-    steady = ModelSums(sums, names, baseline, steady_friction(flexible))
+    usual = Components.usual(sums)
+    steady = ModelSums(sums, names, baseline, without_spread(usual, sums))
+    simplest = explain_simply(steady)
+    beside = revise(simplest.model, simplest.chosen, warm=False)
+    plain = ModelSums(sums, names, baseline, usual)
+    alone = revise(plain, (), warm=False)
     reached = [
-        foretelling(settle(plain)),
-        foretelling(settle(flexible)),
-        foretelling(find_held(trusting_urdf(flexible))),
-        foretelling(find_held(steady)),
+        Inferred.of_simplest(simplest),
+        foretelling(settle(ModelSums(sums, names, baseline, beside), simplest.chosen)),
+        foretelling(settle(ModelSums(sums, names, baseline, alone))),
     ]
-    return Inference(tuple(sorted(reached, key=lambda one: -one.log_evidence)))
+    return Inference(tuple(sorted(reached, key=lambda one: -one.log_evidence)), simplest)
 
 
-def trusting_urdf(model: ModelSums) -> ModelSums:
-    """A model with a URDF that is as sure as URDFs usually are."""
-    return model.with_urdf(UrdfError())
+def without_spread(components: Components, sums: SessionSums) -> Components:
+    """Components with friction that varies as little as it usually does."""
+    usual = sums.evidence.settings.usual_spread
+    return replace(components, friction=np.full_like(components.friction, usual))
 
 
-def steady_friction(model: ModelSums) -> Components:
-    """A model's components with friction that varies as little as it usually does, and no drift."""
-    components = model.components
-    usual = model.sums.evidence.settings.usual_spread
-    discrepancy = components.discrepancy.copy()
-    discrepancy[:, BLOCKS.index("time")] = 0.0
-    friction = np.minimum(components.friction, usual)
-    return replace(components, friction=friction, discrepancy=discrepancy)
-
-
-def find_held(model: ModelSums) -> Inferred:
-    """The set that is likeliest with a model's variances held as they are."""
-    search = SetSearch.of(model)
-    return Inferred.of(model, search, search.run(), held=True)
-
-
-def settle(model: ModelSums) -> Inferred:
-    """Sets and variances in turn, from a model's variances on."""
-    chosen: list[Group] = []
+def settle(model: ModelSums, start: Sequence[Group] = ()) -> Inferred:
+    """Sets and variances in turn, from a model's variances and a set on."""
+    chosen = list(start)
     best: Inferred | None = None
     for _ in range(MOST_ROUNDS):
         search = SetSearch.of(model)
@@ -146,14 +139,13 @@ def settle(model: ModelSums) -> Inferred:
 def foretelling(reached: Inferred) -> Inferred:
     """A set without what foretells nothing on parts that a fit never saw.
 
-    Variances that are not held become those that are likeliest beside what stays.
+    Variances become those that are likeliest beside what stays.
     """
-    scorer = HeldOut(evidence_of(reached.model), reached.model.prior())
+    prior = reached.model.prior()
+    scorer = HeldOut(evidence_of(reached.model), prior, expected=reached.chosen)
     chosen = without_unforetelling(scorer, reached.chosen)
     if len(chosen) == len(reached.chosen):
         return reached
-    if reached.held:
-        return Inferred.of(reached.model, reached.search, chosen, held=True)
     before = reached.model
     model = ModelSums(before.sums, before.names, before.baseline, revise(before, chosen))
     return Inferred.of(model, SetSearch.of(model), chosen)

@@ -8,6 +8,7 @@ turn takes its likeliest point beside the others.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ident.effects import optional
 from ident.effects.base import SessionContext
@@ -46,7 +47,8 @@ def refine(inference: Inference, session: SessionContext, baseline: Baseline) ->
     whitening = inference.best.model.sums.evidence.whitening
     evidence = gather(session, baseline, layout, whitening, rest=True).with_dwells()
     sums, names = SessionSums(evidence), Names.of(evidence, session)
-    return Inference(tuple(_refined(reached, sums, names) for reached in inference.reached))
+    reached = tuple(_refined(reached, sums, names) for reached in inference.reached)
+    return Inference(reached, inference.simplest)
 
 
 def _refined(coarse: Inferred, sums: SessionSums, names: Names) -> Inferred:
@@ -56,7 +58,8 @@ def _refined(coarse: Inferred, sums: SessionSums, names: Names) -> Inferred:
     chosen = _ascend(search, [_middle(names.groups, group) for group in coarse.chosen])
     # Beside fine grids an effect that stood for another's coarse point adds nothing any more.
     chosen = search.without_idle(chosen)
-    return Inferred.of(model, search, _ascend(search, chosen), coarse.held)
+    reached = Inferred.of(model, search, _ascend(search, chosen))
+    return replace(reached, simplest=coarse.simplest)
 
 
 def _middle(points: Sequence[Group], group: Group) -> Group:

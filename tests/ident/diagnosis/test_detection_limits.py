@@ -59,7 +59,7 @@ def limits(analysis: Analysis, dispersion: float) -> dict[tuple[str, int], SizeL
     components = replace(model.components, dispersion=np.full(len(model.whole), dispersion))
     louder = ModelSums(model.sums, model.names, model.baseline, components)
     reached = Inferred.of(louder, SetSearch.of(louder), ())
-    noisy = replace(conclusion, inference=Inference((reached,)), names=())
+    noisy = replace(conclusion, inference=Inference((reached,), conclusion.inference.simplest), names=())
     found = find_limits(noisy, analysis.session)
     return {(one.effect.id, one.joint): one for one in found}
 

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 from ident.diagnosis.diagnose import Analysis
-from ident.inference.infer import Inferred, evidence_of, find_held, steady_friction, trusting_urdf
+from ident.inference.infer import Inferred, evidence_of
 from ident.inference.search import rest_of
 from ident.inference.unseen import without_unforetelling
-from ident.regression.baseline import UrdfError
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
-from ident.regression.discrepancy import BLOCKS
 
 
 def best_of(analysis: Analysis) -> Inferred:
@@ -58,29 +56,6 @@ def test_what_happens_once_is_not_asked_of_other_parts(sprung: Analysis) -> None
     reached = best_of(sprung)
     push = next(group for group in reached.search.names.groups if group.effect.event)
     assert push in without_unforetelling(scorer_of(reached), [*reached.chosen, push])
-
-
-def test_a_start_that_trusts_the_urdf_has_its_usual_error(sprung: Analysis) -> None:
-    """Law: nothing but the URDF's error differs, and it stays held while a set is looked for."""
-    before = best_of(sprung).model
-    trusted = trusting_urdf(before)
-    assert trusted.components.urdf == UrdfError()
-    np.testing.assert_array_equal(trusted.components.discrepancy, before.components.discrepancy)
-    np.testing.assert_array_equal(trusted.components.friction, before.components.friction)
-    reached = find_held(trusted)
-    assert reached.held
-    assert reached.model is trusted
-
-
-def test_a_start_with_steady_friction_has_no_drift(sprung: Analysis) -> None:
-    """Law: friction varies by no more than it usually does, and nothing is a function of time alone."""
-    model = best_of(sprung).model
-    steady = steady_friction(model)
-    usual = model.sums.evidence.settings.usual_spread
-    assert (steady.friction <= np.minimum(usual, model.components.friction)).all()
-    assert not steady.discrepancy[:, BLOCKS.index("time")].any()
-    others = [k for k, block in enumerate(BLOCKS) if block != "time"]
-    np.testing.assert_array_equal(steady.discrepancy[:, others], model.components.discrepancy[:, others])
 
 
 def test_candidates_are_of_the_likeliest_set_that_has_them(sprung: Analysis) -> None:
