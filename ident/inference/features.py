@@ -166,7 +166,8 @@ class Scorers:
         evidence = evidence_of(reached.model)
         prior = reached.model.prior()
         factor = FIXED * reached.model.components.urdf.scale
-        return cls(HeldOut(evidence, prior), HeldOut(evidence, prior.tightened(factor)))
+        tuned = HeldOut(evidence, prior, expected=reached.chosen)
+        return cls(tuned, tuned.believing(prior.tightened(factor)))
 
 
 def describe(inference: Inference, refined: Inference, session: SessionContext) -> list[Described]:

@@ -148,7 +148,8 @@ def foretelling(reached: Inferred) -> Inferred:
 
     Variances that are not held become those that are likeliest beside what stays.
     """
-    scorer = HeldOut(evidence_of(reached.model), reached.model.prior())
+    prior = reached.model.prior()
+    scorer = HeldOut(evidence_of(reached.model), prior, expected=reached.chosen)
     chosen = without_unforetelling(scorer, reached.chosen)
     if len(chosen) == len(reached.chosen):
         return reached

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import coal
 import numpy as np
@@ -30,6 +30,9 @@ from ident.robot.arm import ArmModel
 from ident.safe_read import read_arrays
 from ident.user_cache import user_cache
 from plan.geometry.solids import Box, Solid, hull_points, mesh_triangles
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
 # Places of cuts, as shares of the length along each axis; least gain of one, as a share of the whole hull's volume.
 PLACES, LEAST = np.linspace(0.1, 0.9, 9), 0.02
@@ -89,14 +92,27 @@ def _cut(triangles: Array) -> tuple[list[Array], float | None]:
 
 def _hull(triangles: Float[Array, "m 3 3"]) -> tuple[Float[Array, "k 3"], float]:
     """Corners of the hull of some triangles, and its volume [m³]; flat ones have none, and a little thickness."""
-    from scipy.spatial import ConvexHull, QhullError  # slow to load, and only meshes need it
-
     points = triangles.reshape(-1, 3)
-    try:
-        hull = ConvexHull(points)
-    except (QhullError, ValueError):
+    hull = _quick_hull(points)
+    if hull is None:
         return hull_points(np.unique(points, axis=0)), 0.0
     return points[hull.vertices], float(hull.volume)
+
+
+def _hull_volume(points: Float[Array, "k 3"]) -> float:
+    """Volume of the hull of some points [m³]; zero where they are flat."""
+    hull = _quick_hull(points)
+    return 0.0 if hull is None else float(hull.volume)
+
+
+def _quick_hull(points: Float[Array, "k 3"]) -> ConvexHull | None:
+    """Qhull's hull of some points; None where they are flat, or too few."""
+    from scipy.spatial import ConvexHull, QhullError  # slow to load, and only meshes need it
+
+    try:
+        return ConvexHull(points)
+    except (QhullError, ValueError):
+        return None
 
 
 def _best_cut(triangles: Array, whole: float) -> tuple[float, int, float]:
@@ -164,16 +180,6 @@ def clip(triangles: Float[Array, "m 3 3"], axis: int, place: float) -> tuple[Arr
         sides[side].append(np.stack([tip, on_left, on_right], axis=1))
         sides[1 - side] += [np.stack([on_left, left, right], axis=1), np.stack([on_left, right, on_right], axis=1)]
     return np.concatenate(sides[0]), np.concatenate(sides[1])
-
-
-def _hull_volume(points: Float[Array, "k 3"]) -> float:
-    """Volume of the hull of some points [m³]; zero where they are flat."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return float(ConvexHull(points).volume)
-    except (QhullError, ValueError):
-        return 0.0
 
 
 StandIn = Literal["visual", "capsules", "boxes"]
