@@ -43,7 +43,7 @@ from ident.export.write import write_patch
 from ident.command_options import FitOptions
 from ident.fitting.fit import fit_hybrid
 from ident.model.hybrid import HybridModel
-from ident.fitting.fit import read_named_laws
+from ident.fitting.named_laws import read_named_laws
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from plan.dynamics.power import differentiate_torque
 from plan.dynamics.power import torque_of_model

@@ -11,7 +11,8 @@ from threadpoolctl import threadpool_limits
 from ident.command_options import FilterOptions, FitOptions
 from ident.errors import InputError
 from ident.fitting import fit as fitting
-from ident.fitting.fit import FitResults, NamedLaws, read_named_laws, take_laws
+from ident.fitting.fit import FitResults
+from ident.fitting.named_laws import NamedLaws, read_named_laws, take_laws
 from ident.laws.acting import KNOWN
 from ident.laws.carried import KINDS
 from ident.model.carried import CarriedEffect

@@ -154,9 +154,7 @@ class Amount:
             return []
         columns = [j for j, _ in found]
         others = f"; likewise {', '.join(joints_at(first, columns[1:]))}" if columns[1:] else ""
-        # Strokes that no other repeats still show gravity and friction; one sinusoid shows neither apart.
-        nothing_apart = np.array_equal(moving, one_sinusoid & moving)
-        severity: Severity = "fatal" if nothing_apart else "warning"
+        severity: Severity = "fatal" if len(found) == moving.sum() else "warning"
         return [issue_of("dependent", first, columns, columns[0], severity, reported=found[0][1], others=others)]
 
 

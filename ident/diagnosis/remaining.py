@@ -54,7 +54,8 @@ class Models:
         gram = evidence.gram()
         after = project(gram, evidence, prior, groups)
         # Errors of the untuned model are reported with the URDF as it is.
-        given = HeldOut(evidence, prior.tightened(FIXED_URDF_FACTOR * prior.error.scale))
+        tightened = prior.tightened(FIXED_URDF_FACTOR * prior.error.scale)
+        given = conclusion.held_out.believing(tightened)
         return cls(
             evidence=evidence,
             groups=groups,

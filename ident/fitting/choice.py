@@ -1,41 +1,41 @@
 """What a fit's model is to be made of, chosen by runs left out.
 
-Which width friction turns round over, whether a joint has an offset, which laws of friction it follows beyond the
-plain ones, and whether links keep the URDF's inertias, take base parameters as they come, or must be bodies: each is
-tried on the parts of the recordings in turn that were not used (whole runs; blocks of a single one). What is further
-from the plain model is taken where it lowers the error there by more than one standard error of that fall over the
-parts, and does not make the work worse by as much.
+Which width friction turns round over, whether a joint has an offset, which laws of friction it
+follows beyond the plain ones, and whether links keep the URDF's inertias, take base parameters as
+they come, or must be bodies: each is tried on the parts of the recordings in turn that were not
+used (whole runs; blocks of a single one). What is further from the plain model is taken where it
+lowers the error there by more than one standard error of that fall over the parts, and does not
+make the work worse by as much.
 
-Rows are plain: filtered torque wherever a joint moves. On twelve real arms, three splits each, whitened rows clear of
-reversals left 6 % more on runs left out (geometric mean) and were ahead on 8 of 36, by 2 %; intervals come from them.
+Rows are plain: filtered torque wherever a joint moves. On twelve real arms, three splits each,
+whitened rows clear of reversals left 6 % more on runs left out (geometric mean) and were ahead on
+8 of 36, by 2 %; intervals come from them.
 
-Source: Stone 1974; Breiman, Friedman, Olshen and Stone 1984, section 3.4.3 (the one-standard-error rule).
+Source: Stone 1974; Breiman, Friedman, Olshen and Stone 1984, section 3.4.3 (the one-standard-error
+rule).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.command_options import Inertia
 from ident.errors import RecordingError
+from ident.fitting.chosen import AS_GOOD, Choice
 from ident.fitting.held_out_sums import HeldOutSums, gather_sums
 from ident.fitting.left_out import (
     Errors,
     OwnColumns,
-    Problem,
     Selection,
     assemble,
-    helps,
     left_out,
-    no_worse_work,
     solve,
-    surely_less,
 )
+from ident.fitting.over_parts import helps, no_worse_work, surely_less
 from ident.laws.carried import NamedLaw
 from ident.model.inertia import base_parameters, lift_base, parameter_scale
 from ident.model.linearisation import LEAST_MOVING
@@ -45,8 +45,8 @@ from ident.robot.arm import ArmModel
 
 # How far the URDF's inertial numbers may be off, as shares of each link's scale: tried in turn.
 SHARES = (0.1, 0.3, 1.0, 3.0)
-# Share of the error of the best kind of inertias within which a kind that is nearer to a real arm is as good.
-AS_GOOD, AS_GOOD_SHARE = 0.005, 0.01
+# Share of the error of the best of these within which a smaller one is as good.
+AS_GOOD_SHARE = 0.01
 # Kinds of inertias, the nearest to a real arm first.
 KINDS_OF_INERTIA: tuple[Inertia, ...] = ("consistent", "base", "nominal")
 # Laws of friction that are tried at each joint, with what bends them; speeds in rad/s.
@@ -58,113 +58,13 @@ TRIED_LAWS: tuple[tuple[str, dict[str, float]], ...] = (
     ("nonlinear_viscous_friction", {"exponent": 0.6, "knee_rad_s": 0.05}),
     ("load_dependent_friction", {"terms": 2.0, "load_Nm": 1.0}),
 )
-# What a kind of inertias is, and what it costs, in words.
-WORDS = {
-    "consistent": "bodies that could exist",
-    "base": "base parameters as the recordings have them",
-    "nominal": "the URDF's",
-}
-COSTS = {
-    "consistent": "bodies that could exist cost",
-    "base": "base parameters as they come cost",
-    "nominal": "the URDF's inertias cost",
-}
 MOST_LAWS = 3  # of a joint
-FEWEST_ROWS = 50  # of a part, for it to be a witness of a joint
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """What was chosen, and what each kind of inertias costs on runs left out."""
-
-    selection: Selection
-    sums: HeldOutSums
-    noise: Float[Array, " n"]  # what each joint's model leaves of runs left out [N m]
-    kind: Inertia
-    share: float
-    errors: dict[Inertia, Errors] = field(default_factory=dict)  # of each kind that was tried
-    # Whether the parameters come from whitened rows clear of reversals; from plain rows of all motion otherwise.
-    whitened: bool = False
-    given: int = 0  # how many of the laws were asked for
-
-    @property
-    def widths(self) -> Float[Array, " n"]:
-        """Speed over which each joint's friction turns round [rad/s]."""
-        return np.asarray(TRANSITION_GRID)[self.selection.width]
-
-    @property
-    def laws(self) -> tuple[NamedLaw, ...]:
-        """The laws that were taken."""
-        return tuple(self.sums.laws[number] for number in self.selection.laws)
-
-    @property
-    def given_laws(self) -> tuple[NamedLaw, ...]:
-        """Those that were asked for."""
-        return tuple(self.sums.laws[number] for number in self.selection.laws if number < self.given)
-
-    @property
-    def offset(self) -> bool:
-        """Whether joints have offsets."""
-        return bool(self.selection.offset.any())
-
-    def problem(self) -> Problem:
-        """Normal equations of all parts."""
-        return assemble(self.sums, self.selection, range(self.sums.parts), self.noise)
-
-    def solved(self, kind: Inertia, signed: bool = True) -> Float[Array, " m"]:
-        """The unknowns of all parts together."""
-        return solve(self.sums, self.problem(), kind, self.share, signed)
-
-    def without(self, gone: Collection[tuple[str, int]]) -> Choice:
-        """The same without some laws, by their effects and joints."""
-        laws = tuple(
-            number
-            for number in self.selection.laws
-            if (self.sums.laws[number].effect, self.sums.laws[number].joint) not in gone
-        )
-        return replace(self, selection=replace(self.selection, laws=laws))
-
-    def to_dict(self) -> dict[str, Any]:
-        """For the model's record: what was chosen, and what each alternative leaves of runs left out [N m]."""
-        joints = self.sums.nominal.joint_names
-        return {
-            "inertia": self.kind,
-            "offset": self.offset,
-            "urdf_share_believed": self.share,
-            "rows": "whitened" if self.whitened else "plain",
-            "rmse_by_inertia_Nm": {kind: one.total for kind, one in self.errors.items()},
-            "work_error_by_inertia_J": {kind: one.energy for kind, one in self.errors.items()},
-            "laws": [
-                {"effect": self.sums.laws[k].effect, "joint": joints[self.sums.laws[k].joint], "given": k < self.given}
-                for k in self.selection.laws
-            ],
-            "parts": self.sums.parts,
-        }
-
-    def describe(self) -> list[str]:
-        """In words: what each constraint costs on runs left out, and what was chosen."""
-        lines = []
-        best = self.errors[self.kind]
-        for kind, errors in self.errors.items():
-            cost = errors.total - best.total
-            if kind == self.kind or cost <= AS_GOOD * best.total:
-                continue
-            worst = int(np.argmax(errors.rmse - best.rmse))
-            joint = self.sums.nominal.joint_names[worst]
-            cause = ": a drive gain or a mass of the URDF may be off there" if kind == "consistent" else ""
-            lines.append(f"{COSTS[kind]} {cost:.3g} N m on runs left out, most at {joint}{cause}")
-        share = f"within {100 * self.share:.0f} % of each link's scale"
-        lines.append(f"inertias: {WORDS[self.kind]}" + ("" if self.kind == "nominal" else f", {share}"))
-        lines.append(f"constant torques: {'one a joint' if self.offset else 'none'}")
-        if self.selection.laws:
-            named = ", ".join(
-                f"{self.sums.laws[k].kind.words} at {joint}"
-                for k in self.selection.laws
-                for joint in [self.sums.nominal.joint_names[self.sums.laws[k].joint]]
-                if k >= self.given
-            )
-            lines += [f"laws that runs left out ask for: {named}"] if named else []
-        return lines
+# Width of friction's turning that the search starts from [rad/s].
+FIRST_WIDTH = 0.02
+# Widths are chosen so many times, each time by the noise that the last ones left.
+PASSES = 2
+# Least noise of a joint [N m].
+LEAST_NOISE = 1e-9
 
 
 def choose(
@@ -188,32 +88,29 @@ def choose(
     require_moving(motions, nominal)
     base = base_parameters(nominal)
     sums = gather_sums(motions, nominal, base)
-    n = nominal.n
-    selection = Selection(np.full(n, TRANSITION_GRID.index(0.02)), np.full(n, offset != "off"))
-    noise, kind = np.ones(n), "base"
-    share = SHARES[1]
-    for _ in range(2):
-        errors, found = left_out(sums, selection, noise, "base", share)
-        noise = np.maximum(errors.rmse, 1e-9)
-        selection = _choose_own(sums, selection, [one[: base.rank] for one in found])
+    selection = Selection(
+        width=np.full(nominal.n, TRANSITION_GRID.index(FIRST_WIDTH)),
+        offset=np.full(nominal.n, offset != "off"),
+    )
+    selection, noise = _choose_widths(sums, selection)
     share = _choose_share(sums, selection, noise)
     if offset == "auto":
         selection = _drop_offsets(sums, selection, noise, share)
-    errors, found = left_out(sums, selection, noise, "base", share)
     if given or tried:
+        _, solutions = left_out(sums, selection, noise, "base", share)
+        changes = [unknowns[: base.rank] for unknowns in solutions]
         tuned = _tuned(sums, selection, noise, share)
         widths = np.asarray(TRANSITION_GRID)[selection.width]
-        further = _further_laws(nominal, sums) if tried else ()
+        further = _further_laws(nominal) if tried else ()
         sums = gather_sums(motions, nominal, base, (*given, *further), tuned, widths)
         selection = replace(selection, laws=tuple(range(len(given))))
-        changes = [one[: base.rank] for one in found]
         selection = _choose_laws(sums, selection, changes)
         selection = _drop_laws(sums, selection, noise, share, len(given))
         share = _choose_share(sums, selection, noise)
     kinds: tuple[Inertia, ...] = KINDS_OF_INERTIA if inertia == "auto" else (inertia,)
-    tried_kinds = {one: left_out(sums, selection, noise, one, share)[0] for one in kinds}
-    kind = _best_kind(tried_kinds)
-    return Choice(selection, sums, noise, kind, share, tried_kinds, given=len(given))
+    errors = {kind: left_out(sums, selection, noise, kind, share)[0] for kind in kinds}
+    best = _best_kind(errors)
+    return Choice(selection, sums, noise, best, share, errors, given=len(given))
 
 
 def require_moving(motions: Sequence[Motion], nominal: ArmModel) -> None:
@@ -226,19 +123,27 @@ def require_moving(motions: Sequence[Motion], nominal: ArmModel) -> None:
 
 def _best_kind(errors: dict[Inertia, Errors]) -> Inertia:
     """The kind nearest to a real arm among those that are as good as the best."""
-    least = min(one.total for one in errors.values())
-    return next(kind for kind, one in errors.items() if one.total <= (1.0 + AS_GOOD) * least)
+    least = min(error.total for error in errors.values())
+    most = (1.0 + AS_GOOD) * least
+    return next(kind for kind, error in errors.items() if error.total <= most)
 
 
 def _choose_share(sums: HeldOutSums, selection: Selection, noise: Float[Array, " n"]) -> float:
-    """How far the URDF is believed to be off: the least by which runs left out are foretold as well as by the best."""
-    tried = [left_out(sums, selection, noise, "base", share)[0] for share in SHARES]
-    lost = [float(np.mean(errors.rmse**2 / noise**2)) for errors in tried]
-    most = (1.0 + AS_GOOD_SHARE) ** 2 * min(lost)
-    return next(share for share, one in zip(SHARES, lost, strict=True) if one <= most)
+    """How far the URDF is believed to be off: the least share that is as good as the best.
+
+    As good: runs left out are foretold as well.
+    """
+    losses = []
+    for share in SHARES:
+        errors, _ = left_out(sums, selection, noise, "base", share)
+        losses.append(float(np.mean(errors.rmse**2 / noise**2)))
+    most = (1.0 + AS_GOOD_SHARE) ** 2 * min(losses)
+    return next(share for share, loss in zip(SHARES, losses, strict=True) if loss <= most)
 
 
-def _tuned(sums: HeldOutSums, selection: Selection, noise: Float[Array, " n"], share: float) -> ArmModel:
+def _tuned(
+    sums: HeldOutSums, selection: Selection, noise: Float[Array, " n"], share: float
+) -> ArmModel:
     """The arm with the base parameters that all parts together have."""
     problem = assemble(sums, selection, range(sums.parts), noise)
     change = solve(sums, problem, "base", share)[: sums.base.rank]
@@ -246,90 +151,144 @@ def _tuned(sums: HeldOutSums, selection: Selection, noise: Float[Array, " n"], s
     return sums.nominal.with_inertial_parameters(sums.nominal.inertial_parameters + lift @ change)
 
 
-def _choose_own(sums: HeldOutSums, selection: Selection, changes: Sequence[Float[Array, " r"]]) -> Selection:
-    """The width over which each joint's friction turns round."""
-    width = selection.width.copy()
-    rank = sums.base.rank
-    for j in range(sums.nominal.n):
-        own = OwnColumns.of(sums, j, changes)
+def _choose_widths(sums: HeldOutSums, selection: Selection) -> tuple[Selection, Float[Array, " n"]]:
+    """The width over which each joint's friction turns round, and the noise that it was chosen by.
 
-        def errors(place: int, own: OwnColumns = own, j: int = j) -> tuple[Array, Array]:
-            columns, signed = replace(selection, width=np.full(len(width), place)).of_joint(sums, j)
-            return own.errors(columns - rank, signed)
+    Returns:
+        The selection with these widths, and what each joint's model left of runs left out before
+        the last of them were chosen [N m].
+    """
+    noise = np.ones(sums.nominal.n)
+    for _ in range(PASSES):
+        errors, solutions = left_out(sums, selection, noise, "base", SHARES[1])
+        noise = np.maximum(errors.rmse, LEAST_NOISE)
+        changes = [unknowns[: sums.base.rank] for unknowns in solutions]
+        width = selection.width.copy()
+        for j in range(sums.nominal.n):
+            width[j] = _sharpest_width(sums, selection, changes, j)
+        selection = replace(selection, width=width)
+    return selection, noise
 
-        tried = [errors(place) for place in range(len(TRANSITION_GRID))]
-        best = int(np.argmin([squares.sum() for squares, _ in tried]))
-        # The sharpest turning that is not surely worse than the best one: Coulomb's own law where nothing else shows.
-        width[j] = next(
-            place for place, (squares, _) in enumerate(tried[: best + 1]) if not surely_less(squares, tried[best][0])
-        )
-    return replace(selection, width=width)
+
+def _sharpest_width(
+    sums: HeldOutSums, selection: Selection, changes: Sequence[Float[Array, " r"]], joint: int
+) -> int:
+    """The place in the grid of the sharpest turning that is not surely worse than the best one.
+
+    That is Coulomb's own law where nothing else shows.
+    """
+    columns = OwnColumns.of(sums, joint, changes)
+    squares = []
+    for place in range(len(TRANSITION_GRID)):
+        trial = replace(selection, width=np.full(len(selection.width), place))
+        squares.append(_errors_of_joint(sums, trial, columns, joint)[0])
+    best = int(np.argmin([square.sum() for square in squares]))
+    sharper = enumerate(squares[: best + 1])
+    return next(place for place, square in sharper if not surely_less(square, squares[best]))
 
 
-def _drop_offsets(sums: HeldOutSums, selection: Selection, noise: Float[Array, " n"], share: float) -> Selection:
+def _errors_of_joint(
+    sums: HeldOutSums, selection: Selection, columns: OwnColumns, joint: int
+) -> tuple[Float[Array, " f"], Float[Array, " f"]]:
+    """Squares and work that a joint's model leaves of each part left out."""
+    places, signed = selection.of_joint(sums, joint)
+    return columns.errors(places - sums.base.rank, signed)
+
+
+def _error(
+    sums: HeldOutSums, selection: Selection, noise: Float[Array, " n"], share: float
+) -> tuple[float, Float[Array, " f"]]:
+    """Squares of all joints left of all parts, in units of noise, and the work of each part."""
+    errors, _ = left_out(sums, selection, noise, "base", share)
+    squares = float(np.sum(errors.squares.sum(axis=0) / noise**2))
+    return squares, errors.work.sum(axis=1)
+
+
+def _drop_offsets(
+    sums: HeldOutSums, selection: Selection, noise: Float[Array, " n"], share: float
+) -> Selection:
     """No offsets where runs left out are foretold as well without them."""
-
-    def error(trial: Selection) -> float:
-        squares = left_out(sums, trial, noise, "base", share)[0].squares
-        return float(np.sum(squares.sum(axis=0) / noise**2))
-
     none = replace(selection, offset=np.zeros(sums.nominal.n, dtype=bool))
-    return none if error(none) <= (1.0 + AS_GOOD) ** 2 * error(selection) else selection
+    without, _ = _error(sums, none, noise, share)
+    with_offsets, _ = _error(sums, selection, noise, share)
+    return none if without <= (1.0 + AS_GOOD) ** 2 * with_offsets else selection
 
 
 def _drop_laws(
     sums: HeldOutSums, selection: Selection, noise: Float[Array, " n"], share: float, given: int
 ) -> Selection:
-    """Laws without which runs left out are foretold no worse once all is fitted anew go, the last ones first."""
+    """Laws go without which runs left out are foretold no worse, the last ones first.
 
-    def errors(trial: Selection) -> tuple[float, Array]:
-        found = left_out(sums, trial, noise, "base", share)[0]
-        return float(np.sum(found.squares.sum(axis=0) / noise**2)), found.work.sum(axis=1)
-
-    least, _ = errors(selection)
-    for number in selection.laws[: given - 1 if given else None : -1]:
-        trial = replace(selection, laws=tuple(one for one in selection.laws if one != number))
-        error, _ = errors(trial)
+    All is fitted anew without each. The first `given` laws stay.
+    """
+    least, _ = _error(sums, selection, noise, share)
+    for number in reversed(selection.laws[given:]):
+        others = tuple(law for law in selection.laws if law != number)
+        trial = replace(selection, laws=others)
+        error, _ = _error(sums, trial, noise, share)
         if error <= least:
-            selection, least = trial, error
+            selection = trial
+            least = error
     none = replace(selection, laws=selection.laws[:given])
-    if not no_worse_work(errors(none)[1], errors(selection)[1]):
-        return none
-    return selection
+    _, work_without = _error(sums, none, noise, share)
+    _, work = _error(sums, selection, noise, share)
+    return selection if no_worse_work(work_without, work) else none
 
 
-def _further_laws(nominal: ArmModel, sums: HeldOutSums) -> tuple[NamedLaw, ...]:
+def _further_laws(nominal: ArmModel) -> tuple[NamedLaw, ...]:
     """Laws that are tried at every joint."""
-    found = []
+    laws = []
     for joint in range(nominal.n):
         for effect, shape in TRIED_LAWS:
-            found.append(NamedLaw(effect, joint, shape))
-    return tuple(found)
+            laws.append(NamedLaw(effect, joint, shape))
+    return tuple(laws)
 
 
-def _choose_laws(sums: HeldOutSums, selection: Selection, changes: Sequence[Float[Array, " r"]]) -> Selection:
-    """Laws that runs left out ask for, joint by joint, the most helpful first; one of a kind at a joint."""
+def _choose_laws(
+    sums: HeldOutSums, selection: Selection, changes: Sequence[Float[Array, " r"]]
+) -> Selection:
+    """Laws that runs left out ask for, joint by joint."""
     chosen = list(selection.laws)
-    rank = sums.base.rank
-    for j in range(sums.nominal.n):
-        own = OwnColumns.of(sums, j, changes)
-        here = [number for number in chosen if sums.laws[number].joint == j]
-
-        def errors(numbers: Sequence[int], own: OwnColumns = own, j: int = j) -> tuple[Array, Array]:
-            columns, signed = replace(selection, laws=tuple(numbers)).of_joint(sums, j)
-            return own.errors(columns - rank, signed)
-
-        squares, work = errors(here)
-        while len(here) < MOST_LAWS:
-            taken = {sums.laws[number].effect for number in here}
-            trials = [number for number, law in enumerate(sums.laws) if law.joint == j and law.effect not in taken]
-            if not trials:
-                break
-            found = [errors([*here, number]) for number in trials]
-            best = int(np.argmin([one[0].sum() for one in found]))
-            if not (helps(squares, found[best][0]) and no_worse_work(work, found[best][1])):
-                break
-            here.append(trials[best])
-            squares, work = found[best]
-        chosen += [number for number in here if number not in chosen]
+    for joint in range(sums.nominal.n):
+        laws = _choose_laws_of_joint(sums, selection, changes, joint)
+        chosen += [number for number in laws if number not in chosen]
     return replace(selection, laws=tuple(chosen))
+
+
+def _choose_laws_of_joint(
+    sums: HeldOutSums, selection: Selection, changes: Sequence[Float[Array, " r"]], joint: int
+) -> list[int]:
+    """Numbers of the laws that runs left out ask for at a joint, the most helpful first.
+
+    At most one law of an effect. Laws of the selection stay.
+    """
+    columns = OwnColumns.of(sums, joint, changes)
+    chosen = [number for number in selection.laws if sums.laws[number].joint == joint]
+
+    def errors_with(laws: Sequence[int]) -> tuple[Float[Array, " f"], Float[Array, " f"]]:
+        return _errors_of_joint(sums, replace(selection, laws=tuple(laws)), columns, joint)
+
+    squares, work = errors_with(chosen)
+    while len(chosen) < MOST_LAWS:
+        trials = _untried_laws(sums, chosen, joint)
+        if not trials:
+            break
+        errors = [errors_with([*chosen, number]) for number in trials]
+        best = int(np.argmin([squares_with.sum() for squares_with, _ in errors]))
+        least_squares, least_work = errors[best]
+        if not (helps(squares, least_squares) and no_worse_work(work, least_work)):
+            break
+        chosen.append(trials[best])
+        squares = least_squares
+        work = least_work
+    return chosen
+
+
+def _untried_laws(sums: HeldOutSums, chosen: Sequence[int], joint: int) -> list[int]:
+    """Numbers of a joint's laws whose effect is not chosen yet."""
+    taken = {sums.laws[number].effect for number in chosen}
+    numbers = []
+    for number, law in enumerate(sums.laws):
+        if law.joint == joint and law.effect not in taken:
+            numbers.append(number)
+    return numbers

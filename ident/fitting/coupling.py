@@ -1,9 +1,10 @@
-"""Two joints whose motors turn each other, as in wrists: friction and inertia of each act on the other.
+"""Two joints whose motors turn each other, as in wrists: inertia and friction of both.
 
-    τ_a += I q̈_b + V (q̇_b + m q̇_a) + C tanh((q̇_a + m q̇_b) / w),   and the same with a and b exchanged
+    τ_a += I q̈_b + V (q̇_b + m q̇_a) + C tanh((q̇_a + m q̇_b) / w),   and with a and b exchanged
 
-m is 1 where a motor turns by the sum of both angles, −1 where by their difference. I, V and C of each joint are found
-by least squares beside base parameters, losses and offsets of both; of the two m the one that leaves less.
+m is 1 where a motor turns by the sum of both angles, −1 where by their difference. I, V and C of
+each joint are fitted by least squares beside base parameters, losses and offsets of both; of the
+two m the one that leaves less.
 
 Where no pair is given, neighbours are tried. Two joints are coupled where parts of the recordings
 that were left out are foretold surely better at both of them, with friction that brakes.
@@ -22,9 +23,15 @@ from scipy.special import stdtrit
 from ident.arrays import Array, Float, Int
 from ident.errors import InputError
 from ident.fitting.held_out_sums import split_parts
-from ident.fitting.left_out import SURE
+from ident.fitting.over_parts import SURE
 from ident.model.carried import CarriedEffect, as_acting, carried_torque, moving_arm
-from ident.model.inertia import PRIOR_SHARE, BaseParameters, base_parameters, base_prior, parameter_scale
+from ident.model.inertia import (
+    PRIOR_SHARE,
+    BaseParameters,
+    base_parameters,
+    base_prior,
+    parameter_scale,
+)
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
 from ident.motion.stretches import hold
@@ -40,7 +47,8 @@ NO_COUPLING = "none"
 MIXES = (1.0, -1.0)
 # A joint's own columns: acceleration, speed, direction, one; those of each other joint:
 # acceleration, speed, and the direction of both mixes.
-OWN, BESIDE = 4, 2 + len(MIXES)
+OWN = 4
+BESIDE = 2 + len(MIXES)
 # Samples that couplings are looked for in; of a longer session stretches from all over it.
 SEARCHED_SAMPLES = 50_000
 # Squares of a part below this are none [N² m²].
@@ -67,7 +75,9 @@ def read_coupling(text: str, arm: ArmModel) -> tuple[int, int]:
     return first, second
 
 
-def fit_coupling(motions: Sequence[Motion], arm: ArmModel, first: int, second: int) -> tuple[CarriedEffect, ...]:
+def fit_coupling(
+    motions: Sequence[Motion], arm: ArmModel, first: int, second: int
+) -> tuple[CarriedEffect, ...]:
     """What each of two joints does to the other.
 
     Args:
@@ -108,7 +118,7 @@ def find_coupling(motions: Sequence[Motion], arm: ArmModel) -> tuple[CarriedEffe
 
 @dataclass(frozen=True, eq=False)
 class PairSums:
-    """Sums over parts of each joint's columns: base parameters, its own, its neighbours', torque."""
+    """Sums over parts of each joint's columns: base, its own, its neighbours', torque."""
 
     base: BaseParameters
     prior: Float[Array, "r r"]  # what is known of the base parameters before
@@ -184,9 +194,9 @@ def _falls(before: Float[Array, "f 2"], after: Float[Array, "f 2"]) -> bool:
 def _left_out(sums: PairSums, pair: tuple[int, int], mix: float | None) -> Float[Array, "f 2"]:
     """Squares left of each part at both joints by the solution of all other parts."""
     left = np.zeros((len(sums.parts), 2))
-    for part in sums.parts:
-        others = sums.parts[sums.parts != part]
-        left[part] = _solve(sums, pair, mix, others).left[part]
+    for number in sums.parts:
+        others = sums.parts[sums.parts != number]
+        left[number] = _solve(sums, pair, mix, others).left[number]
     return left
 
 
@@ -196,31 +206,38 @@ def _solve(
     mix: float | None,
     parts: Int[Array, " k"] | None = None,
 ) -> Coupled:
-    """Least squares over both joints: base parameters of both, own columns of each."""
+    """Least squares over both joints: base parameters of both, own columns of each.
+
+    Args:
+        sums: The sums.
+        pair: The joints.
+        mix: By what the motors turn beside their own angle; no coupling if None.
+        parts: Parts whose rows count; all if None.
+    """
     rank = sums.base.rank
-    both = [sums.columns(*pair, mix), sums.columns(*pair[::-1], mix)]
-    own = len(both[0]) - rank
-    information = np.zeros((rank + 2 * own, rank + 2 * own))
+    columns = [sums.columns(*pair, mix), sums.columns(*pair[::-1], mix)]
+    size = len(columns[0]) - rank
+    information = np.zeros((rank + 2 * size, rank + 2 * size))
     score = np.zeros(len(information))
     information[:rank, :rank] += sums.prior
     used = sums.parts if parts is None else parts
-    places = []
-    for place, (joint, columns) in enumerate(zip(pair, both, strict=True)):
-        index = np.concatenate([np.arange(rank), rank + place * own + np.arange(own)])
+    places = [
+        np.concatenate([np.arange(rank), rank + first + np.arange(size)]) for first in (0, size)
+    ]
+    for joint, column, place in zip(pair, columns, places, strict=True):
         gram = sums.squares[joint][used].sum(axis=0)
-        information[np.ix_(index, index)] += gram[np.ix_(columns, columns)]
-        score[index] += gram[columns, -1]
-        places.append(index)
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    scaled = information / np.outer(size, size)
-    numbers = np.linalg.lstsq(scaled, score / size, rcond=1e-10)[0] / size
+        information[np.ix_(place, place)] += gram[np.ix_(column, column)]
+        score[place] += gram[column, -1]
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scaled = information / np.outer(scale, scale)
+    numbers = np.linalg.lstsq(scaled, score / scale, rcond=1e-10)[0] / scale
     left = np.zeros((len(sums.parts), 2))
-    for place, (joint, columns) in enumerate(zip(pair, both, strict=True)):
+    for k, joint in enumerate(pair):
         weights = np.zeros(sums.squares[joint].shape[1])
-        weights[columns] = -numbers[places[place]]
+        weights[columns[k]] = -numbers[places[k]]
         weights[-1] = 1.0
-        left[:, place] = np.einsum("p,fpq,q->f", weights, sums.squares[joint], weights)
-    return Coupled(pair, mix, numbers[rank:].reshape(2, own), np.maximum(left, 0.0))
+        left[:, k] = np.einsum("p,fpq,q->f", weights, sums.squares[joint], weights)
+    return Coupled(pair, mix, numbers[rank:].reshape(2, size), np.maximum(left, 0.0))
 
 
 def _gather(motions: Sequence[Motion], arm: ArmModel, pairs: Sequence[tuple[int, int]]) -> PairSums:
@@ -231,21 +248,25 @@ def _gather(motions: Sequence[Motion], arm: ArmModel, pairs: Sequence[tuple[int,
         beside = [pair[1 - pair.index(joint)] for pair in pairs if joint in pair]
         neighbours.append(tuple(beside))
     parts = split_parts(motions)
-    count = 1 + max(int(part.max()) for part in parts)
+    count = 1 + max(int(part_of_row.max()) for part_of_row in parts)
     sizes = [base.rank + OWN + BESIDE * len(others) + 1 for others in neighbours]
     squares = tuple(np.zeros((count, size, size)) for size in sizes)
-    for motion, part in zip(motions, parts, strict=True):
+    for motion, part_of_row in zip(motions, parts, strict=True):
         regressor = arm.regressor(motion.q, motion.dq, motion.ddq, list(base.columns))
         rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
         for joint, others in enumerate(neighbours):
             if not others:
                 continue
-            own = _joint_columns(motion, joint, others)
-            table = motion.filtered(np.concatenate([regressor[:, joint], own, rigid[:, joint, None]], axis=1))
+            columns = [
+                regressor[:, joint],
+                _joint_columns(motion, joint, others),
+                rigid[:, joint, None],
+            ]
+            table = motion.filtered(np.concatenate(columns, axis=1))
             table[:, -1] = motion.tau_filtered[:, joint] - table[:, -1]
-            for number in np.unique(part):
-                rows = table[motion.moving[:, joint] & (part == number)]
-                squares[joint][number] += rows.T @ rows
+            for part in np.unique(part_of_row):
+                rows = table[motion.moving[:, joint] & (part_of_row == part)]
+                squares[joint][part] += rows.T @ rows
     prior = base_prior(base, PRIOR_SHARE["base"] * parameter_scale(arm))
     return PairSums(base, prior, tuple(neighbours), squares)
 

@@ -1,10 +1,13 @@
 """Sums of a fit's columns by parts of the recordings that are left out in turn.
 
-    G_f = Σ x xᵀ,  w_f = Σ x dq Δt,   x = (columns, torque beside the URDF's arm) of one joint where it moves
+    G_f = Σ x xᵀ,  w_f = Σ x dq Δt,   x = (columns, torque beside the URDF's arm)
 
-Every question of the kind "would runs left out be foretold better with this?" is then small solves: what a model with
-weights w leaves of a part is wᵀ G_f w, and the work that it errs by there wᵀ w_f. Rows are plain: filtered torque in
-N m, wherever the joint moves, reversals included, as the torque is that a model will be asked for.
+over the samples where a joint moves.
+
+Every question of the kind "would runs left out be foretold better with this?" is then small solves:
+what a model with weights w leaves of a part is wᵀ G_f w, and the work that it errs by there wᵀ w_f.
+Rows are plain: filtered torque in N m, wherever the joint moves, reversals included, as the torque
+is that a model will be asked for.
 
 Source: Stone 1974 (choice by cross-validation).
 """
@@ -25,15 +28,20 @@ from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 
 # Parts that are left out in turn: at the most, and at the least, for which few runs are cut.
-MOST_PARTS, FEWEST_PARTS = 8, 4
-# A joint's own columns: acceleration, speed, one, and the direction of motion at every width of its turning.
+MOST_PARTS = 8
+FEWEST_PARTS = 4
+# A joint's own columns: acceleration, speed, one, and the direction of motion at every width of its
+# turning.
 ROTOR, VISCOUS, CONSTANT, FIRST_DIRECTION = range(4)
 OWN = FIRST_DIRECTION + len(TRANSITION_GRID)
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutSums:
-    """Sums by joint and part; p columns of each joint: r base parameters, its own, and those of laws at it."""
+    """Sums by joint and part.
+
+    A joint has p columns: those of r base parameters, its own, and those of laws at it.
+    """
 
     nominal: ArmModel  # the arm as its URDF describes it
     base: BaseParameters  # its base parameters
@@ -48,9 +56,9 @@ class HeldOutSums:
 
     def law_columns(self, number: int) -> Int[Array, " k"]:
         """Where the columns of a law stand among those of its joint."""
-        own = self.laws[number]
-        before = sum(law.size for law in self.laws[:number] if law.joint == own.joint)
-        return self.base.rank + OWN + before + np.arange(own.size)
+        asked = self.laws[number]
+        before = sum(law.size for law in self.laws[:number] if law.joint == asked.joint)
+        return self.base.rank + OWN + before + np.arange(asked.size)
 
 
 def split_parts(motions: Sequence[Motion]) -> list[Int[Array, " t"]]:
@@ -58,15 +66,17 @@ def split_parts(motions: Sequence[Motion]) -> list[Int[Array, " t"]]:
     recorded = np.cumsum([not motion.continues for motion in motions]) - 1
     runs = int(recorded[-1]) + 1
     pieces = -(-FEWEST_PARTS // runs)
+    all_pieces = runs * pieces
     lengths = np.array([motion.filtered_length for motion in motions])
-    of_run = np.bincount(recorded, weights=lengths)
-    found, before = [], np.zeros(runs)
+    length_of_run = np.bincount(recorded, weights=lengths)
+    before = np.zeros(runs)
+    parts = []
     for run, length in zip(recorded, lengths, strict=True):
-        place = (before[run] + np.arange(length)) * pieces // of_run[run]
-        number = (run * pieces + place.astype(int)) * min(runs * pieces, MOST_PARTS) // (runs * pieces)
-        found.append(number)
+        place = (before[run] + np.arange(length)) * pieces // length_of_run[run]
+        piece = run * pieces + place.astype(int)
+        parts.append(piece * min(all_pieces, MOST_PARTS) // all_pieces)
         before[run] += length
-    return found
+    return parts
 
 
 def gather_sums(
@@ -87,21 +97,25 @@ def gather_sums(
         tuned: The arm whose torque loads the joints in these laws; the nominal one if None.
         widths: Speed over which friction turns round in them [rad/s]; needed where there are laws.
     """
-    n, parts = nominal.n, split_parts(motions)
+    n = nominal.n
+    parts = split_parts(motions)
     count = 1 + max(int(part.max()) for part in parts)
-    sizes = [base.rank + OWN + sum(law.size for law in laws if law.joint == j) + 1 for j in range(n)]
+    sizes = np.full(n, base.rank + OWN + 1)
+    for law in laws:
+        sizes[law.joint] += law.size
     squares = tuple(np.zeros((count, size, size)) for size in sizes)
     work = tuple(np.zeros((count, size)) for size in sizes)
     counts = np.zeros((count, n))
-    for motion, part in zip(motions, parts, strict=True):
+    for motion, part_of_row in zip(motions, parts, strict=True):
         tables = _tables(motion, nominal, base, laws, tuned or nominal, widths)
-        speed, step = motion.dq[motion.coarse], motion.interval * motion.lowpass.factor
+        speed = motion.dq[motion.coarse]
+        step = motion.interval * motion.lowpass.factor
         for j, table in enumerate(tables):
-            for number in np.unique(part):
-                rows = motion.moving[:, j] & (part == number)
-                squares[j][number] += table[rows].T @ table[rows]
-                work[j][number] += step * speed[rows, j] @ table[rows]
-                counts[number, j] += rows.sum()
+            for part in np.unique(part_of_row):
+                rows = motion.moving[:, j] & (part_of_row == part)
+                squares[j][part] += table[rows].T @ table[rows]
+                work[j][part] += step * speed[rows, j] @ table[rows]
+                counts[part, j] += rows.sum()
     return HeldOutSums(nominal, base, tuple(laws), squares, work, counts)
 
 
@@ -114,20 +128,23 @@ def _tables(
     widths: Float[Array, " n"] | None,
 ) -> list[Float[Array, "t p"]]:
     """Each joint's filtered columns and torque of a run."""
-    regressor = nominal.regressor(motion.q, motion.dq, motion.ddq, list(base.columns))
-    turning = [np.tanh(motion.dq / width) for width in TRANSITION_GRID]
-    own = np.stack([motion.ddq, motion.dq, np.ones_like(motion.dq), *turning], axis=-1)
-    rigid = nominal.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+    q = motion.q
+    dq = motion.dq
+    ddq = motion.ddq
+    regressor = nominal.regressor(q, dq, ddq, list(base.columns))
+    turning = [np.tanh(dq / width) for width in TRANSITION_GRID]
+    joint_columns = np.stack([ddq, dq, np.ones_like(dq), *turning], axis=-1)
+    rigid = nominal.with_payload(motion.payload).inverse_dynamics(q, dq, ddq)
     load = rigid
     if laws and tuned is not nominal:
-        load = tuned.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
-    slip = direction(motion.dq, np.zeros(nominal.n) if widths is None else widths)
+        load = tuned.with_payload(motion.payload).inverse_dynamics(q, dq, ddq)
+    slip = direction(dq, np.zeros(nominal.n) if widths is None else widths)
     tables = []
     for j in range(nominal.n):
-        states = states_of(j, motion.q, motion.dq, load, slip)
-        beside = [law.columns(states) for law in laws if law.joint == j]
-        columns = np.concatenate([regressor[:, j], own[:, j], *beside, rigid[:, j, None]], axis=1)
-        table = motion.filtered(columns)
+        states = states_of(j, q, dq, load, slip)
+        law_columns = [law.columns(states) for law in laws if law.joint == j]
+        columns = [regressor[:, j], joint_columns[:, j], *law_columns, rigid[:, j, None]]
+        table = motion.filtered(np.concatenate(columns, axis=1))
         table[:, -1] = motion.tau_filtered[:, j] - table[:, -1]
         tables.append(table)
     return tables

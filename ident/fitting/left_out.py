@@ -1,10 +1,9 @@
 """What a model leaves of the parts of recordings that it was not fitted to.
 
-    min_x  Σ_j (xᵀ G_j x) / s_j² + prior   over all parts but one;   wᵀ G w, w = (-x, 1), of that one
+    min_x  Σ_j (xᵀ G_j x) / s_j² + prior   over all parts but one
+    wᵀ G w,  w = (-x, 1)                   of that one
 
-Beside it what the parts say of a change: whether it helps, and whether it makes the work worse.
-
-Source: Stone 1974; Student 1908 (the test over parts).
+Source: Stone 1974.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.command_options import Inertia
@@ -31,8 +29,6 @@ from ident.model.inertia import (
     solve_partly_non_negative,
 )
 
-# How sure it must be over the parts that a law helps, by Student's test.
-SURE = 0.975
 LOSSES = 3
 
 
@@ -45,24 +41,25 @@ class Selection:
     laws: tuple[int, ...] = ()  # numbers of laws among the sums'
 
     def of_joint(self, sums: HeldOutSums, joint: int) -> tuple[Int[Array, " c"], Bool[Array, " c"]]:
-        """A joint's own columns (losses, offset, laws) and which of their coefficients can't be negative."""
+        """A joint's own columns (losses, offset, laws); which coefficients can't be negative."""
         rank = sums.base.rank
-        own = [rank + ROTOR, rank + VISCOUS, rank + FIRST_DIRECTION + int(self.width[joint])]
+        turning = FIRST_DIRECTION + int(self.width[joint])
+        columns = [rank + ROTOR, rank + VISCOUS, rank + turning]
         signed = [True] * LOSSES
         if self.offset[joint]:
-            own.append(rank + CONSTANT)
+            columns.append(rank + CONSTANT)
             signed.append(False)
         for number in self.laws:
             law = sums.laws[number]
             if law.joint == joint:
-                own += sums.law_columns(number).tolist()
+                columns += sums.law_columns(number).tolist()
                 signed += [k in law.kind.nonnegative for k in range(law.size)]
-        return np.array(own), np.array(signed)
+        return np.array(columns), np.array(signed)
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Normal equations of all joints for a selection, and where each joint's columns stand in them."""
+    """Normal equations of all joints for a selection; where each joint's columns stand."""
 
     information: Float[Array, "m m"]
     score: Float[Array, " m"]
@@ -70,43 +67,67 @@ class Problem:
     columns: tuple[Int[Array, " c"], ...]  # the same among the joint's sums
     signed: Int[Array, " b"]  # unknowns that can't be negative
 
+    def row_weights(
+        self, sums: HeldOutSums, unknowns: Float[Array, " m"], joint: int
+    ) -> Float[Array, " p"]:
+        """What a model leaves of a joint's row is the row's product with these."""
+        weights = np.zeros(sums.squares[joint].shape[1])
+        weights[self.columns[joint]] = -unknowns[self.places[joint]]
+        weights[-1] = 1.0
+        return weights
+
 
 def assemble(
-    sums: HeldOutSums, selection: Selection, kept: Sequence[int] | Int[Array, " f"], noise: Float[Array, " n"]
+    sums: HeldOutSums,
+    selection: Selection,
+    parts: Sequence[int] | Int[Array, " f"],
+    noise: Float[Array, " n"],
 ) -> Problem:
     """Normal equations over some parts, each joint's rows in units of its noise.
 
     Unknowns: base parameters, three losses a joint, offsets, laws in their order.
     """
-    rank, n = sums.base.rank, sums.nominal.n
-    offsets = np.cumsum(selection.offset) - 1
-    first_law = rank + LOSSES * n + int(selection.offset.sum())
-    law_place, start = {}, first_law
-    for number in selection.laws:
-        law_place[number] = start + np.arange(sums.laws[number].size)
-        start += sums.laws[number].size
-    information, score = np.zeros((start, start)), np.zeros(start)
-    places, columns, signed = [], [], []
-    for j in range(n):
-        own, bounded = selection.of_joint(sums, j)
-        at = [*(rank + LOSSES * j + np.arange(LOSSES))]
-        if selection.offset[j]:
-            at.append(rank + LOSSES * n + offsets[j])
-        for number in selection.laws:
-            if sums.laws[number].joint == j:
-                at += law_place[number].tolist()
-        place = np.concatenate([np.arange(rank), np.array(at, dtype=int)])
-        column = np.concatenate([np.arange(rank), own])
-        gram = sums.squares[j][list(kept)].sum(axis=0) / noise[j] ** 2
+    rank = sums.base.rank
+    own_places, size = _places_of_own_columns(sums, selection)
+    information = np.zeros((size, size))
+    score = np.zeros(size)
+    places = []
+    columns = []
+    signed: list[int] = []
+    for j, own_place in enumerate(own_places):
+        own_columns, bounded = selection.of_joint(sums, j)
+        place = np.concatenate([np.arange(rank), own_place])
+        column = np.concatenate([np.arange(rank), own_columns])
+        gram = sums.squares[j][list(parts)].sum(axis=0) / noise[j] ** 2
         information[np.ix_(place, place)] += gram[np.ix_(column, column)]
         score[place] += gram[column, -1]
         places.append(place)
         columns.append(column)
-        signed += place[rank:][bounded].tolist()
+        signed += own_place[bounded].tolist()
     return Problem(information, score, tuple(places), tuple(columns), np.array(signed, dtype=int))
 
 
-def solve(sums: HeldOutSums, problem: Problem, kind: Inertia, share: float, signed: bool = True) -> Float[Array, " m"]:
+def _places_of_own_columns(
+    sums: HeldOutSums, selection: Selection
+) -> tuple[list[Int[Array, " c"]], int]:
+    """Where each joint's losses, offset and laws stand among the unknowns; how many there are."""
+    rank = sums.base.rank
+    n = sums.nominal.n
+    first_offset = rank + LOSSES * n
+    places = [(rank + LOSSES * j + np.arange(LOSSES)).tolist() for j in range(n)]
+    for k, j in enumerate(np.flatnonzero(selection.offset)):
+        places[j].append(first_offset + k)
+    size = first_offset + int(selection.offset.sum())
+    for number in selection.laws:
+        law = sums.laws[number]
+        places[law.joint] += range(size, size + law.size)
+        size += law.size
+    return [np.array(place, dtype=int) for place in places], size
+
+
+def solve(
+    sums: HeldOutSums, problem: Problem, kind: Inertia, share: float, signed: bool = True
+) -> Float[Array, " m"]:
     """The unknowns for one kind of inertias.
 
     Args:
@@ -116,26 +137,49 @@ def solve(sums: HeldOutSums, problem: Problem, kind: Inertia, share: float, sign
         share: How far the URDF's may be off, as a share of each link's scale.
         signed: Whether losses can't be negative.
     """
-    rank, nominal = sums.base.rank, sums.nominal
     bounded = problem.signed if signed else np.zeros(0, dtype=int)
     if kind == "nominal":
-        found = np.zeros(len(problem.score))
-        own = np.arange(rank, len(problem.score))
-        found[rank:] = _least_squares(problem.information[np.ix_(own, own)], problem.score[own], bounded - rank)
-        return found
-    scale = share * parameter_scale(nominal)
+        return _solve_losses(problem, sums.base.rank, bounded)
+    scale = share * parameter_scale(sums.nominal)
     if kind == "base":
-        information = problem.information.copy()
-        information[:rank, :rank] += base_prior(sums.base, scale)
-        return _least_squares(information, problem.score, bounded)
-    numbers, size = len(scale), len(problem.score)
-    lift = np.zeros((size, numbers + size - rank))
+        return _solve_base(sums, problem, bounded, scale)
+    return _solve_bodies(sums, problem, bounded, scale)
+
+
+def _solve_losses(problem: Problem, rank: int, bounded: Int[Array, " b"]) -> Float[Array, " m"]:
+    """The unknowns with the URDF's inertias."""
+    unknowns = np.zeros(len(problem.score))
+    losses = np.arange(rank, len(unknowns))
+    information = problem.information[np.ix_(losses, losses)]
+    unknowns[rank:] = _least_squares(information, problem.score[losses], bounded - rank)
+    return unknowns
+
+
+def _solve_base(
+    sums: HeldOutSums, problem: Problem, bounded: Int[Array, " b"], scale: Float[Array, " 10n"]
+) -> Float[Array, " m"]:
+    """The unknowns with base parameters as they come."""
+    rank = sums.base.rank
+    information = problem.information.copy()
+    information[:rank, :rank] += base_prior(sums.base, scale)
+    return _least_squares(information, problem.score, bounded)
+
+
+def _solve_bodies(
+    sums: HeldOutSums, problem: Problem, bounded: Int[Array, " b"], scale: Float[Array, " 10n"]
+) -> Float[Array, " m"]:
+    """The unknowns with links that could exist; their changes are solved for in units of scale."""
+    rank = sums.base.rank
+    numbers = len(scale)
+    losses = len(problem.score) - rank
+    lift = np.zeros((rank + losses, numbers + losses))
     lift[:rank, :numbers] = sums.base.mapping * scale
-    lift[rank:, numbers:] = np.eye(size - rank)
+    lift[rank:, numbers:] = np.eye(losses)
     information = lift.T @ problem.information @ lift
     information[:numbers, :numbers] += np.eye(numbers)
-    links = nominal.inertial_parameters
-    return lift @ solve_bounded(information, lift.T @ problem.score, bounded - rank + numbers, links, scale)
+    links = sums.nominal.inertial_parameters
+    bounded = bounded - rank + numbers
+    return lift @ solve_bounded(information, lift.T @ problem.score, bounded, links, scale)
 
 
 def _least_squares(
@@ -144,7 +188,8 @@ def _least_squares(
     size = len(score)
     sums = np.zeros((size + 1, size + 1))
     sums[:size, :size] = information
-    sums[:size, -1] = sums[-1, :size] = score
+    sums[:size, -1] = score
+    sums[-1, :size] = score
     # The torque's own square: any number that leaves the sums positive.
     root = np.linalg.lstsq(information, score, rcond=None)[0]
     sums[-1, -1] = 1.0 + abs(float(root @ score))
@@ -162,7 +207,8 @@ class Errors:
     @property
     def rmse(self) -> Float[Array, " n"]:
         """Torque error of each joint over all parts [N m]."""
-        return np.sqrt(self.squares.sum(axis=0) / np.maximum(self.counts.sum(axis=0), 1.0))
+        counts = np.maximum(self.counts.sum(axis=0), 1.0)
+        return np.sqrt(self.squares.sum(axis=0) / counts)
 
     @property
     def total(self) -> float:
@@ -182,56 +228,26 @@ def left_out(
     kind: Inertia,
     share: float,
 ) -> tuple[Errors, list[Float[Array, " m"]]]:
-    """What a model of all other parts leaves of each part, and those models."""
-    n, parts = sums.nominal.n, np.arange(sums.parts)
-    squares, work, found = np.zeros((sums.parts, n)), np.zeros((sums.parts, n)), []
+    """What a model of all other parts leaves of each part, and the unknowns of those models."""
+    n = sums.nominal.n
+    parts = np.arange(sums.parts)
+    squares = np.zeros((sums.parts, n))
+    work = np.zeros((sums.parts, n))
+    solutions = []
     for part in parts:
         problem = assemble(sums, selection, parts[parts != part], noise)
         unknowns = solve(sums, problem, kind, share)
-        found.append(unknowns)
+        solutions.append(unknowns)
         for j in range(n):
-            weights = _row_weights(sums, problem, unknowns, j)
+            weights = problem.row_weights(sums, unknowns, j)
             squares[part, j] = weights @ sums.squares[j][part] @ weights
             work[part, j] = weights @ sums.work[j][part]
-    return Errors(np.maximum(squares, 0.0), work, sums.counts), found
-
-
-def _row_weights(sums: HeldOutSums, problem: Problem, unknowns: Float[Array, " m"], joint: int) -> Float[Array, " p"]:
-    """What a model leaves of a joint's row is the row's product with these."""
-    weights = np.zeros(sums.squares[joint].shape[1])
-    weights[problem.columns[joint]] = -unknowns[problem.places[joint]]
-    weights[-1] = 1.0
-    return weights
-
-
-def surely_less(before: Float[Array, " f"], after: Float[Array, " f"]) -> bool:
-    """Whether sums over parts fall by more than one standard error of their fall."""
-    fall = before - after
-    if len(fall) < 2:
-        return bool(fall.sum() > 0.0)
-    return bool(fall.mean() > fall.std(ddof=1) / np.sqrt(len(fall)))
-
-
-def helps(before: Float[Array, " f"], after: Float[Array, " f"]) -> bool:
-    """Whether sums over parts fall, by Student's test over the parts."""
-    fall = before - after
-    if len(fall) < 2:
-        return False
-    needed = float(stdtrit(len(fall) - 1, SURE))
-    return bool(fall.mean() > needed * fall.std(ddof=1) / np.sqrt(len(fall)))
-
-
-def no_worse_work(before: Float[Array, " f"], after: Float[Array, " f"]) -> bool:
-    """Whether the squares of work errors grow by no more than one standard error of their growth."""
-    growth = after**2 - before**2
-    if len(growth) < 2:
-        return bool(growth.sum() <= 0.0)
-    return bool(growth.mean() <= growth.std(ddof=1) / np.sqrt(len(growth)))
+    return Errors(np.maximum(squares, 0.0), work, sums.counts), solutions
 
 
 @dataclass(frozen=True, eq=False)
 class OwnColumns:
-    """A joint's own columns after the base parameters that all other parts found, part by part."""
+    """A joint's own columns beside the base parameters that all other parts gave, part by part."""
 
     gram: Float[Array, "f q q"]  # of own columns and, last, the torque left; over each part
     rest: Float[Array, "f q q"]  # over all other parts
@@ -246,28 +262,32 @@ class OwnColumns:
             joint: The joint.
             changes: Change of the base parameters as all parts but each in turn have it.
         """
-        rank, size = sums.base.rank, sums.squares[joint].shape[1]
+        rank = sums.base.rank
+        size = sums.squares[joint].shape[1]
         total = sums.squares[joint].sum(axis=0)
-        gram, rest, work = [], [], []
+        grams = []
+        rest = []
+        work = []
         for part, change in enumerate(changes):
             lift = np.zeros((size, size - rank))
             lift[rank:] = np.eye(size - rank)
             lift[:rank, -1] = -change
-            own = lift.T @ sums.squares[joint][part] @ lift
-            gram.append(own)
-            rest.append(lift.T @ total @ lift - own)
+            gram = lift.T @ sums.squares[joint][part] @ lift
+            grams.append(gram)
+            rest.append(lift.T @ total @ lift - gram)
             work.append(lift.T @ sums.work[joint][part])
-        return cls(np.array(gram), np.array(rest), np.array(work))
+        return cls(np.array(grams), np.array(rest), np.array(work))
 
     def errors(self, columns: Int[Array, " c"], signed: Bool[Array, " c"]) -> tuple[Array, Array]:
         """Squares and work left of each part by some of the columns, fitted to the others."""
-        squares, work = np.zeros(len(self.gram)), np.zeros(len(self.gram))
+        squares = np.zeros(len(self.gram))
+        work = np.zeros(len(self.gram))
         bounded = np.flatnonzero(signed)
+        index = np.append(columns, -1)
         for part, rest in enumerate(self.rest):
-            index = np.append(columns, -1)
-            found = solve_partly_non_negative(rest[np.ix_(index, index)], bounded)
+            coefficients = solve_partly_non_negative(rest[np.ix_(index, index)], bounded)
             weights = np.zeros(rest.shape[0])
-            weights[columns] = -found
+            weights[columns] = -coefficients
             weights[-1] = 1.0
             squares[part] = weights @ self.gram[part] @ weights
             work[part] = weights @ self.work[part]

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from ident.inference.features import (
     describe,
     describe_joints,
 )
-from ident.inference.infer import Inference, Inferred, evidence_of, infer
+from ident.inference.infer import Inference, Inferred, infer
 from ident.inference.refine import refine
 from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut, HeldOutScore
@@ -103,15 +102,15 @@ class Conclusion:
         """The names' columns in the fine grids' sums."""
         return [name.group for name in self.names]
 
-    @cached_property
+    @property
     def evidence(self) -> Evidence:
         """Sums of the names on fine grids, with friction's spread and dispersion."""
-        return evidence_of(self.fine.model)
+        return self.scorers.tuned.evidence
 
     @property
     def prior(self) -> Prior:
         """What the URDF says of the base parameters."""
-        return self.fine.model.prior()
+        return self.scorers.tuned.prior
 
     @property
     def held_out(self) -> HeldOut:

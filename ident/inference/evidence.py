@@ -38,12 +38,14 @@ def factorise(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
     """Lower factor L, L Lᵀ the matrix, of one that is positive but for rounding.
 
     Where columns are nearly the same, as in a single short run, what is left of one beside the
-    others is lost in rounding and may come out below zero: it is raised to what rounding leaves.
+    others is lost in rounding and may come out below zero: it is raised to what rounding leaves. So
+    is a column whose own square did, in units of the largest.
     """
     try:
         return np.asarray(cholesky(matrix, lower=True, check_finite=False))
     except LinAlgError:
-        size = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+        squares = np.diag(matrix)
+        size = np.sqrt(np.where(squares > 0.0, squares, ROUNDING * squares.max()))
         values, vectors = eigh(matrix / np.outer(size, size), check_finite=False)
         root = vectors * np.sqrt(np.maximum(values, ROUNDING * values[-1]))
         factors = qr((size[:, None] * root).T, mode="r", check_finite=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
@@ -121,60 +121,80 @@ def _spots(
 
 
 @dataclass(frozen=True, eq=False)
+class FoldColumns:
+    """Sums of the columns that models have, fold by fold; each is summed once.
+
+    Attributes:
+        evidence: Sums of the session.
+        expected: Columns that models will have; others may come, too.
+    """
+
+    evidence: Evidence
+    expected: Int[Array, " z"]
+
+    def at(self, joint: int, places: Int[Array, " c"]) -> ColumnSums:
+        """Sums of some columns of a joint's rows."""
+        return self._readers[joint](places.tobytes())
+
+    @cached_property
+    def _known(self) -> dict[int, ColumnSums]:
+        """Of each joint the sums of all columns that are expected, or were asked for so far."""
+        known = {}
+        for joint, local in enumerate(self.evidence.layout.local):
+            places, _ = _spots(local, self.expected)
+            known[joint] = ColumnSums.of(self.evidence, joint, np.sort(places))
+        return known
+
+    @cached_property
+    def _readers(self) -> tuple[Callable[[bytes], ColumnSums], ...]:
+        """For each joint a function of places in its rows, packed.
+
+        The last few are kept: most models differ at one joint from the one before.
+        """
+        joints = range(self.evidence.layout.n)
+        return tuple(lru_cache(MODELS_KEPT)(partial(self._read, joint)) for joint in joints)
+
+    def _read(self, joint: int, packed: bytes) -> ColumnSums:
+        places = np.frombuffer(packed, dtype=int)
+        known = self._known[joint]
+        if not np.isin(places, known.places).all():
+            known = ColumnSums.of(self.evidence, joint, np.union1d(known.places, places))
+            self._known[joint] = known
+        return known.at(places)
+
+
+@dataclass(frozen=True, eq=False)
 class HeldOut:
     """Scores models on folds.
 
     Attributes:
         evidence, prior: Sums of the session, and what is known beforehand of the baseline.
         expected: Groups that models will have; others may come, too.
+        shared: Sums that another scorer of the same session has made; none if None.
     """
 
     evidence: Evidence
     prior: Prior
     expected: tuple[Group, ...] = field(default=(), kw_only=True)
+    shared: FoldColumns | None = field(default=None, kw_only=True)
 
     def believing(self, prior: Prior) -> HeldOut:
         """Scores of the same session with another belief; the sums of both are one."""
-        other = replace(self, prior=prior)
-        vars(other).update(_known=self._known, _sums_at=self._sums_at)
-        return other
+        return HeldOut(self.evidence, prior, shared=self._columns)
 
     @cached_property
-    def _known(self) -> dict[int, ColumnSums]:
-        """Of each joint the sums of all columns that a model is expected to have, or had so far."""
-        if not self.expected:
-            return {}
-        known = {}
-        used = self._columns_of(self.expected)
-        for joint, local in enumerate(self.evidence.layout.local):
-            places, _ = _spots(local, used)
-            known[joint] = ColumnSums.of(self.evidence, joint, np.sort(places))
-        return known
+    def _columns(self) -> FoldColumns:
+        if self.shared is not None:
+            return self.shared
+        return FoldColumns(self.evidence, self._columns_of(self.expected))
 
     def _columns_of(self, groups: Sequence[Group]) -> Int[Array, " z"]:
         """Columns of the baseline, some groups, and the torque."""
         layout = self.evidence.layout
-        columns = [np.arange(layout.tuned), *(group.columns for group in groups), [layout.size]]
-        return np.concatenate(columns).astype(int)
-
-    @cached_property
-    def _sums_at(self) -> tuple[Callable[[bytes], ColumnSums], ...]:
-        """For each joint a function of places in its rows, packed.
-
-        The last few are kept: most models differ at one joint from the one before.
-        """
-
-        def sums_at(joint: int, packed: bytes) -> ColumnSums:
-            places = np.frombuffer(packed, dtype=int)
-            known = self._known.get(joint)
-            if known is None or not np.isin(places, known.places).all():
-                wanted = places if known is None else np.union1d(known.places, places)
-                known = ColumnSums.of(self.evidence, joint, np.sort(wanted))
-                self._known[joint] = known
-            return known.at(places)
-
-        joints = range(self.evidence.layout.n)
-        return tuple(lru_cache(MODELS_KEPT)(partial(sums_at, joint)) for joint in joints)
+        of_groups = (group.columns for group in groups)
+        return np.concatenate(
+            [np.arange(layout.tuned), *of_groups, np.array([layout.size])]
+        ).astype(int)
 
     @cached_property
     def _scored(self) -> dict[tuple[Group, ...], tuple[FoldWeights, HeldOutScore]]:
@@ -196,9 +216,9 @@ class HeldOut:
     def _over_all_folds(self, columns: Int[Array, " z"]) -> Float[Array, "z z"]:
         """Whitened sums of some columns of all joints over all folds."""
         whole = np.zeros((len(columns), len(columns)))
-        for sums_at, local in zip(self._sums_at, self.evidence.layout.local, strict=True):
+        for joint, local in enumerate(self.evidence.layout.local):
             places, into = _spots(local, columns)
-            whole[np.ix_(into, into)] += sums_at(places.tobytes()).of_fold.sum(axis=0)
+            whole[np.ix_(into, into)] += self._columns.at(joint, places).of_fold.sum(axis=0)
         return whole
 
     def _of(self, groups: Sequence[Group]) -> tuple[FoldWeights, HeldOutScore]:
@@ -213,9 +233,9 @@ class HeldOut:
         used = self._columns_of(groups)
         folds = len(self.evidence.weights)
         grams = np.zeros((folds, len(used), len(used)))
-        for sums_at, local in zip(self._sums_at, layout.local, strict=True):
+        for joint, local in enumerate(layout.local):
             places, into = _spots(local, used)
-            grams[:, into[:, None], into] += sums_at(places.tobytes()).without
+            grams[:, into[:, None], into] += self._columns.at(joint, places).without
         signed = signs_of(layout.tuned, groups)
         values = np.array([self._solve(gram, used, signed) for gram in grams])
         once = np.isin(
@@ -232,7 +252,7 @@ class HeldOut:
             places, into = _spots(local, weights.columns)
             w = weights.values[:, into]
             with np.errstate(over="ignore"):  # what a fold knows nothing of may run away
-                known = self._sums_at[j](places.tobytes())
+                known = self._columns.at(j, places)
                 for sums, squared in ((known.of_fold, misfit), (known.plain, squares)):
                     squared[:, j] = np.einsum("fk,fk->f", w, (sums @ w[:, :, None])[:, :, 0])
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)

@@ -125,7 +125,7 @@ class FrictionSums:
             of_fold = of_fold.copy()
             for fold in range(len(of_fold)):
                 inside = fold_of_piece == fold
-                half = np.tensordot(pieces[inside], follow[inside], axes=((0, 1), (0, 1)))
+                half = _products(pieces[inside], follow[inside])
                 of_fold[fold] -= 0.5 * (half + half.T)
             return of_fold.sum(axis=0) - of_fold, of_fold
         rest = of_fold.sum(axis=0) - of_fold
@@ -136,7 +136,7 @@ class FrictionSums:
                 known = self._known(whole, joint, spread)
                 whole = _columns(whole, places)
                 follow = np.einsum("rab,rbp->rap", known, whole)
-                side[fold] -= np.tensordot(whole, follow, axes=((0, 1), (0, 1)))
+                side[fold] -= _products(whole, follow)
         return rest, of_fold
 
     @cached_property
@@ -220,6 +220,17 @@ class FrictionSums:
 def _columns(sums: Float[Array, "K 2 p"], places: Int[Array, " c"] | None) -> Float[Array, "K 2 c"]:
     """Some columns of sums; all if None."""
     return sums if places is None else sums[:, :, places]
+
+
+def _products(sums: Float[Array, "K 2 c"], follow: Float[Array, "K 2 c"]) -> Float[Array, "c c"]:
+    """Products of two columns of some sums, over all of them.
+
+    Piece by piece, so that rounding does not depend on which other columns are asked for.
+    """
+    total = np.zeros((sums.shape[2], sums.shape[2]))
+    for first, second in zip(sums, follow, strict=True):
+        total += first[0, :, None] * second[0] + first[1, :, None] * second[1]
+    return total
 
 
 def _times(matrices: Float[Array, "K 2 2"], vectors: Float[Array, "K 2"]) -> Float[Array, "K 2"]:

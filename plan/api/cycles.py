@@ -9,8 +9,10 @@ from ident.errors import InputError
 from ident.files import atomic_folder
 from ident.model.hybrid import HybridModel
 from ident.results import Provenance
+from ident.robot.arm import ArmModel
 from plan.command_options import DEFAULT_METHOD, SolveOptions
 from plan.problem.cycle_result import CycleResult
+from plan.problem.driveless import hold_driveless
 from plan.problem.execution import DEFAULT_RATE, write_motion_file
 from plan.problem.task_file import Task, load_task
 from plan.solving.cycle import solve_cycle, split_cycle
@@ -41,6 +43,7 @@ def cycle(scene: Task | str | Path, model: HybridModel | str | Path | None = Non
         remedy = "leave it out, and plan its motions by `plan solve` for a controller's points"
         raise InputError("--controller", "a cycle is certified as planned, for no controller", remedy)
     task = scene if isinstance(scene, Task) else load_task(scene)
+    task = hold_driveless(task, ArmModel.load(task.robot))
     fitted = None if model is None else HybridModel.given(model)
     found = solve_cycle(task, split_cycle(task, fitted, chosen), chosen)
     named = None if model is None or isinstance(model, HybridModel) else str(model)

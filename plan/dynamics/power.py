@@ -105,10 +105,8 @@ def power_integrals(tau: Array, dq: Array, weights: Array) -> dict[Metric, float
     return {metric: float(power_integral(tau, dq, weights, metric)[0]) for metric in METRICS}
 
 
-def energy(
-    model: ChainTorque, splines: Splines, metric: Metric, points: int = POINTS
-) -> tuple[Float[Array, " B"], Float[Array, "B n"]]:
-    """Energy of each trajectory by one metric [J], and the peak torque of each joint [N m].
+def energy(model: ChainTorque, splines: Splines, metric: Metric, points: int = POINTS) -> Float[Array, " B"]:
+    """Energy of each trajectory by one metric [J]; peaks, for which a section's ends count, are not looked at.
 
     Args:
         model: Torque model.
@@ -116,11 +114,11 @@ def energy(
         metric: How power is counted, see `power_integral`.
         points: Gauss-Legendre points a section.
     """
-    s, w = section_nodes(points)
+    s, w = (nodes[1:-1] for nodes in section_nodes(points))
     q, dq, ddq = splines.states(s)
     tau = model.torque(q, dq, ddq)
     weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
-    return power_integral(tau, dq, weights, metric), np.abs(tau).max(axis=1)
+    return power_integral(tau, dq, weights, metric)
 
 
 def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> ChainTorque:

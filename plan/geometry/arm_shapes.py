@@ -15,13 +15,14 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, freeze
 from ident.errors import InputError, RobotError
 from ident.files import atomic_write
 from ident.recordings.recording import TelemetryIssue
@@ -30,13 +31,16 @@ from ident.safe_read import read_arrays
 from ident.user_cache import user_cache
 from plan.geometry.solids import Box, Solid, hull_points, mesh_triangles
 
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
+
 # Places of cuts, as shares of the length along each axis; least gain of one, as a share of the whole hull's volume.
 PLACES, LEAST = np.linspace(0.1, 0.9, 9), 0.02
 MOST = 16
 # Triangles by which cuts are chosen, at most; area vectors of a closed surface add up to this share of it, or less.
 ENOUGH, CLOSED = 3000, 1e-3
 # Changes with the way of cutting, so that parts that were kept before are not taken up.
-VERSION = b"1"
+VERSION = b"2"
 
 
 def convex_parts(triangles: Float[Array, "m 3 3"]) -> tuple[list[Float[Array, "k 3"]], float | None]:
@@ -50,8 +54,8 @@ def convex_parts(triangles: Float[Array, "m 3 3"]) -> tuple[list[Float[Array, "k
         an open mesh.
     """
     triangles = np.ascontiguousarray(triangles, dtype=float)
-    cache, name = user_cache(), f"{hashlib.sha256(VERSION + triangles.tobytes()).hexdigest()}.npz"
-    kept = None if cache is None else cache / "parts" / name
+    folder, name = user_cache(), f"{hashlib.sha256(VERSION + triangles.tobytes()).hexdigest()}.npz"
+    kept = None if folder is None else folder / "parts" / name
     with suppress(InputError, ValueError, KeyError, TypeError):  # what can't be read is made anew
         arrays = read_arrays(kept, "remove it") if kept is not None and kept.is_file() else {}
         share = float(arrays["excess"])
@@ -66,7 +70,8 @@ def convex_parts(triangles: Float[Array, "m 3 3"]) -> tuple[list[Float[Array, "k
 
 def _cut(triangles: Array) -> tuple[list[Array], float | None]:
     a, b, c = (triangles[:, k] for k in range(3))
-    areas, whole, parts, volume = np.cross(b - a, c - a), _hull_volume(triangles), [triangles], None
+    areas, parts, hulls, volume = np.cross(b - a, c - a), [triangles], [_hull(triangles)], None
+    whole = hulls[0][1]
     if np.linalg.norm(areas.sum(axis=0)) <= CLOSED * np.linalg.norm(areas, axis=1).sum():
         volume = float(abs(np.einsum("ij,ij->i", a - a[0], np.cross(b - a[0], c - a[0])).sum()) / 6.0) or None
     cuts = [_best_cut(triangles, whole)] if volume is None or whole > (1.0 + LEAST) * volume else []
@@ -76,34 +81,86 @@ def _cut(triangles: Array) -> tuple[list[Array], float | None]:
         if gain < LEAST * whole:
             break
         sides = clip(parts[worst], axis, place)
+        pair = [_hull(side) for side in sides]
         parts[worst : worst + 1] = sides
-        cuts[worst : worst + 1] = [_best_cut(side, _hull_volume(side)) for side in sides]
-    held = sum(_hull_volume(part) for part in parts)
-    corners = [hull_points(np.unique(part.reshape(-1, 3), axis=0)) for part in parts]
+        hulls[worst : worst + 1] = pair
+        cuts[worst : worst + 1] = [_best_cut(side, held) for side, (_, held) in zip(sides, pair, strict=True)]
+    held = sum(held for _, held in hulls)
+    corners = [corners for corners, _ in hulls]
     return corners, None if volume is None else max(held / volume - 1.0, 0.0)
+
+
+def _hull(triangles: Float[Array, "m 3 3"]) -> tuple[Float[Array, "k 3"], float]:
+    """Corners of the hull of some triangles, and its volume [m³]; flat ones have none, and a little thickness."""
+    points = triangles.reshape(-1, 3)
+    hull = _quick_hull(points)
+    if hull is None:
+        return hull_points(np.unique(points, axis=0)), 0.0
+    return points[hull.vertices], float(hull.volume)
+
+
+def _hull_volume(points: Float[Array, "k 3"]) -> float:
+    """Volume of the hull of some points [m³]; zero where they are flat."""
+    hull = _quick_hull(points)
+    return 0.0 if hull is None else float(hull.volume)
+
+
+def _quick_hull(points: Float[Array, "k 3"]) -> ConvexHull | None:
+    """Qhull's hull of some points; None where they are flat, or too few."""
+    from scipy.spatial import ConvexHull, QhullError  # slow to load, and only meshes need it
+
+    try:
+        return ConvexHull(points)
+    except (QhullError, ValueError):
+        return None
 
 
 def _best_cut(triangles: Array, whole: float) -> tuple[float, int, float]:
     """Volume that the best cut takes off the hull [m³], its axis and its place [m].
 
-    Along each axis the mesh is cut into slabs once: the hull of several slabs is that of their hulls' corners, which
-    are few, so that none of a side's triangles is looked at again for the next place.
+    Along each axis the mesh is cut into slabs once. Of each slab only the corners that lie farthest
+    in some direction count: to choose a cut that is enough, and a hull of few corners is quick.
+
+    Args:
+        triangles: Corners of each [m].
+        whole: Volume of their hull [m³].
     """
+    best = (0.0, 0, 0.0)
+    if whole == 0.0:
+        return best
     some = triangles[:: max(1, len(triangles) // ENOUGH)]
     low, high = (pick(some.reshape(-1, 3), axis=0) for pick in (np.min, np.max))
-    best = (0.0, 0, 0.0)
+    felt = _hull_volume(_farthest(some.reshape(-1, 3)))
     for axis in range(3):
         places, slabs, rest = low[axis] + PLACES * (high[axis] - low[axis]), [], some
         for place in places:
             below, rest = clip(rest, axis, place)
-            slabs.append(_hull_corners(below))
-        slabs.append(_hull_corners(rest))
+            slabs.append(_farthest(below.reshape(-1, 3)))
+        slabs.append(_farthest(rest.reshape(-1, 3)))
         for number, place in enumerate(places, start=1):
             sides = np.concatenate(slabs[:number]), np.concatenate(slabs[number:])
             if all(len(side) for side in sides):
-                held = sum(_hull_volume(side) for side in sides)
-                best = max(best, (whole - held, axis, float(place)))
+                held = sum(_hull_volume(_farthest(side)) for side in sides)
+                best = max(best, (felt - held, axis, float(place)))
     return best
+
+
+def _farthest(points: Float[Array, "k 3"]) -> Float[Array, "m 3"]:
+    """Of some points those that lie farthest in any of the directions in which hulls are felt."""
+    if len(points) == 0:
+        return points
+    return points[np.unique(np.argmax(_directions() @ points.T, axis=1))]
+
+
+@cache
+def _directions(on_spiral: int = 86) -> Float[Array, "k 3"]:
+    """Unit vectors evenly all round: the axes both ways, and so many on a spiral from pole to pole."""
+    number = np.arange(on_spiral) + 0.5
+    height = 1.0 - 2.0 * number / on_spiral
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * number
+    level = np.sqrt(1.0 - height**2)
+    spiral = np.stack([level * np.cos(turn), level * np.sin(turn), height], axis=1)
+    return freeze(np.concatenate([np.eye(3), -np.eye(3), spiral]))
 
 
 def clip(triangles: Float[Array, "m 3 3"], axis: int, place: float) -> tuple[Array, Array]:
@@ -123,27 +180,6 @@ def clip(triangles: Float[Array, "m 3 3"], axis: int, place: float) -> tuple[Arr
         sides[side].append(np.stack([tip, on_left, on_right], axis=1))
         sides[1 - side] += [np.stack([on_left, left, right], axis=1), np.stack([on_left, right, on_right], axis=1)]
     return np.concatenate(sides[0]), np.concatenate(sides[1])
-
-
-def _hull_volume(points: Float[Array, "... 3"]) -> float:
-    """Volume of the hull of some points, or of triangles' corners [m³]; zero where they are flat."""
-    from scipy.spatial import ConvexHull, QhullError  # slow to load, and only meshes need it
-
-    try:
-        return float(ConvexHull(points.reshape(-1, 3)).volume)
-    except (QhullError, ValueError):
-        return 0.0
-
-
-def _hull_corners(triangles: Float[Array, "m 3 3"]) -> Float[Array, "k 3"]:
-    """Corners of the hull of some triangles; all of theirs where they are flat."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    points = triangles.reshape(-1, 3)
-    try:
-        return np.asarray(points[ConvexHull(points).vertices])
-    except (QhullError, ValueError):
-        return points
 
 
 StandIn = Literal["visual", "capsules", "boxes"]

@@ -51,6 +51,7 @@ class BruteForce(Planner):
                 "use fewer via points or free variables, or another method",
             )
         axes = grid_axes(problem, self.levels)
+        ledger.expected = points
         costs = _costs_of_grid(problem, axes, points, ledger)
         order = np.argsort(costs)
         for i in range(0, len(order), CHECKED):
@@ -65,13 +66,13 @@ class BruteForce(Planner):
 def _costs_of_grid(problem: PlanningProblem, axes: Float[Array, "d L"], points: int, ledger: Ledger) -> Array:
     """Cost of every grid point, on all cores; infinite where the budget ended before."""
     costs = np.full(points, np.inf)
-    workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    workers = count_cores()
 
     def fill(rows: Array) -> None:
         """Enters the costs of some grid points."""
         splines = problem.decode(grid_points(axes, rows))
         timed = problem.objective == "time"
-        costs[rows] = splines.total if timed else energy(problem.model, splines, problem.metric)[0]
+        costs[rows] = splines.total if timed else energy(problem.model, splines, problem.metric)
 
     with ThreadPoolExecutor(workers) as pool:
         for first in range(0, points, COSTS * ROUND * workers):
@@ -82,6 +83,13 @@ def _costs_of_grid(problem: PlanningProblem, axes: Float[Array, "d L"], points: 
                 ledger.notes.append("the budget ended the search")
                 break
     return costs
+
+
+def count_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _pieces(first: int, last: int) -> Iterator[Array]:

@@ -33,6 +33,7 @@ class Genetic(Planner):
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
         """Runs all generations on the first problem; the initial trajectory is one of the first children."""
         problem = problems[0]
+        ledger.expected = self.population * self.generations
         genes = rng.integers(0, 2, (self.population, problem.dimension, self.bits))
         genes[0] = self._encode(problem, problem.initial)
         cost = self._cost(problem, genes, ledger)

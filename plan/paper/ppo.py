@@ -41,6 +41,7 @@ class Ppo(Planner):
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
         """Trains one agent a seed, by turns."""
         agents = [_Agent(problem, self, rng) for problem in problems]
+        ledger.expected = max(self.epochs, self.round * len(agents))
         spent = 0
         for agent in agents:
             spent += agent.learn(self.round, ledger)

@@ -16,7 +16,6 @@ from jinja2 import Environment, StrictUndefined
 from ident.arrays import Array
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
-from ident.progress import stage
 from ident.results import made_by
 from plan.command_options import PaperOptions, SolveOptions, TaskOptions
 from plan.geometry.solids import Box, Solid
@@ -26,6 +25,7 @@ from plan.paper.brute_force import BruteForce
 from plan.paper.compression import Compression
 from plan.paper.genetic import Genetic
 from plan.paper.ppo import Ppo
+from plan.paper.progress import FASTEST, MORE, SearchProgress, all_searches, learner
 from plan.planners.base import Planner
 from plan.planners.evolution import start_compressed
 from plan.planners.sequential import Sequential
@@ -42,8 +42,6 @@ START, GOAL = np.radians([50.0, 0.0, -120.0]), np.radians([80.0, 30.0, -90.0])
 OBSTACLE = Box("monitor", 0, np.eye(3), np.array([0.04, -0.47, 0.56]), Solid.simple("box", 0.06, 0.06, 0.06))
 # How far a drawn tester's via points lie from a tree's [rad], and the longest search of any method [s].
 SPREAD, LONGEST = np.radians(12.0), 3600.0
-# So many times as many epochs as on Table 3's task does PPO take where there is more to choose.
-MORE = 4.2
 _PRINTED = tomllib.loads(Path(__file__).with_name("printed.toml").read_text(encoding="utf-8"))
 # Via points [deg], seconds, and gain over the initial motion as a share.
 Details = tuple[list[list[float]], float | None, float]
@@ -70,17 +68,12 @@ def repeat_paper(model: HybridModel | None, effort: PaperOptions) -> Repeat:
         InputError: The model is another robot's.
     """
     runs = Repeat(model, effort)
-    stage("Table 3", 0.0, 0.2)
     runs.optimise_small_task()
     blocked = runs.problem(1.0, (OBSTACLE,))
-    stage("Fig. 10", 0.2, 0.4)
     runs.compare_searches(blocked)
-    stage("Fig. 11", 0.4, 0.5)
     runs.shorten_from_the_task(blocked)
     slow = runs.problem(4.0, (OBSTACLE,))
-    stage("Tables 4 and 5", 0.5, 0.7)
     learned, improved = runs.improve_the_taught(slow)
-    stage("Tables 6 and 7", 0.7)
     runs.shorten_from_energy_optima("Table 6", slow, learned)
     runs.shorten_from_energy_optima("Table 7", slow, improved)
     return runs
@@ -97,18 +90,27 @@ class Repeat:
     motions: dict[str, tuple[PlanningProblem, PlanResult]] = field(default_factory=dict)
     search: Comparison | None = None  # costs of PPO and the genetic algorithm on the obstacle task, for Fig. 10
 
+    def __post_init__(self) -> None:
+        self.progress = SearchProgress(all_searches(self.effort))
+
     def problem(self, duration: float, obstacles: tuple[Box, ...] = ()) -> PlanningProblem:
         place = Path("the paper's task")
         task = Task(source=place, robot="tm5-900", start=START, goal=GOAL, duration=duration, obstacles=obstacles)
         return set_up(task, self.model, TaskOptions(metric="absolute" if obstacles else "signed", beyond=True))
 
     def ppo(self, times: float = 1.0) -> Ppo:
-        return Ppo(epochs=max(1, round(self.effort.epochs * times)))
+        return learner(self.effort, times)
 
     def run(
-        self, problem: PlanningProblem, planner: Planner, seed: int = 0, starts: Starts | None = None
+        self,
+        table: str,
+        problem: PlanningProblem,
+        planner: Planner,
+        seed: int = 0,
+        starts: Starts | None = None,
     ) -> PlanResult:
-        """One search, from given initial trajectories if that is wanted."""
+        """One search for a table or figure, from given initial trajectories if that is wanted."""
+        self.progress.begin(table, planner)
         options = SolveOptions(seed=seed, evaluations=10**8, seconds=LONGEST, gap=False)
         return solve(problem, options, planner, starts)
 
@@ -127,11 +129,12 @@ class Repeat:
             "ppo": ("RL (PPO)", self.ppo()),
         }
         for key, (name, planner) in planners.items():
-            run = self.run(replace(problem, grows=False), planner)
+            run = self.run("Table 3", replace(problem, grows=False), planner)
             vias = problem.vias if run.splines is None else run.splines.points[0, 1:-1]
             details = _details(key, vias, run.cpu_seconds, 1.0 - run.cost / start)
             self.enter("Table 3", replace(_line(name, "J", PAPER[key], run), details=details))
-        self.enter("Table 3", _line("default (sqp), via points free", "J", (), self.run(problem, Sequential())))
+        free = self.run("Table 3", problem, Sequential())
+        self.enter("Table 3", _line("default (sqp), via points free", "J", (), free))
 
     def compare_searches(self, problem: PlanningProblem) -> None:
         """Fig. 10: PPO against the genetic algorithm from the same starts, and ours."""
@@ -142,24 +145,25 @@ class Repeat:
             "default (sqp)": (Sequential(), None),
         }
         for name, (planner, begin) in planners.items():
-            runs.append(self.run(problem, planner, starts=begin))
+            runs.append(self.run("Fig. 10", problem, planner, starts=begin))
             self.enter("Fig. 10", _line(name, "J", PAPER.get(f"Fig. 10 {planner.name}", ()), runs[-1]))
         self.search = Comparison("fig. 10", "energy", 2100, 1.0, tuple(runs))
 
     def shorten_from_the_task(self, problem: PlanningProblem) -> None:
         """Fig. 11: the shortest motion, via points and stamps free."""
         timed = replace(problem, objective="time", free="both")
-        fast = [self.run(timed, self.ppo(MORE), t) for t in range(3)]
+        fast = [self.run("Fig. 11", timed, self.ppo(MORE), t) for t in FASTEST]
         self.enter("Fig. 11", _line("RL (PPO), stamps and via points", "s", PAPER["Fig. 11"], *fast))
-        self.enter("Fig. 11", _line("default (sqp)", "s", (), self.run(timed, Sequential())))
+        ours = self.run("Fig. 11", timed, Sequential())
+        self.enter("Fig. 11", _line("default (sqp)", "s", (), ours))
         self.motions["figure_11"] = (problem, fast[0])
 
     def improve_the_taught(self, problem: PlanningProblem) -> tuple[list[PlanResult], list[PlanResult]]:
         """Tables 4 and 5: what testers teach, what is learned from the task, and what from the first tester's."""
         trials = range(self.effort.trials)
         taught = {tester: [_teach(problem, tester, t) for t in trials] for tester in (1, 2, 3)}
-        learned = [self.run(problem, self.ppo(MORE), t) for t in trials]
-        improved = [self.run(start, self.ppo(), t, ([start], [])) for t, start in enumerate(taught[1])]
+        learned = [self.run("Table 4", problem, self.ppo(MORE), t) for t in trials]
+        improved = [self.run("Table 5", start, self.ppo(), t, ([start], [])) for t, start in enumerate(taught[1])]
         for tester, starts in taught.items():
             ours = tuple(float(start.initial_evaluation.cost[0]) for start in starts)
             name = f"tester {tester}"
@@ -184,9 +188,9 @@ class Repeat:
             "RL (PPO), stamps and via points": (both, self.ppo(MORE)),
         }
         for number, (name, (starts, planner)) in enumerate(planners.items()):
-            last = [self.run(one, planner, t, ([one], [])) for t, one in enumerate(starts)]
+            last = [self.run(table, one, planner, t, ([one], [])) for t, one in enumerate(starts)]
             self.enter(table, _line(name, "s", PAPER[f"{table} {'learned' if number else 'compressed'}"], *last))
-        free = self.run(replace(problem, objective="time", free="both"), Sequential())
+        free = self.run(table, replace(problem, objective="time", free="both"), Sequential())
         self.enter(table, _line("default (sqp), from the task", "s", (), free))
         if last:
             self.motions[f"figure_13_{table[-1]}"] = (slow[0], last[0])

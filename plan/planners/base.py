@@ -83,6 +83,8 @@ class Ledger:
     # Beyond that, for the certificate and for mending what it finds [s].
     kept_back: float = 0.0
     shown: bool = False  # whether whoever listens is told how much of the budget is spent
+    # Evaluations that the search needs, where it knows that beforehand: what is told goes by them.
+    expected: int = 0
     evaluations: int = 0
     best: Candidate | None = None
     best_of: dict[str, Candidate] = field(default_factory=dict)
@@ -150,7 +152,8 @@ class Ledger:
         """Adds evaluations, those that a solver made by itself too."""
         self.evaluations += evaluations
         if self.shown:
-            share = max(self.evaluations / self.most, self._spent / max(self.most_seconds, 1e-9))
+            most = min(self.expected or self.most, self.most)
+            share = max(self.evaluations / most, self._spent / max(self.most_seconds, 1e-9))
             step(min(round(1000.0 * share), 1000), 1000)
 
     def offer(self, candidate: Candidate) -> None:

@@ -43,11 +43,13 @@ def hold_driveless(task: Task, arm: ArmModel) -> Task:
         return replace(task, held=dict(zip(names, arm.neutral[without].tolist(), strict=True)))
     if task.n != arm.n or task.speed is not None or task.pose is not None:
         return task
-    ends = np.stack([task.goal, *task.others])
+    ends = np.stack([task.goal, *task.others, *(stop.q for stop in task.stops)])
     if not np.all(ends[:, without] == task.start[without]) or task.taught is not None:
         return task
     driven = ~without
     changes = {name: values[driven] for name in OF_JOINTS if (values := getattr(task, name)) is not None}
     held = dict(zip(names, task.start[without].tolist(), strict=True))
     others = tuple(goal[driven] for goal in task.others)
-    return replace(task, start=task.start[driven], goal=task.goal[driven], others=others, held=held, **changes)
+    stops = tuple(replace(stop, q=stop.q[driven]) for stop in task.stops)
+    changes |= {"start": task.start[driven], "goal": task.goal[driven], "others": others, "stops": stops}
+    return replace(task, held=held, **changes)

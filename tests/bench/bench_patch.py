@@ -33,7 +33,8 @@ from ident.export.choose import MEASURES, Gap, measure_gap
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import FILE_OF, LoadedMjcf, LoadedModel, LoadedUrdf, WrittenFile
 from ident.export.write import write_export, write_patch
-from ident.fitting.fit import fit_hybrid, read_named_laws
+from ident.fitting.fit import fit_hybrid
+from ident.fitting.named_laws import read_named_laws
 from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion, prepare

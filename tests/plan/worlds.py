@@ -1,8 +1,10 @@
 """Arms, models and tasks that the planner's tests share."""
 
+import re
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -93,3 +95,19 @@ def random_rotation(rng: np.random.Generator) -> np.ndarray:
     q, r = np.linalg.qr(rng.normal(size=(3, 3)))
     q = q * np.sign(np.diag(r))
     return q if np.linalg.det(q) > 0 else -q
+
+
+def on_wheels(folder: Path) -> Path:
+    """The TM5-900 on a base that slides and turns, without a drive and without mass."""
+    text = ArmModel.load("tm5-900").urdf.replace('name="tm5_900"', 'name="on_wheels"')
+    joints = (("slide", "prismatic", "1 0 0"), ("yaw", "revolute", "0 0 1"))
+    hanging = re.findall(r'<child link="([^"]+)"', text)
+    (root,) = (link for link in re.findall(r'<link name="([^"]+)"', text) if link not in hanging)
+    parents, children = ("floor", "slider"), ("slider", root)
+    added = '<link name="floor"/><link name="slider"/>'
+    for (name, kind, axis), parent, child in zip(joints, parents, children, strict=True):
+        limit = '<limit lower="-3" upper="3" effort="0" velocity="0"/>'
+        added += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        added += f'<axis xyz="{axis}"/>{limit}</joint>'
+    (folder / "on_wheels.urdf").write_text(text.replace("</robot>", f"{added}</robot>"))
+    return folder / "on_wheels.urdf"

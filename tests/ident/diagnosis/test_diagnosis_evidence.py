@@ -116,7 +116,8 @@ def test_sums_that_wait_on_disk_are_the_same(healthy: Analysis, monkeypatch: pyt
         assert isinstance(other.half, SpooledArrays)
         assert np.array_equal(one.over(), other.over())
         assert np.array_equal(known.times(j, np.ones(one.size)), spooled.times(j, np.ones(one.size)))
-        assert np.array_equal(known.parts[j].without(columns), spooled.parts[j].without(columns))
+        for ours, theirs in zip(known.fold_sums(j, columns), spooled.fold_sums(j, columns), strict=True):
+            assert np.array_equal(ours, theirs)
         assert np.array_equal(known.plain[j].part(columns), spooled.plain[j].part(columns))
 
 

@@ -139,3 +139,18 @@ def test_a_factor_is_found_where_rounding_leaves_less_than_nothing(seed: int) ->
     assert (np.diag(factor) > 0.0).all()
     assert np.allclose(np.triu(factor, 1), 0.0)
     assert np.abs((factor @ factor.T - matrix) / np.outer(size, size)).max() < 1e-11
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e6])
+def test_a_column_of_less_than_nothing_leaves_the_others_theirs(unit: float) -> None:
+    """Law: a column whose square rounding put below zero has a factor, too; the rest of L is that without it."""
+    rng = np.random.default_rng(5)
+    root = rng.standard_normal((4, 6))
+    others = unit * (root @ root.T)
+    matrix = np.zeros((5, 5))
+    matrix[:4, :4] = others
+    matrix[4, 4] = -1e-16 * unit
+    factor = factorise(matrix)
+    assert (np.diag(factor) > 0.0).all()
+    assert factor[4, 4] ** 2 < 1e-9 * unit
+    assert np.allclose(factor[:4, :4], np.linalg.cholesky(others), rtol=1e-9)

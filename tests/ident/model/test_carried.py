@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from ident.api.fitting import with_carried
 from ident.arrays import Array
 from ident.command_options import FitOptions
-from ident.fitting.fit import NamedLaws, fit_hybrid, read_named_laws
+from ident.fitting.fit import fit_hybrid
+from ident.fitting.named_laws import NamedLaws, read_named_laws
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel

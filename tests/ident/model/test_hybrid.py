@@ -14,7 +14,8 @@ from ident import fit
 from ident.arrays import Array
 from ident.command_options import FitOptions
 from ident.errors import InputError, ModelError
-from ident.fitting.fit import FitResults, find_training_range, fit_hybrid
+from ident.fitting.fit import FitResults, fit_hybrid
+from ident.fitting.training_range import find_training_range
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion

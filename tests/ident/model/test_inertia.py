@@ -11,8 +11,8 @@ import pytest
 
 from ident.arrays import Array, Float
 from ident.command_options import FitOptions, Inertia
+from ident.fitting.fit_sums import FitSums
 from ident.fitting.identification import Identified, identify
-from ident.fitting.joint_estimate import FitSums
 from ident.model.inertia import (
     base_parameters,
     is_consistent,

@@ -12,8 +12,8 @@ from scipy.signal import lfilter
 from ident.arrays import Array
 from ident.command_options import FitOptions
 from ident.errors import RecordingError
+from ident.fitting.fit_sums import FitSums
 from ident.fitting.identification import Identified, describe, identify
-from ident.fitting.joint_estimate import FitSums
 from ident.model.inertia import base_parameters, parameter_scale, solve_bounded
 from ident.model.loss import NAMES
 from ident.motion.motion import Motion

@@ -13,8 +13,8 @@ from scipy.signal import lfilter
 from ident.arrays import Array, Float
 from ident.command_options import FitOptions
 from ident.errors import RecordingError
+from ident.fitting.fit_sums import FitSums
 from ident.fitting.identification import identify
-from ident.fitting.joint_estimate import FitSums
 from ident.laws.motion import direction
 from ident.model.linearisation import (
     Sliding,

@@ -10,7 +10,8 @@ import pytest
 
 from ident.command_options import FitOptions
 from ident.errors import InputError, RecordingError
-from ident.fitting.fit import FitResults, NamedLaws, fit_hybrid, read_named_laws
+from ident.fitting.fit import FitResults, fit_hybrid
+from ident.fitting.named_laws import NamedLaws, read_named_laws
 from ident.laws.carried import KINDS, JointStates, NamedLaw
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion

@@ -37,14 +37,14 @@ def test_signed_energy_of_a_rigid_arm_is_the_potential(splines: Splines) -> None
     """Rigid body and rotor inertia contribute the change of potential energy, whatever the path."""
     rotors = LossParameters(np.full(3, 0.8), *np.zeros((4, 3)))
     rigid = ChainTorque(three_joints().chain, rotors)
-    found, _ = energy(rigid, splines, "signed")
+    found = energy(rigid, splines, "signed")
     assert found == pytest.approx(np.full(30, potential_change(splines)), abs=1e-3)
 
 
 def test_energy_balance_closes(splines: Splines) -> None:
     """Signed energy is potential plus viscous plus Coulomb loss: no other term."""
     figures = LossParameters(np.full(3, 0.8), np.full(3, 9.0), np.full(3, 6.0), np.zeros(3), np.zeros(3))
-    found, _ = energy(ChainTorque(three_joints().chain, figures), splines, "signed", points=40)
+    found = energy(ChainTorque(three_joints().chain, figures), splines, "signed", points=40)
     s, w = np.polynomial.legendre.leggauss(200)
     _, dq, _ = splines.states((s + 1) / 2)
     weights = (splines.durations[:, :, None] * w / 2).reshape(30, -1)
@@ -216,7 +216,7 @@ def test_kinks_of_power_bend_as_told(metric: str) -> None:
 
 def test_metrics_are_ordered(splines: Splines) -> None:
     """Signed ≤ positive ≤ absolute, and absolute = 2 positive − signed."""
-    signed, positive, absolute, copper = (energy(model(), splines, metric)[0] for metric in METRICS)
+    signed, positive, absolute, copper = (energy(model(), splines, metric) for metric in METRICS)
     assert np.all(signed <= positive + 1e-9)
     assert np.all(positive <= absolute + 1e-9)
     assert absolute == pytest.approx(2 * positive - signed)
@@ -225,5 +225,5 @@ def test_metrics_are_ordered(splines: Splines) -> None:
 
 def test_quadrature_is_good_enough(splines: Splines) -> None:
     """Eight points a section give the absolute energy to 1 % of forty points."""
-    few, many = (energy(model(), splines, "absolute", points=points)[0] for points in (8, 40))
+    few, many = (energy(model(), splines, "absolute", points=points) for points in (8, 40))
     assert few == pytest.approx(many, rel=1e-2)

@@ -11,6 +11,7 @@ from ident.robot.arm import ArmModel
 from plan.api.planning import open_task
 from plan.command_options import TaskOptions
 from plan.problem.task_file import load_task
+from tests.plan.worlds import on_wheels
 
 SCENE = """robot = "{robot}"
 {top}
@@ -157,22 +158,6 @@ def test_a_state_needs_its_file(tmp_path: Path) -> None:
     ends = "start_deg = [1, 2, 3, 4, 5, 6, 7]\ngoal_deg = [1, 2, 3, 4, 5, 6, 7]"
     with pytest.raises(InputError, match="7 angles, tm5_900 has 6 joints: joint_1, joint_2"):
         open_task(scene(tmp_path, "tm5-900", ends))
-
-
-def on_wheels(folder: Path) -> Path:
-    """The TM5-900 on a base that slides and turns, without a drive and without mass."""
-    text = ArmModel.load("tm5-900").urdf.replace('name="tm5_900"', 'name="on_wheels"')
-    joints = (("slide", "prismatic", "1 0 0"), ("yaw", "revolute", "0 0 1"))
-    hanging = re.findall(r'<child link="([^"]+)"', text)
-    (root,) = (link for link in re.findall(r'<link name="([^"]+)"', text) if link not in hanging)
-    parents, children = ("floor", "slider"), ("slider", root)
-    added = '<link name="floor"/><link name="slider"/>'
-    for (name, kind, axis), parent, child in zip(joints, parents, children, strict=True):
-        limit = '<limit lower="-3" upper="3" effort="0" velocity="0"/>'
-        added += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        added += f'<axis xyz="{axis}"/>{limit}</joint>'
-    (folder / "on_wheels.urdf").write_text(text.replace("</robot>", f"{added}</robot>"))
-    return folder / "on_wheels.urdf"
 
 
 ON_WHEELS = {

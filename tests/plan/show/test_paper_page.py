@@ -4,8 +4,14 @@ from pathlib import Path
 
 import pytest
 
+from ident.progress import listening
 from plan.command_options import PaperOptions, SolveOptions
+from plan.paper import repeat as experiments
+from plan.paper.progress import all_searches
 from plan.paper.repeat import PAPER, Line, Repeat, _details, repeat_paper, write_page
+from plan.planners.base import Planner
+from plan.problem.problem import PlanningProblem
+from plan.problem.result import PlanResult, certify
 from plan.solving.compare import Comparison
 from plan.solving.solve import solve
 from tests.plan.worlds import problem
@@ -36,6 +42,29 @@ def test_the_page_tells_both_and_what_is_missing(tmp_path: Path) -> None:
         assert f"({name})" in text
         assert (tmp_path / name).is_file()
     assert "figure_13_7" not in text
+
+
+def test_what_is_told_of_progress_is_what_is_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: every search that is run was reckoned with, in its turn, and at the last one nothing is left."""
+    effort = PaperOptions(epochs=10, generations=2, trials=1, levels=2)
+    run: list[Planner] = []
+
+    def stand_still(task: PlanningProblem, options: SolveOptions, planner: Planner, starts: object) -> PlanResult:
+        """The initial motion, taken for a plan."""
+        run.append(planner)
+        splines = task.decode(task.initial)
+        given = {"method": planner.name, "seed": options.seed, "objective": task.objective, "metric": task.metric}
+        return PlanResult("solved", **given, splines=splines, certificate=certify(task, splines))
+
+    monkeypatch.setattr(experiments, "solve", stand_still)
+    heard: list[tuple[str, float]] = []
+    with listening(lambda words, share, left: heard.append((words, share))):
+        repeat_paper(None, effort)
+    assert run == list(all_searches(effort))
+    assert [words for words, _ in heard[:3]] == ["Table 3: brute", "Table 3: ga", "Table 3: ppo"]
+    shares = [share for _, share in heard]
+    assert shares == sorted(shares)
+    assert len(set(shares)) == len(run)
 
 
 @pytest.mark.slow

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError
+from plan.api.cycles import cycle
 from plan.command_options import SolveOptions
 from plan.problem.task_file import Task, load_task
 from plan.solving.cycle import PACES, PLACES, share_duration, solve_cycle, split_cycle
 from plan.solving.free_duration import Look
+from tests.plan.worlds import on_wheels
 from tests.schemas import check_record
 
 SCENE = """robot = "tm5-900"
@@ -137,6 +139,26 @@ def test_too_short_a_cycle_is_told_with_what_it_needs(tmp_path: Path) -> None:
     assert record["cost_J"] is None
     assert record["robot"] == "tm5_900"
     assert record["joints"] == ["joint_1", "joint_2", "joint_3"]
+
+
+@pytest.mark.parametrize("base", ["0.5, 20, ", ""])
+def test_a_base_without_a_drive_is_held_through_a_cycle(tmp_path: Path, base: str) -> None:
+    """Law: a cycle of an arm whose base has no drive is the arm's, told the base's place or not."""
+    places = [f"[{base}10, {turn}, -60, 0, 30, 0]" for turn in (0, 20)]
+    text = f"""robot = "{on_wheels(tmp_path)}"
+[task]
+start_deg = {places[0]}
+goal_deg = {places[0]}
+duration_s = 0.02
+[[leg]]
+deg = {places[1]}
+"""
+    path = tmp_path / "cycle.toml"
+    path.write_text(text)
+    found = cycle(path)
+    assert "too short" in found.reason
+    assert found.joints == tuple(f"joint_{number}" for number in range(1, 7))
+    np.testing.assert_allclose(np.degrees(found.stops[0].q), [10, 20, -60, 0, 30, 0])
 
 
 @pytest.mark.parametrize(

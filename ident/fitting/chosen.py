@@ -1,0 +1,134 @@
+"""What runs left out chose, and what each alternative costs there."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.command_options import Inertia
+from ident.fitting.held_out_sums import HeldOutSums
+from ident.fitting.left_out import Errors, Problem, Selection, assemble, solve
+from ident.laws.carried import NamedLaw
+from ident.model.loss import TRANSITION_GRID
+
+# Share of the error of the best kind of inertias within which another kind is as good.
+AS_GOOD = 0.005
+# What a kind of inertias is, and what it costs, in words.
+WORDS = {
+    "consistent": "bodies that could exist",
+    "base": "base parameters as the recordings have them",
+    "nominal": "the URDF's",
+}
+COSTS = {
+    "consistent": "bodies that could exist cost",
+    "base": "base parameters as they come cost",
+    "nominal": "the URDF's inertias cost",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What was chosen, and what each kind of inertias costs on runs left out."""
+
+    selection: Selection
+    sums: HeldOutSums
+    noise: Float[Array, " n"]  # what each joint's model leaves of runs left out [N m]
+    kind: Inertia
+    share: float
+    errors: dict[Inertia, Errors] = field(default_factory=dict)  # of each kind that was tried
+    # Whether the parameters come from whitened rows clear of reversals; from plain rows of all
+    # motion otherwise.
+    whitened: bool = False
+    given: int = 0  # how many of the laws were asked for
+
+    @property
+    def widths(self) -> Float[Array, " n"]:
+        """Speed over which each joint's friction turns round [rad/s]."""
+        return np.asarray(TRANSITION_GRID)[self.selection.width]
+
+    @property
+    def laws(self) -> tuple[NamedLaw, ...]:
+        """The laws that were taken."""
+        return tuple(self.sums.laws[number] for number in self.selection.laws)
+
+    @property
+    def given_laws(self) -> tuple[NamedLaw, ...]:
+        """Those that were asked for."""
+        numbers = [number for number in self.selection.laws if number < self.given]
+        return tuple(self.sums.laws[number] for number in numbers)
+
+    @property
+    def offset(self) -> bool:
+        """Whether joints have offsets."""
+        return bool(self.selection.offset.any())
+
+    def problem(self) -> Problem:
+        """Normal equations of all parts."""
+        return assemble(self.sums, self.selection, range(self.sums.parts), self.noise)
+
+    def solved(self, kind: Inertia, signed: bool = True) -> Float[Array, " m"]:
+        """The unknowns of all parts together."""
+        return solve(self.sums, self.problem(), kind, self.share, signed)
+
+    def without(self, gone: Collection[tuple[str, int]]) -> Choice:
+        """The same without some laws, by their effects and joints."""
+        numbers = []
+        for number in self.selection.laws:
+            law = self.sums.laws[number]
+            if (law.effect, law.joint) not in gone:
+                numbers.append(number)
+        return replace(self, selection=replace(self.selection, laws=tuple(numbers)))
+
+    def to_dict(self) -> dict[str, object]:
+        """For the model's record: what was chosen, and what alternatives leave of runs left out."""
+        return {
+            "inertia": self.kind,
+            "offset": self.offset,
+            "urdf_share_believed": self.share,
+            "rows": "whitened" if self.whitened else "plain",
+            "rmse_by_inertia_Nm": {kind: error.total for kind, error in self.errors.items()},
+            "work_error_by_inertia_J": {kind: error.energy for kind, error in self.errors.items()},
+            "laws": [self._law_record(number) for number in self.selection.laws],
+            "parts": self.sums.parts,
+        }
+
+    def _law_record(self, number: int) -> dict[str, object]:
+        law = self.sums.laws[number]
+        joint = self.sums.nominal.joint_names[law.joint]
+        return {"effect": law.effect, "joint": joint, "given": number < self.given}
+
+    def describe(self) -> list[str]:
+        """In words: what each constraint costs on runs left out, and what was chosen."""
+        inertias = f"inertias: {WORDS[self.kind]}"
+        if self.kind != "nominal":
+            inertias += f", within {100 * self.share:.0f} % of each link's scale"
+        offsets = "one a joint" if self.offset else "none"
+        lines = [*self._describe_costs(), inertias, f"constant torques: {offsets}"]
+        tried = [number for number in self.selection.laws if number >= self.given]
+        if tried:
+            named = ", ".join(map(self._describe_law, tried))
+            lines.append(f"laws that runs left out ask for: {named}")
+        return lines
+
+    def _describe_costs(self) -> list[str]:
+        """What other kinds of inertias cost, a line each; those that are as good cost nothing."""
+        lines = []
+        best = self.errors[self.kind]
+        for kind, errors in self.errors.items():
+            cost = errors.total - best.total
+            if kind == self.kind or cost <= AS_GOOD * best.total:
+                continue
+            worst = int(np.argmax(errors.rmse - best.rmse))
+            joint = self.sums.nominal.joint_names[worst]
+            line = f"{COSTS[kind]} {cost:.3g} N m on runs left out, most at {joint}"
+            if kind == "consistent":
+                line += ": a drive gain or a mass of the URDF may be off there"
+            lines.append(line)
+        return lines
+
+    def _describe_law(self, number: int) -> str:
+        law = self.sums.laws[number]
+        return f"{law.kind.words} at {self.sums.nominal.joint_names[law.joint]}"
