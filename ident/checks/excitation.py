@@ -154,7 +154,8 @@ class Amount:
             return []
         columns = [j for j, _ in found]
         others = f"; likewise {', '.join(joints_at(first, columns[1:]))}" if columns[1:] else ""
-        severity: Severity = "fatal" if len(found) == moving.sum() else "warning"
+        # Strokes that no other repeats still show gravity and friction; one sinusoid shows neither apart.
+        severity: Severity = "fatal" if one_sinusoid.sum() == moving.sum() else "warning"
         return [issue_of("dependent", first, columns, columns[0], severity, reported=found[0][1], others=others)]
 
 

@@ -55,8 +55,8 @@ class Payload:
 
 
 FEWEST_BLOCKS = 5  # of held-out splits: a median over them, and a spread, need this many
-# a shorter block holds less than one swing of an arm and is a copy of its neighbours
-SHORTEST_BLOCK_S = 1.5
+# Five of them are a short jog; a block of much less is a copy of its neighbours [s]
+SHORTEST_BLOCK_S = 0.9
 
 
 @dataclass(frozen=True, eq=False)

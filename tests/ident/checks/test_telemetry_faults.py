@@ -306,7 +306,7 @@ def test_an_encoder_that_jumps_has_another_zero(clean: Session, arm: ArmModel, r
 
 def test_too_little_is_told_and_evaluated_all_the_same(clean: Session, arm: ArmModel) -> None:
     """Too few blocks forbid a fit, not an evaluation; and two short sessions together may be enough."""
-    short, other = (clean.replace(runs=[clean.runs[k].at(slice(0, 700))]) for k in (0, 1))
+    short, other = (clean.replace(runs=[clean.runs[k].at(slice(0, 400))]) for k in (0, 1))
     report = inspect(short, arm)
     assert found(report) == {"too_few_runs": "fatal"}
     assert report.require_fit(learning=False) is report
