@@ -281,9 +281,7 @@ def read_results(folder: Path, cases: Iterable[str]) -> dict[str, Any]:
     return found
 
 
-def calibration_record(
-    table: Table, fitted: Fitted, origin: Mapping[str, Any]
-) -> dict[str, Any]:
+def calibration_record(table: Table, fitted: Fitted, origin: Mapping[str, Any]) -> dict[str, Any]:
     """What `calibration.toml` holds."""
     model = fitted.model
     features = _terms(model)

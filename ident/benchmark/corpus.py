@@ -10,7 +10,7 @@ file's.
 `robot.urdf`, and what was wrong apart from them (`answers`). Folders of sessions that other
 simulators made (`robot.urdf`, `answers.json` and one folder a session) join by `--other`.
 `DIR/index.json` lists all of them but those of arms that are kept back, whose index is
-`DIR/kept.json`.
+`DIR/kept.json`. `ident.benchmark.cuts` adds sessions of a few seconds.
 """
 
 from __future__ import annotations
@@ -74,6 +74,7 @@ class Entry:
     truth: tuple[Truth, ...] = ()
     control: str = ""  # case of the same arm without the effect; empty where there is none
     excused: tuple[str, ...] = ()  # ids that are neither right nor wrong here
+    seconds: float = 0.0  # length to which it was cut [s]; 0 where it is whole
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Entry:

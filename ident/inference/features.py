@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ident.arrays import Array, Float
 from ident.effects.base import SessionContext, impossible
 from ident.inference.components import ModelSums, discrepancy_at
 from ident.inference.infer import Inference, Inferred, evidence_of
@@ -93,6 +94,22 @@ FEATURE_WORDS = {
     "log_dispersion": (
         "the model fits the joint down to its noise",
         "the model does not fit the joint down to its noise",
+    ),
+    "log_shape_left": (
+        "nothing of its kind is left beside it",
+        "a smooth function still finds torque beside it, so its law may be another one",
+    ),
+    "share_of_smooth": (
+        "beside it a smooth function finds little",
+        "beside it a smooth function finds as much as without it",
+    ),
+    "stands_out": (
+        "the joint is off by more than the others",
+        "the joint is off by no more than the others",
+    ),
+    "left_above_others": (
+        "beside it the joint is as good as the others",
+        "beside it the joint is still off by more than the others",
     ),
     "log_nats_alone": (
         "alone it explains much of what the tuned model leaves",
@@ -229,6 +246,7 @@ def _describe_set(
     """Features and rivals of some effects of one set."""
     scorers = Scorers.of(fine)
     smooth_share = fine.model.smooth_share(fine.chosen)
+    smooth_power = fine.model.residual(fine.chosen).by_block.sum(axis=1)
     solution = Solution.of(fine)
     described = []
     for group in new:
@@ -237,7 +255,8 @@ def _describe_set(
         view = _held_out(scorers, fine.chosen, group)
         joints = shows_at(group, view, fine.model.sums.evidence.layout.n)
         features = {
-            **_of_evidence(fine, group, joints),
+            **_of_evidence(fine, group, joints, smooth_power),
+            **_beside_other_joints(scorers, view, joints),
             **of_held_out(view, scorers, joints, group),
             "size_in_errors": _size_in_errors(scorers, fine.chosen, group, view),
             **_of_shape(fine, group, session),
@@ -282,9 +301,15 @@ def shows_at(group: Group, view: HeldOutView, n: int) -> tuple[int, ...]:
     return tuple(int(j) for j in shown) or (int(np.argmax(fall)) if n else 0,)
 
 
-def _of_evidence(fine: Inferred, group: Group, joints: Sequence[int]) -> dict[str, float]:
+def _of_evidence(
+    fine: Inferred, group: Group, joints: Sequence[int], smooth_power: Float[Array, " n"]
+) -> dict[str, float]:
     """Log evidence that an effect adds, the discrepancy as it is, and free to take the effect's
-    place.
+    place; and what the discrepancy still finds beside it.
+
+    Args:
+        fine, group, joints: The set, one of its effects, and where that shows.
+        smooth_power: Whitened squares of each joint's discrepancy beside the whole set.
     """
     model, others = fine.model, rest_of(fine.chosen, group)
     alone = fine.search.nats(fine.chosen) - fine.search.nats(others)
@@ -293,13 +318,34 @@ def _of_evidence(fine: Inferred, group: Group, joints: Sequence[int]) -> dict[st
     without = freed.log_evidence(()) + SetSearch.of(freed).nats(others)
     beside = min(fine.log_evidence - without, alone)
     rows = float(model.sums.evidence.samples[list(joints)].sum())
+    smooth_before = float(freed.residual(others).by_block[list(joints)].sum())
+    smooth_after = float(smooth_power[list(joints)].sum())
+    power = power_at(fine, group, joints)
     return {
+        "log_shape_left": float(np.log((1.0 + smooth_after) / (1.0 + power))),
+        "share_of_smooth": float(
+            np.clip((smooth_before - smooth_after) / (1.0 + smooth_before), -1.0, 1.0)
+        ),
         "log_nats": signed_log(alone),
         "log_nats_beside": signed_log(beside),
         "log_share_of_evidence": float(np.log(max(alone, 0.1) / max(_all_nats(fine), 1.0))),
         "log_nats_a_row": float(np.log(max(alone, 0.1) / max(rows, 1.0))),
         "log_rows": float(np.log(max(rows, 1.0))),
     }
+
+
+def power_at(fine: Inferred, group: Group, joints: Sequence[int]) -> float:
+    """Whitened squares of an effect's own torque at some joints."""
+    search, model = fine.search, fine.model
+    estimate = search.coefficients(fine.chosen)[group]
+    scaled = estimate * search.scale[group.columns - search.first]
+    power = 0.0
+    for j in joints:
+        local = model.sums.evidence.layout.local[j]
+        here = np.isin(group.columns, local)
+        places = np.searchsorted(local, group.columns[here])
+        power += float(scaled[here] @ model.whole[j][np.ix_(places, places)] @ scaled[here])
+    return power
 
 
 def _all_nats(fine: Inferred) -> float:
@@ -329,6 +375,22 @@ def of_held_out(
         "share_of_gap": float(np.clip(fell / reducible, -1.0, 1.0)),
         "log_size_over_noise": float(np.log(np.sqrt(max(fell, 1e-6 * level**2)) / level)),
         "log_left_over_noise": float(np.log(max(float(new[most]), 1e-12) / level)),
+    }
+
+
+def _beside_other_joints(
+    scorers: Scorers, view: HeldOutView, joints: Sequence[int]
+) -> dict[str, float]:
+    """How far an effect's joints are off beside the others, before and after it."""
+    level = np.maximum(scorers.tuned.evidence.whitening.level, 1e-12)
+    before = np.log(np.maximum(view.before.rms / level, 1e-3))
+    after = np.log(np.maximum(view.after.rms / level, 1e-3))
+    others = np.setdiff1d(np.flatnonzero(scorers.tuned.evidence.samples >= 1.0), joints)
+    usual = float(np.median(after[others])) if len(others) else 0.0
+    own = list(joints)
+    return {
+        "stands_out": float(before[own].max()) - usual,
+        "left_above_others": float(after[own].max()) - usual,
     }
 
 

@@ -47,8 +47,8 @@ def refine(inference: Inference, session: SessionContext, baseline: Baseline) ->
     whitening = inference.best.model.sums.evidence.whitening
     evidence = gather(session, baseline, layout, whitening, rest=True).with_dwells()
     sums, names = SessionSums(evidence), Names.of(evidence, session)
-    reached = tuple(_refined(reached, sums, names) for reached in inference.reached)
-    return Inference(reached, inference.simplest)
+    on_fine_grids = tuple(_refined(coarse, sums, names) for coarse in inference.reached)
+    return Inference(on_fine_grids, inference.simplest)
 
 
 def _refined(coarse: Inferred, sums: SessionSums, names: Names) -> Inferred:
