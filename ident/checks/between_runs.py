@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
-from ident.checks.foretold import RunStates, RunTables, error_of, errors_among, fit, states_of
-from ident.checks.run_changes import OTHER_ARM, RunChange, discrete_changes, scale_changes, zero_changes
+from ident.checks.foretold import Fit, RunStates, RunTables, fit, open_among, states_of
+from ident.checks.run_changes import OF_TORQUES, OTHER_ARM, RunChange, discrete_changes, scale_changes, zero_changes
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 
@@ -58,7 +58,7 @@ class RunComparison:
         self.arm = arm
         self.tables = RunTables(arm, runs)
         self.sums = np.array([self.tables.sums(run) for run in runs])
-        self.errors = errors_among(self.sums)
+        self.errors = self.tables.errors_among(self.sums)
         self.partings = partings(len(self.runs))
 
     def find(self) -> RunDifference | None:
@@ -75,8 +75,8 @@ class RunComparison:
             rest = self._rest(odd)
             errors = self.errors[list(odd)]
             if len(odd) > 1:
-                coefficients = fit(self.sums[rest].mean(axis=0))
-                errors = np.array([error_of(self.sums[number], coefficients) for number in odd])
+                others = fit(self.sums[rest].mean(axis=0), len(rest))
+                errors = np.array([self.tables.error_of(self.sums[number], others) for number in odd])
             excess.append(float((errors.mean(axis=0) - self.errors[rest].mean(axis=0)).max()))
         worst = np.argsort(excess)[::-1][: LIMIT.suspects]
         return [self.partings[int(place)] for place in worst]
@@ -87,14 +87,15 @@ class RunComparison:
     def _explain(self, odd: tuple[int, ...]) -> Iterator[RunDifference]:
         """What the odd runs have otherwise, if the evidence says so: a convention, or all of it."""
         rest = self._rest(odd)
-        usual = errors_among(self.sums[rest])
+        others = fit(self.sums[rest].mean(axis=0), len(rest))
+        usual = self.tables.errors_among(self.sums[rest])
+        told = self._foretellable(odd, others, usual)
         alternatives = float(np.log(len(self.partings) / LIMIT.chance))
         # As much is gained where the odd runs become like the rest.
-        possible = self.errors.sum() - usual.sum() - len(odd) * usual.mean(axis=0).sum()
+        possible = float((self.errors.sum(axis=0) - usual.sum(axis=0) - len(odd) * usual.mean(axis=0))[told].sum())
         if possible < alternatives:
             return
-        coefficients = fit(self.sums[rest].mean(axis=0))
-        before = self._odd_errors(odd, coefficients)
+        before = self._odd_errors(odd, others)
 
         def difference(change: RunChange, gain: float, after: Float[Array, " n"]) -> RunDifference:
             names = tuple(self.runs[number].name for number in odd)
@@ -103,20 +104,35 @@ class RunComparison:
 
         # Smaller torques have smaller errors: none count below the rest's.
         own = np.maximum(self._own_errors(odd, rest, usual), usual.mean(axis=0))
-        gain = float(self.errors.sum() - usual.sum() - own.sum())
+        gain = float((self.errors.sum(axis=0) - usual.sum(axis=0) - own.sum(axis=0))[told].sum())
         if gain > alternatives:
             yield difference(RunChange(OTHER_ARM, ()), gain, own.mean(axis=0))
-        changes = list(self._changes(odd, coefficients))
-        costs = [float(self._odd_errors(odd, coefficients, change).sum()) for change in changes]
+
+        def units(change: RunChange) -> float:
+            return float(change.log_units(self.arm.n)[told].sum())
+
+        changes = [change for change in self._changes(odd, others) if can_be_judged(change, told)]
+        if not changes:
+            return
+        costs = [float(self._odd_errors(odd, others, change)[told].sum() + units(change)) for change in changes]
         alternatives += float(np.log(len(changes)))
         for place in np.argsort(costs)[: LIMIT.closer]:
             change = changes[int(place)]
             sums = np.array(self.sums)
             for number in odd:
                 sums[number] = self.tables.sums(change.undo(self.runs[number]))
-            gain = float(self.errors.sum() - errors_among(sums).sum())
+            gain = float((self.errors - self.tables.errors_among(sums))[:, told].sum()) - len(odd) * units(change)
             if gain > alternatives:
-                yield difference(change, gain, self._odd_errors(odd, coefficients, change))
+                yield difference(change, gain, self._odd_errors(odd, others, change))
+
+    def _foretellable(self, odd: tuple[int, ...], others: Fit, usual: Float[Array, "r n"]) -> Bool[Array, " n"]:
+        """The joints whose torque in the odd runs the rest can foretell, as one that moves as they do.
+
+        A joint that moves in the odd runs alone has friction and inertia that the rest know nothing of.
+        """
+        left_open = np.mean([others.open_square(self.sums[number]) for number in odd], axis=0)
+        as_usual = open_among(self.sums[self._rest(odd)]).max(axis=0) + np.exp(2.0 * usual.mean(axis=0))
+        return np.asarray(left_open < as_usual)
 
     def _own_errors(self, odd: tuple[int, ...], rest: Sequence[int], usual: Float[Array, "r n"]) -> Float[Array, "k n"]:
         """Errors of the odd runs, each foretold by the other odd ones.
@@ -125,7 +141,7 @@ class RunComparison:
         so is added.
         """
         if len(odd) > 1:
-            return errors_among(self.sums[list(odd)])
+            return self.tables.errors_among(self.sums[list(odd)])
         halves = np.array([self._by_halves(number) for number in (*odd, *rest)])
         gained = np.maximum((usual - halves[1:]).max(axis=0), 0.0)
         return np.asarray(halves[:1] + gained)
@@ -133,34 +149,39 @@ class RunComparison:
     def _by_halves(self, number: int) -> Float[Array, " n"]:
         """A run's errors where each half of it foretells the other."""
         parts = self.runs[number].halves()
-        return errors_among(np.array([self.tables.sums(part) for part in parts])).mean(axis=0)
+        return self.tables.errors_among(np.array([self.tables.sums(part) for part in parts])).mean(axis=0)
 
-    def _odd_errors(
-        self, odd: tuple[int, ...], coefficients: Float[Array, "n p"], change: RunChange | None = None
-    ) -> Float[Array, " n"]:
+    def _odd_errors(self, odd: tuple[int, ...], others: Fit, change: RunChange | None = None) -> Float[Array, " n"]:
         """Mean logarithm of the odd runs' errors by joint, with a change undone."""
         found = []
         for number in odd:
             sums = self.sums[number]
             if change is not None:
                 sums = self.tables.sums(change.undo(self.runs[number]))
-            found.append(error_of(sums, coefficients))
+            found.append(self.tables.error_of(sums, others))
         return np.asarray(np.mean(found, axis=0))
 
-    def _changes(self, odd: tuple[int, ...], coefficients: Float[Array, "n p"]) -> Iterator[RunChange]:
+    def _changes(self, odd: tuple[int, ...], others: Fit) -> Iterator[RunChange]:
         """All that may be otherwise in the odd runs."""
         yield from discrete_changes(self.arm.n, self.arm.sliding_joints)
         runs = [self.runs[number] for number in odd]
-        foretold = np.concatenate([self.tables.foretell(run, coefficients) for run in runs])
+        foretold = np.concatenate([self.tables.foretell(run, others.coefficients) for run in runs])
         yield from scale_changes(runs, foretold)
 
         def cost(change: RunChange) -> float:
-            return float(self._odd_errors(odd, coefficients, change).sum())
+            return float(self._odd_errors(odd, others, change).sum())
 
         for joint in range(self.arm.n):
             tried = list(zero_changes(self.arm, joint))
             if tried:
                 yield followed(min(tried, key=cost), cost)
+
+
+def can_be_judged(change: RunChange, told: Bool[Array, " n"]) -> bool:
+    """Whether what a change says is foretold: torques of its own joints, or all if it changes how the arm moves."""
+    if change.kind in OF_TORQUES:
+        return bool(told[list(change.joints)].all())
+    return bool(told.all())
 
 
 def followed(change: RunChange, cost: Callable[[RunChange], float]) -> RunChange:

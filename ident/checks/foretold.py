@@ -88,9 +88,57 @@ class RunTables:
         beyond = np.einsum("jtp,jp->tj", table[:, :, :-1], coefficients)
         return np.asarray(run.tau - table[:, :, -1].T + beyond)
 
+    def error_of(self, sums: Float[Array, "n c c"], others: Fit) -> Float[Array, " n"]:
+        """Logarithm of each joint's root mean square error, of which none counts below what a standing joint hides."""
+        coefficients = others.coefficients
+        hidden = self.hidden_square(sums, others)
+        return np.asarray(0.5 * np.log(np.maximum(left_square(sums, coefficients), hidden)))
 
-def fit(sums: Float[Array, "n c c"]) -> Float[Array, "n p"]:
+    def hidden_square(self, sums: Float[Array, "n c c"], others: Fit) -> Float[Array, " n"]:
+        """Mean square of what dry friction leaves open where joints stand [(N m)²].
+
+        A joint that stands is held by anything between minus and plus its friction f, of variance f²/3, and that for
+        as long as it stands. Of a joint that moves in none of the others f is not known, and may be as much as all of
+        its torque.
+        """
+        place = others.coefficients.shape[1] - self._loss_scale.shape[1]
+        size = self._loss_scale[:, 0]
+        friction_square = (others.coefficients[:, place] ** 2 + others.covariance[:, place, place]) * size**2
+        moving = sums[:, place, place] / size**2
+        return np.asarray(friction_square * np.clip(1.0 - moving, 0.0, 1.0) / 3.0)
+
+    def errors_among(self, sums: Float[Array, "R n c c"]) -> Float[Array, "R n"]:
+        """Each run's error, foretold by all the others."""
+        total = sums.sum(axis=0)
+        count = len(sums) - 1
+        errors = [self.error_of(run, fit((total - run) / count, count)) for run in sums]
+        return np.array(errors)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What some runs say of each joint's coefficients.
+
+    Attributes:
+        coefficients: The likeliest, shape (n, p).
+        covariance: How far they are open, each run an observation: samples of a run say much the same, (n, p, p).
+    """
+
+    coefficients: Float[Array, "n p"]
+    covariance: Float[Array, "n p p"]
+
+    def open_square(self, sums: Float[Array, "n c c"]) -> Float[Array, " n"]:
+        """Mean square of what the coefficients leave open in a run [(N m)²]: much, where it moves as none of them."""
+        count = self.coefficients.shape[1]
+        return np.asarray(np.einsum("jpk,jkp->j", self.covariance, sums[:, :count, :count]))
+
+
+def fit(sums: Float[Array, "n c c"], runs: int) -> Fit:
     """Coefficients of each joint, the prior weighed against the noise that they leave.
+
+    Args:
+        sums: Inner products, a mean over runs.
+        runs: How many runs that are.
 
     Source: the prior's weight is found as in evidence maximisation (MacKay 1992), by fixed-point steps.
     """
@@ -101,7 +149,8 @@ def fit(sums: Float[Array, "n c c"]) -> Float[Array, "n p"]:
         normal = sums[:, :count, :count] + (noise / LIMIT.states)[:, None, None] * np.eye(count)
         coefficients = np.linalg.solve(normal, sums[:, :count, -1:])[..., 0]
         noise = np.maximum(left_square(sums, coefficients), LEAST_SQUARE)
-    return coefficients
+    precision = runs * sums[:, :count, :count] / noise[:, None, None] + np.eye(count)
+    return Fit(coefficients, np.linalg.inv(precision))
 
 
 def left_square(sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]) -> Float[Array, " n"]:
@@ -111,13 +160,7 @@ def left_square(sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]) 
     return np.asarray(np.maximum(left, LEAST_SQUARE))
 
 
-def error_of(sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]) -> Float[Array, " n"]:
-    """Logarithm of each joint's root mean square error."""
-    return np.asarray(0.5 * np.log(left_square(sums, coefficients)))
-
-
-def errors_among(sums: Float[Array, "R n c c"]) -> Float[Array, "R n"]:
-    """Each run's error, foretold by all the others."""
-    total = sums.sum(axis=0)
-    errors = [error_of(run, fit((total - run) / (len(sums) - 1))) for run in sums]
-    return np.array(errors)
+def open_among(sums: Float[Array, "R n c c"]) -> Float[Array, "R n"]:
+    """What each run's torque is left open by, foretold by all the others [(N m)²]."""
+    total, count = sums.sum(axis=0), len(sums) - 1
+    return np.array([fit((total - run) / count, count).open_square(run) for run in sums])

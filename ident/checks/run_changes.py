@@ -13,6 +13,7 @@ from ident.checks.foretold import RunStates
 from ident.robot.arm import ArmModel
 
 OTHER_ARM = "other_arm"  # nothing is as in the other runs
+OF_TORQUES = ("effort_sign", "effort_columns", "effort_scale")  # changes of torques alone, not of the motion
 ZEROS = 12  # places of a joint's zero that are tried at first, evenly over a turn
 # Factors by which the clock of a run, or the unit of an angle, is another one's.
 CLOCKS = (0.5, 2.0)
@@ -25,6 +26,17 @@ class RunChange:
     kind: str  # `effort_sign`, `axis`, `columns`, `effort_columns`, `effort_scale`, `zero`, `clock` or `other_arm`
     joints: tuple[int, ...]  # columns of the joints concerned
     size: float = 0.0  # of a zero [rad], a scale or a clock [1]
+
+    def log_units(self, count: int) -> Float[Array, " n"]:
+        """Logarithm of the factor by which each joint's torque is divided; count is the number of joints.
+
+        An error of torques that were divided by a factor is one of so many times as much as recorded: a factor that
+        only makes torque and noise small explains nothing.
+        """
+        units = np.zeros(count)
+        if self.kind == "effort_scale":
+            units[list(self.joints)] = np.log(self.size)
+        return units
 
     def undo(self, run: RunStates) -> RunStates:
         """The run's states read by the convention of the others."""
@@ -79,12 +91,15 @@ def scale_changes(runs: Sequence[RunStates], foretold: Float[Array, "T n"]) -> I
         foretold: Their torques as the other runs foretell them [N m].
     """
     tau = np.concatenate([run.tau for run in runs])
-    along = np.maximum((tau * foretold).sum(axis=0), 1e-12)
-    factors = np.maximum((tau**2).sum(axis=0), 1e-12) / along
-    for joint, factor in enumerate(factors.tolist()):
+    along = (tau * foretold).sum(axis=0)
+    power = (foretold**2).sum(axis=0)
+    told = (along > 0.0) & (power > 0.0)  # the joints where a torque of the same sign is foretold
+    factors = along[told] / power[told]
+    for joint, factor in zip(np.flatnonzero(told).tolist(), factors.tolist(), strict=True):
         yield RunChange("effort_scale", (joint,), factor)
-    everywhere = float(np.exp(np.median(np.log(factors))))
-    yield RunChange("effort_scale", tuple(range(len(factors))), everywhere)
+    if told.all():
+        everywhere = float(np.exp(np.median(np.log(factors))))
+        yield RunChange("effort_scale", tuple(range(len(factors))), everywhere)
 
 
 def zero_changes(arm: ArmModel, joint: int) -> Iterator[RunChange]:
