@@ -61,7 +61,7 @@ class NetBounds:
         """The bounds of some joints."""
         return NetBounds(self.low[:, joints], self.high[:, joints])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """For the net's record."""
         return {"low": self.low.tolist(), "high": self.high.tolist()}
 

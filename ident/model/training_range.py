@@ -66,9 +66,9 @@ class TrainingRange:
         outside = np.maximum(self.low - low, high - self.high)
         return np.maximum(outside, 0.0) / width
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The record of a model's folder."""
-        record: dict[str, Any] = {"joints": list(self.joints)}
+        record: dict[str, object] = {"joints": list(self.joints)}
         for key, low, high in zip(KEYS, self.low, self.high, strict=True):
             record[key] = np.column_stack([low, high]).tolist()
         return {**record, "torque_half_width_Nm": self.torque_half_width.tolist()}
