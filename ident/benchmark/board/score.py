@@ -47,7 +47,6 @@ def score_answer(answer: Answer, truth: Mapping[str, Any], tier: str) -> Session
     effects = list(truth["effects"])
     labels = [set(_labels(effect)) for effect in effects] or [{NONE}]
     true = set().union(*labels)
-    answer = answer.without(truth.get("known", {}), true)
     shares = answer.shares()
     logs: list[float] = []
     for accepted in labels:
