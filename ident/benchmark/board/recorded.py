@@ -112,11 +112,12 @@ def window_of(source: Source, rng: np.random.Generator) -> Source:
 def sides_of(window: Source, rng: np.random.Generator) -> tuple[Source, Source]:
     """The window's pieces in turn, before and after; which of the two is first is drawn.
 
-    A run is cut into an odd number of pieces: so runs of one motion give each side every part of
-    it.
+    One of several runs is cut into an odd number of pieces: so runs of one motion give each side
+    every part of it.
     """
     per_run = -(-LEAST_PIECES // len(window.runs))
-    per_run += 1 - per_run % 2
+    if len(window.runs) > 1:
+        per_run += 1 - per_run % 2
     pieces: list[Recording] = []
     for run in window.runs:
         pieces += [_unguarded(piece) for piece in cut(run, per_run)]
