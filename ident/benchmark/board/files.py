@@ -30,6 +30,7 @@ from ident.recordings.recording import Recording
 from ident.safe_read import read_json
 
 SCHEMA, KEPT_SCHEMA = "ident.board/1", "ident.board_kept/1"
+EFFECTS_SCHEMA, TRUTHS_SCHEMA = "ident.board_effects/1", "ident.board_truths/1"
 BOARD_FILE, EFFECTS_FILE, TRUTHS_FILE = "board.json", "effects.json", "truths.json"
 ANSWERS_FILE = "answers.json"
 SESSIONS, BEFORE, UNSEEN = "sessions", "before", "unseen"
@@ -132,8 +133,8 @@ class Board:
             InputError: It is none.
         """
         record = _read(folder / BOARD_FILE, SCHEMA)
-        effects = _read(folder / EFFECTS_FILE, SCHEMA)
-        truths = _read(folder / TRUTHS_FILE, SCHEMA)
+        effects = _read(folder / EFFECTS_FILE, EFFECTS_SCHEMA)
+        truths = _read(folder / TRUTHS_FILE, TRUTHS_SCHEMA)
         return cls(folder, record["sessions"], effects["effects"], truths["sealed"])
 
     def arms(self) -> list[dict[str, object]]:

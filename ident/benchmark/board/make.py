@@ -20,12 +20,14 @@ from ident.benchmark.board.files import (
     BEFORE,
     BOARD_FILE,
     EFFECTS_FILE,
+    EFFECTS_SCHEMA,
     KEPT_SCHEMA,
     SCHEMA,
     SESSION_FILE,
     SESSION_TEXT,
     SESSIONS,
     TRUTHS_FILE,
+    TRUTHS_SCHEMA,
     UNSEEN,
     URDF_FILE,
     write_columns,
@@ -199,8 +201,9 @@ class BoardWriter:
         arms = sorted({str(session["arm"]) for session in self.sessions.values()})
         board = {"schema": SCHEMA, "sources": TABLES["recordings"] if self._real else {}}
         write_record(self.folder / BOARD_FILE, {**board, "arms": arms, "sessions": self.sessions})
-        write_record(self.folder / EFFECTS_FILE, {"schema": SCHEMA, "effects": published_effects()})
-        write_record(self.folder / TRUTHS_FILE, {"schema": SCHEMA, "sealed": sealed})
+        listed = {"schema": EFFECTS_SCHEMA, "effects": published_effects()}
+        write_record(self.folder / EFFECTS_FILE, listed)
+        write_record(self.folder / TRUTHS_FILE, {"schema": TRUTHS_SCHEMA, "sealed": sealed})
         text = README.read_text(encoding="utf-8")
         for word, value in self._figures().items():
             text = text.replace(f"@{word}@", value)
