@@ -17,9 +17,10 @@ from ident.benchmark.board.files import Board
 NOT_FITTED = ("refused", "not_testable")
 """Verdicts without a word on causes."""
 UNEXPLAINED = "changed_unexplained"
+Row = dict[str, Any]
 
 
-def our_answer(name: str, record: Mapping[str, Any], board: Board) -> dict[str, Any]:
+def our_answer(name: str, record: Mapping[str, Any], board: Board) -> Row:
     """A diagnosis as an answer.
 
     Causes are taken as independent: with the probability that any is there, one of them is the
@@ -44,7 +45,7 @@ def our_answer(name: str, record: Mapping[str, Any], board: Board) -> dict[str, 
     outside = record.get("outside_score") or 0.0
     unlisted = sum(row["probability"] for row in rows if row["effect"] == OTHER)
     rows = [row for row in rows if row["effect"] != OTHER]
-    answer: dict[str, Any] = {"schema": SCHEMA, "session": name, "effects": rows}
+    answer: Row = {"schema": SCHEMA, "session": name, "effects": rows}
     rest = 1.0 - smooth - certain
     answer[NONE] = rest * (1.0 - outside) + even
     answer[OTHER] = rest * outside + unlisted + even
@@ -54,7 +55,7 @@ def our_answer(name: str, record: Mapping[str, Any], board: Board) -> dict[str, 
     return spread_unnamed({**answer, UNNAMED: even}, board, joints)
 
 
-def as_diagnosis(record: Mapping[str, Any]) -> dict[str, Any]:
+def as_diagnosis(record: Mapping[str, Any]) -> Row:
     """A comparison as a diagnosis of what came: without a name, what can't be explained is other."""
     unexplained = record["verdict"] == UNEXPLAINED and not record["changes"]
     return {
@@ -69,9 +70,9 @@ def _rows(
     findings: Sequence[Mapping[str, Any]],
     board: Board,
     joints: Sequence[str],
-) -> list[dict[str, Any]]:
+) -> list[Row]:
     """Names with a probability, and others of their classes; `whole` stands at the first alone."""
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     for finding in findings:
         effect = finding.get("effect")
         first = finding.get("probability")
@@ -84,14 +85,14 @@ def _rows(
         others = [member for member in finding.get("class", ()) if member in board.effects]
         members = [effect, *(member for member in others if member != effect)]
         joint = _joint(effect, finding["joints"], board, joints)
-        row: dict[str, Any] = {"effect": effect, "joint": joint, "class": members}
+        row: Row = {"effect": effect, "joint": joint, "class": members}
         row["parameters"] = _parameters(finding.get("parameters", {}))
         row["weight"] = float(first)
         row["whole"] = min(whole, 1.0)
         rows.append(row)
         for member in members[1:]:
             place = _joint(member, finding["joints"], board, joints)
-            beside: dict[str, Any] = {"effect": member, "joint": place, "class": members}
+            beside: Row = {"effect": member, "joint": place, "class": members}
             beside["weight"] = max(whole - float(first), 0.0) / (len(members) - 1)
             beside["whole"] = 0.0
             rows.append(beside)
