@@ -42,6 +42,12 @@ EACH |= {"ident.watch": ("arms", "WatchedArmRecord"), "ident.telemetry": ("sessi
 
 EACH |= {f"ident.board_{deed}": ("arms", "BoardArmRecord") for deed in ("made", "answered", "sealed", "score")}
 
+# Files of a public board: what they hold, they hold by the session's name, and board.json says its arm and joints.
+OF_A_BOARD = {"ident.board": ("sessions", "BoardSessionRecord"), "ident.board_answer": ("session", None)}
+OF_A_BOARD |= {"ident.board_truths": ("sealed", None), "ident.board_kept": ("answers", "BoardTruthRecord")}
+OF_A_BOARD |= {"ident.board_effects": ("effects", "BoardEffectRecord")}
+KINDS = {f"{package}.{name}" for package in ("ident", "plan") for name in list_kinds(package)}
+
 
 @dataclass(frozen=True)
 class Place:
@@ -151,7 +157,7 @@ def test_every_command_is_looked_at(at: Place) -> None:
             assert "check_" in (HERE / place).read_text(), name
 
 
-@pytest.mark.parametrize("name", [f"{package}.{name}" for package in ("ident", "plan") for name in list_kinds(package)])
+@pytest.mark.parametrize("name", sorted(KINDS - set(OF_A_BOARD)))
 def test_every_schema_asks_for_robot_joints_and_sessions(name: str) -> None:
     """Law: for the record itself, or each of its arms; sessions stand in its provenance."""
     schema = make_schema(name, name.partition(".")[0])
@@ -165,6 +171,18 @@ def test_every_schema_asks_for_robot_joints_and_sessions(name: str) -> None:
         holder = schema["$defs"][holder["properties"]["robot"]["$ref"].rpartition("/")[2]]
     assert "joints" in holder["required"]
     assert "sessions" in schema["$defs"]["Provenance"]["required"]
+
+
+def test_a_board_says_arm_and_joints_of_each_session() -> None:
+    """Law: its other files need not, for they name sessions, or none as the list of effects."""
+    assert set(OF_A_BOARD) <= KINDS
+    for name, (key, record) in OF_A_BOARD.items():
+        schema = make_schema(name, "ident")
+        assert key in schema["required"]
+        if record is not None:
+            assert schema["properties"][key]["additionalProperties"] == {"$ref": f"#/$defs/{record}"}
+    session = make_schema("ident.board", "ident")["$defs"]["BoardSessionRecord"]
+    assert {"arm", "joints"} <= set(session["required"])
 
 
 @pytest.mark.parametrize("name", sorted(set(commands()) - set(ELSEWHERE) - PAGES))

@@ -15,8 +15,8 @@ from ident.export.controllers import write_ranges
 from ident.infer.new_session import NewSession, guess_session, place_of, require_own_guess
 from ident.model.hybrid import HybridModel
 from ident.monitor.bodies import estimate_bodies
-from ident.monitor.estimates import Ranges, find_ranges
 from ident.monitor.pages import write_pages
+from ident.monitor.ranges import Ranges, find_ranges
 from ident.monitor.watch import Watch, look
 from ident.recordings.columns import match_joints
 from ident.recordings.load import load_session

@@ -14,7 +14,8 @@ from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.promotion import Promotion, judge_model
 from ident.export.write import write_export, write_patch
-from ident.model.evaluation import VERIFICATION_SCHEMA, Check, check_limits, evaluate, load_limits
+from ident.model.evaluation import evaluate
+from ident.model.evaluation_limits import VERIFICATION_SCHEMA, Check, check_limits, load_limits
 from ident.model.hybrid import HybridModel
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.results import Provenance, Result, files_of, runs_of

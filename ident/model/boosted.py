@@ -1,11 +1,13 @@
 """Boosted trees of one question a level: what a torque does that no law and no smooth net tells.
 
-Each tree asks the same few questions "is input f above t?" of every sample; the answers are the number of its leaf. A
-tree is fitted to what the ones before it leave, and counts by a share of itself. Outside of what they have seen trees
-say what they say at the edge, so that they never make up a torque that was not there. Rows and inputs of every tree are
-drawn, which makes them fast and unlike one another.
+Each tree asks the same few questions "is input f above t?" of every sample; the answers are the
+number of its leaf. A tree is fitted to what the ones before it leave, and counts by a share of
+itself. Outside of what they have seen trees say what they say at the edge, so that they never make
+up a torque that was not there. Rows and inputs of every tree are drawn, which makes them fast and
+unlike one another.
 
-Source: Friedman 2001 and 2002 (stochastic gradient boosting); Kohavi 1994 (oblivious trees); Prokhorenkova et al. 2018.
+Source: Friedman 2001 and 2002 (stochastic gradient boosting); Kohavi 1994 (oblivious trees);
+Prokhorenkova et al. 2018.
 """
 
 from __future__ import annotations
@@ -17,10 +19,17 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from ident.compiled import compiled
 
-# Trees, questions of each, share by which a tree counts, and rows that a leaf is shrunk by.
-TREES, DEPTH, RATE, SHRINKAGE = 100, 5, 0.2, 20.0
-# Bins of an input, and shares of rows and of inputs that a tree is drawn.
-BINS, ROW_SHARE, INPUT_SHARE = 32, 0.5, 0.6
+# Trees of a joint, and questions of each.
+TREES = 100
+DEPTH = 5
+# Share by which a tree counts, and rows that a leaf is shrunk by.
+RATE = 0.2
+SHRINKAGE = 20.0
+# Bins of an input.
+BINS = 32
+# Shares of rows and of inputs that a tree is drawn.
+ROW_SHARE = 0.5
+INPUT_SHARE = 0.6
 # Share of an input's range below which values differ by rounding alone: half of a number's digits.
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
 
@@ -31,12 +40,14 @@ class Trees:
 
     inputs: Int[Array, "t d"]  # number of the input that each question is about
     thresholds: Float[Array, "t d"]  # what it is to be above
-    leaves: Float[Array, "t l"]  # torque of each leaf, in which the answers are the digits of its number [N m]
+    # Torque of each leaf, in which the answers are the digits of its number [N m].
+    leaves: Float[Array, "t l"]
 
     def __call__(self, x: Float[Array, "T f"]) -> Float[Array, " T"]:
         """Torque [N m]."""
         out = np.zeros(len(x))
-        _evaluate(np.ascontiguousarray(x, dtype=float), self.inputs, self.thresholds, self.leaves, out)
+        rows = np.ascontiguousarray(x, dtype=float)
+        _evaluate(rows, self.inputs, self.thresholds, self.leaves, out)
         return out
 
     def scaled(self, share: float) -> Trees:
@@ -46,7 +57,11 @@ class Trees:
     def padded(self, count: int) -> Trees:
         """The same, with trees that say nothing up to a number of them."""
         further = ((0, count - len(self.inputs)), (0, 0))
-        return Trees(np.pad(self.inputs, further), np.pad(self.thresholds, further), np.pad(self.leaves, further))
+        return Trees(
+            np.pad(self.inputs, further),
+            np.pad(self.thresholds, further),
+            np.pad(self.leaves, further),
+        )
 
 
 def join_trees(first: Trees, second: Trees) -> Trees:
@@ -80,7 +95,9 @@ def fit_trees(x: Float[Array, "T f"], y: Float[Array, " T"], seed: int) -> Trees
     for tree in range(TREES):
         sample = np.sort(rng.choice(len(y), rows, replace=False))
         among = np.sort(rng.choice(x.shape[1], drawn, replace=False))
-        places = _grow(binned, left, sample, among, BINS, inputs[tree], leaves[tree], RATE, SHRINKAGE)
+        places = _grow(
+            binned, left, sample, among, BINS, inputs[tree], leaves[tree], RATE, SHRINKAGE
+        )
         thresholds[tree] = edges[inputs[tree], places]
     return Trees(inputs, thresholds, leaves)
 
@@ -135,15 +152,18 @@ def _weigh(table: Array, gain: Array, shrinkage: float) -> None:
     """What each threshold of one input would explain, over all leaves."""
     gain[:] = 0.0
     for a in range(table.shape[0]):
-        all_sum, all_rows = 0.0, 0.0
+        all_sum = 0.0
+        all_rows = 0.0
         for b in range(table.shape[1]):
             all_sum += table[a, b, 0]
             all_rows += table[a, b, 1]
-        low_sum, low_rows = 0.0, 0.0
+        low_sum = 0.0
+        low_rows = 0.0
         for b in range(table.shape[1] - 1):
             low_sum += table[a, b, 0]
             low_rows += table[a, b, 1]
-            high_sum, high_rows = all_sum - low_sum, all_rows - low_rows
+            high_sum = all_sum - low_sum
+            high_rows = all_rows - low_rows
             low = low_sum**2 / (low_rows + shrinkage)
             gain[b] += low + high_sum**2 / (high_rows + shrinkage)
 
@@ -160,8 +180,13 @@ def _grow(
     rate: float,
     shrinkage: float,
 ) -> Array:
-    """Grows one tree on a sample of rows, and takes its torque off all rows; places of its thresholds."""
-    depth, drawn = inputs.shape[0], len(sample)
+    """Grows one tree on a sample of rows, and takes its torque off all rows.
+
+    Returns:
+        Places of its thresholds among the edges.
+    """
+    depth = inputs.shape[0]
+    drawn = len(sample)
     places = np.zeros(depth, dtype=np.int64)
     leaf = np.zeros(drawn, dtype=np.int64)
     target = left[sample]

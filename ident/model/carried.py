@@ -1,8 +1,10 @@
-"""Effects that a model carries as they were found: springs, couplings, links, offsets, gains; beside fitted laws.
+"""Effects that a model carries as they were found, beside fitted laws.
 
-Friction's laws of one joint's states are fitted anew with the rest of a model (`ident.laws.carried`). What acts on
-several joints, has a memory or changes what the log says is carried with the parameters that a diagnosis, or a fit of
-its own, gave it: it is taken off the recordings before the rest is fitted, and comes back whenever torque is asked for.
+Friction's laws of one joint's states are fitted anew with the rest of a model
+(`ident.laws.carried`). What acts on several joints, has a memory or changes what the log says
+(springs, couplings, links, offsets, gains) is carried with the parameters that a diagnosis, or a
+fit of its own, gave it: it is taken off the recordings before the rest is fitted, and comes back
+whenever torque is asked for.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ class CarriedEffect:
         """As the laws take it."""
         return self.effect, self.joint, dict(self.parameters)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """For model.toml."""
         return {"effect": self.effect, "joint": self.joint, "parameters": dict(self.parameters)}
 
@@ -81,7 +83,11 @@ def describe_arm(arm: ArmModel) -> Arm:
 
 
 def moving_arm(
-    arm: ArmModel, loss: LossParameters, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
+    arm: ArmModel,
+    loss: LossParameters,
+    q: Float[Array, "T n"],
+    dq: Float[Array, "T n"],
+    ddq: Float[Array, "T n"],
 ) -> MovingArm:
     """The arm along states, as the laws see it."""
     width = np.maximum(loss.transition_speed, 1e-4)
@@ -95,19 +101,23 @@ def carried_torque(effects: Sequence[CarriedEffect], moving: MovingArm) -> Float
     Raises:
         ValueError: One of them has a memory, and the states do not follow one another.
     """
-    return np.asarray(acting_torque([one.as_law for one in effects], moving))
+    return np.asarray(acting_torque([effect.as_law for effect in effects], moving))
 
 
-def as_logged(effects: Sequence[CarriedEffect], torque: Float[Array, "T n"], interval: float) -> Float[Array, "T n"]:
+def as_logged(
+    effects: Sequence[CarriedEffect], torque: Float[Array, "T n"], interval: float
+) -> Float[Array, "T n"]:
     """What a log reads of a torque [N m]; lateness only along a motion."""
     return read_log(_in_log(effects, interval), torque, interval)
 
 
-def as_acting(effects: Sequence[CarriedEffect], log: Float[Array, "T n"], interval: float) -> Float[Array, "T n"]:
+def as_acting(
+    effects: Sequence[CarriedEffect], log: Float[Array, "T n"], interval: float
+) -> Float[Array, "T n"]:
     """The torque behind a log [N m]."""
     return undo_log(_in_log(effects, interval), log, interval)
 
 
 def _in_log(effects: Sequence[CarriedEffect], interval: float) -> list[Effect]:
-    kept = [one for one in effects if one.effect != "torque_delay" or interval > 0.0]
-    return [one.as_law for one in kept]
+    along_motion = interval > 0.0
+    return [effect.as_law for effect in effects if along_motion or effect.effect != "torque_delay"]

@@ -1,4 +1,4 @@
-"""The paper's net in torch: its layers, and its training in steps, which can be stopped and resumed.
+"""The paper's net in torch: its layers, and its training, which can be stopped and resumed.
 
 Source: paper, eq. 6 and section 4.1.
 """
@@ -25,7 +25,8 @@ from ident.outputs import begin_folder
 Progress = Callable[[int, int, float], None]
 
 # A short recording still gets this many steps an epoch, as long as a step sees enough samples.
-LEAST_STEPS, LEAST_BATCH = 32, 16
+LEAST_STEPS = 32
+LEAST_BATCH = 16
 # Epochs between two checkpoints.
 KEPT_EVERY = 10
 
@@ -44,8 +45,14 @@ class DenseNet(torch.nn.Module):
         return self.stack(x)
 
     @classmethod
-    def from_arrays(cls, arrays: dict[str, Array], inputs: int, outputs: int, options: NetOptions) -> DenseNet:
-        """A net in evaluation mode from its named weights; torch's own errors where they don't fit."""
+    def from_arrays(
+        cls, arrays: dict[str, Array], inputs: int, outputs: int, options: NetOptions
+    ) -> DenseNet:
+        """A net in evaluation mode from its named weights.
+
+        Raises:
+            RuntimeError: They don't fit: torch's own error.
+        """
         network = cls(inputs, outputs, options.hidden, options.dropout)
         network.load_state_dict({name: torch.from_numpy(value) for name, value in arrays.items()})
         return network.eval()
@@ -75,20 +82,26 @@ def train_dense(
         mask: What counts.
         options: Its own.
         progress: Called after each epoch with (epoch, epochs, held-back error).
-        checkpoint: Folder for checkpoints; a training of the same data and options goes on where it stopped.
+        checkpoint: Folder for checkpoints; a training of the same data and options goes on where it
+            stopped.
     """
     held = np.zeros(len(x), dtype=bool)
-    held[np.random.default_rng(options.seed).permutation(len(x))[: int(options.validation_share * len(x))]] = True
-    inputs, targets, weights = (torch.from_numpy(part.astype(np.float32)) for part in (x, y, mask))
+    order = np.random.default_rng(options.seed).permutation(len(x))
+    held[order[: int(options.validation_share * len(x))]] = True
+    inputs, targets, weights = (
+        torch.from_numpy(values.astype(np.float32)) for values in (x, y, mask)
+    )
     data = _Data(inputs, targets, weights, held)
-    fingerprint = f"{[float(part.double().sum()) for part in data.tensors]} {asdict(options)}"
+    sums = [float(values.double().sum()) for values in data.tensors]
+    fingerprint = f"{sums} {asdict(options)}"
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(options.seed)
-        training = Training(DenseNet(x.shape[1], y.shape[1], options.hidden, options.dropout), options.learning_rate)
+        network = DenseNet(x.shape[1], y.shape[1], options.hidden, options.dropout)
+        training = Training(network, options.learning_rate)
         if checkpoint is not None:
             training.resume(checkpoint, fingerprint)
-        # One thread: a net's sums, and so its weights, depend on how many there are, and Pinocchio changes their
-        # number. On a busy machine more only wait for each other.
+        # One thread: a net's sums, and so its weights, depend on how many there are, and Pinocchio
+        # changes their number. On a busy machine more only wait for each other.
         with torch_threads(1):
             while training.epoch < options.epochs:
                 error = training.run_epoch(data, options)
@@ -101,12 +114,12 @@ def train_dense(
 
 @dataclass(frozen=True, eq=False)
 class _Data:
-    """What a training sees: standardised inputs and targets, where they count, and which samples are held back."""
+    """What a training sees: standardised inputs and targets, and where they count."""
 
     inputs: torch.Tensor  # (T, f)
     targets: torch.Tensor  # (T, n)
     mask: torch.Tensor  # (T, n)
-    held: Array  # (T,)
+    held: Array  # which samples are held back, (T,)
 
     @property
     def tensors(self) -> tuple[torch.Tensor, ...]:
@@ -114,7 +127,7 @@ class _Data:
 
     def error(self, network: DenseNet, rows: Array) -> torch.Tensor:
         """Mean square error over the rows that count, of all joints alike."""
-        inputs, targets, mask = (part[torch.from_numpy(rows)] for part in self.tensors)
+        inputs, targets, mask = (values[torch.from_numpy(rows)] for values in self.tensors)
         squares = mask * (network(inputs) - targets) ** 2
         return (squares.sum(dim=0) / mask.sum(dim=0).clamp(min=1.0)).mean()
 
@@ -136,7 +149,8 @@ class Training:
         A resumed training is the same training.
         """
         torch.manual_seed(options.seed * 100_003 + self.epoch)  # dropout's masks
-        order = np.random.default_rng((options.seed, self.epoch)).permutation(np.flatnonzero(~data.held))
+        rng = np.random.default_rng((options.seed, self.epoch))
+        order = rng.permutation(np.flatnonzero(~data.held))
         batch = min(options.batch, max(LEAST_BATCH, len(order) // LEAST_STEPS))
         self.network.train()
         for start in range(0, len(order), batch):
@@ -155,18 +169,22 @@ class Training:
         Raises:
             OSError: The system can't: the disk is full, say.
         """
-        tensors = {f"now.{name}": value.contiguous() for name, value in self.network.state_dict().items()}
+        tensors = {}
+        for name, value in self.network.state_dict().items():
+            tensors[f"now.{name}"] = value.contiguous()
         for index, entry in self.optimiser.state_dict()["state"].items():
-            tensors |= {f"adam.{index}.{name}": torch.as_tensor(value) for name, value in entry.items()}
+            for name, value in entry.items():
+                tensors[f"adam.{index}.{name}"] = torch.as_tensor(value)
+        metadata = {"fingerprint": fingerprint, "epoch": str(self.epoch)}
         begin_folder(folder, KIND)
-        with atomic_write(folder / NAME) as part:
+        with atomic_write(folder / NAME) as file:
             try:
-                save_file(tensors, part, {"fingerprint": fingerprint, "epoch": str(self.epoch)})
+                save_file(tensors, file, metadata)
             except SafetensorError as error:
-                raise OSError(EIO, str(error), str(part)) from None
+                raise OSError(EIO, str(error), str(file)) from None
 
     def resume(self, folder: Path, fingerprint: str) -> None:
-        """Takes up a checkpoint of the same data and options, if there is one that can be read whole."""
+        """Takes up a checkpoint of the same data and options, if one can be read whole."""
         path = folder / NAME
         if path.is_symlink() or not path.is_file():
             return
@@ -176,7 +194,16 @@ class Training:
                 metadata = stream.metadata() or {}
             if metadata.get("fingerprint") == fingerprint:
                 self._take(load_file(path), int(metadata["epoch"]))
-        except (OSError, SafetensorError, ValueError, KeyError, IndexError, AttributeError, TypeError, RuntimeError):
+        except (
+            OSError,
+            SafetensorError,
+            ValueError,
+            KeyError,
+            IndexError,
+            AttributeError,
+            TypeError,
+            RuntimeError,
+        ):
             # Damaged: the training starts afresh and writes it anew.
             self.network.load_state_dict(before[0])
             self.optimiser.load_state_dict(before[1])
@@ -184,13 +211,13 @@ class Training:
     def _take(self, tensors: dict[str, torch.Tensor], epoch: int) -> None:
         if not all(bool(torch.isfinite(value).all()) for value in tensors.values()):
             raise ValueError("a checkpoint of another net")
-        parts = {head: {} for head in ("now", "adam")}  # type: dict[str, dict[str, torch.Tensor]]
+        by_head: dict[str, dict[str, torch.Tensor]] = {"now": {}, "adam": {}}
         for name, value in tensors.items():
             head, rest = name.split(".", 1)
-            parts[head][rest] = value
-        self.network.load_state_dict(parts["now"])
+            by_head[head][rest] = value
+        self.network.load_state_dict(by_head["now"])
         state = self.optimiser.state_dict()
-        for key, value in parts["adam"].items():
+        for key, value in by_head["adam"].items():
             index, name = key.split(".")
             state["state"].setdefault(int(index), {})[name] = value
         self.optimiser.load_state_dict(state)

@@ -1,45 +1,32 @@
-"""How well a model explains runs that it never saw: energy error and torque error of every rung of the ladder.
+"""How well a model explains runs that it never saw: energy and torque error of every rung.
 
-Energy error of a run, joint by joint: E = ∫ (τ_model − τ_measured) dq dt, negative where the model knows too little
-loss. Torque errors are taken after the common low-pass, so that they are the model's and not the sensor's, and where
-the joint moves: a joint at rest carries any torque up to its Coulomb level, which no model of (q, dq, ddq) can tell.
-The error at rest is given beside it.
+Energy error of a run, joint by joint: E = ∫ (τ_model − τ_measured) dq dt, negative where the model
+knows too little loss. Torque errors are taken after the common low-pass, so that they are the
+model's and not the sensor's, and where the joint moves: a joint at rest carries any torque up to
+its Coulomb level, which no model of (q, dq, ddq) can tell. The error at rest is given beside it.
 
 Source: paper, tables 1 and 2 and figure 9.
-
-Limits that a model must keep on recordings: a gate for the test run of a robot fleet.
-
-A file of limits names figures of `ident evaluate`, each by joint or for the `total`:
-
-    rung = "loss"                   # the last rung if not given
-    [torque_rmse_Nm]
-    joint_2 = 2.0
-    total = 1.5
-    [energy_error_J]                # of the mean over the runs, without sign
-    total = 3.0
-    [r2_moving]                     # a least value
-    joint_1 = 0.98
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.results import ONE_RUN, Result
-from ident.safe_read import read_toml
 
 SCHEMA = "ident.evaluation/1"
+# A joint that moves in no more samples than this has no coefficient of determination.
+FEWEST_SAMPLES = 10
+# A table by rung and joint, of what JSON knows.
+Table = dict[str, dict[str, float | None]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +45,10 @@ class RunTrace:
     def time(self) -> Float[Array, " t"]:
         """Times of the filtered samples [s]."""
         return self.motion.time[self.motion.coarse]
+
+    def error(self, rung: str) -> Float[Array, "t n"]:
+        """Measured less modelled torque of the filtered samples [N m]."""
+        return self.motion.tau_filtered - self.filtered[rung]
 
     def energy_error(self, rung: str) -> Float[Array, " n"]:
         """Modelled less measured work of each joint [J]."""
@@ -87,18 +78,19 @@ class SessionScore:
 
     @property
     def energy_std(self) -> Float[Array, "R n+1"]:
-        """Standard deviation over the runs; the last column is that of the sum over the joints [J]."""
+        """Standard deviation over the runs [J]; last that of the sum over the joints."""
         return self._with_total().std(axis=1)
 
     @property
     def rmse_mean(self) -> Float[Array, "R n+1"]:
-        """Mean over the runs of the torque RMSE; the last column is over all joints together [N m]."""
+        """Mean over the runs of the torque RMSE [N m]; the last column is over all joints."""
         return _mean(self._rmse(self.squares), axis=1)
 
     @property
     def rmse_std(self) -> Float[Array, "R n+1"]:
         """Its standard deviation over the runs [N m]."""
-        return np.sqrt(_mean((self._rmse(self.squares) - self.rmse_mean[:, None]) ** 2, axis=1))
+        deviation = self._rmse(self.squares) - self.rmse_mean[:, None]
+        return np.sqrt(_mean(deviation**2, axis=1))
 
     @property
     def rest_rmse(self) -> Float[Array, "R n+1"]:
@@ -106,35 +98,46 @@ class SessionScore:
         return _mean(self._rmse(self.rest_squares), axis=1)
 
     def _with_total(self) -> Float[Array, "R K n+1"]:
-        return np.concatenate([self.energy_error, self.energy_error.sum(axis=2, keepdims=True)], axis=2)
+        total = self.energy_error.sum(axis=2, keepdims=True)
+        return np.concatenate([self.energy_error, total], axis=2)
 
     @staticmethod
     def _rmse(squares: Float[Array, "R K n"]) -> Float[Array, "R K n+1"]:
-        return np.sqrt(np.concatenate([squares, _mean(squares, axis=2)[..., None]], axis=2))
+        total = _mean(squares, axis=2)[..., None]
+        return np.sqrt(np.concatenate([squares, total], axis=2))
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, which knows no NaN: what a joint that never moves, or a single run, can't tell is null."""
-        columns = [*self.joints, "total"]
+        """For JSON, which knows no NaN.
 
-        def table(values: Float[Array, "R k"]) -> dict[str, dict[str, float | None]]:
-            cells = [[None if np.isnan(value) else float(value) for value in row] for row in values]
-            rows = zip(self.rungs, cells, strict=True)
-            return {rung: dict(zip(columns[: len(row)], row, strict=True)) for rung, row in rows}
-
-        def spread(mean: Float[Array, "R k"], std: Float[Array, "R k"]) -> dict[str, Any]:
-            if len(self.runs) > 1:
-                return {"mean": table(mean), "std": table(std)}
-            return {"mean": table(mean), "std": table(np.full_like(std, np.nan)), "std_missing": ONE_RUN}
-
+        What a joint that never moves, or a single run, can't tell is null.
+        """
         return {
             "session": self.name,
             "runs": len(self.runs),
             "payload_kg": self.payload_kg,
-            "energy_error_J": spread(self.energy_mean, self.energy_std),
-            "torque_rmse_Nm": spread(self.rmse_mean, self.rmse_std),
-            "torque_rmse_at_rest_Nm": table(self.rest_rmse),
-            "r2_moving": table(self.r2),
+            "energy_error_J": self._spread(self.energy_mean, self.energy_std),
+            "torque_rmse_Nm": self._spread(self.rmse_mean, self.rmse_std),
+            "torque_rmse_at_rest_Nm": self._table(self.rest_rmse),
+            "r2_moving": self._table(self.r2),
         }
+
+    def _table(self, values: Float[Array, "R k"]) -> Table:
+        """Figures by rung and joint, with the total where there is a column for it."""
+        columns = [*self.joints, "total"]
+        rungs: Table = {}
+        for rung, row in zip(self.rungs, values.tolist(), strict=True):
+            cells = [None if np.isnan(value) else value for value in row]
+            rungs[rung] = dict(zip(columns[: len(cells)], cells, strict=True))
+        return rungs
+
+    def _spread(
+        self, mean: Float[Array, "R k"], std: Float[Array, "R k"]
+    ) -> dict[str, Table | str]:
+        """Mean and standard deviation over the runs; of a single run there is no deviation."""
+        if len(self.runs) > 1:
+            return {"mean": self._table(mean), "std": self._table(std)}
+        missing = self._table(np.full_like(std, np.nan))
+        return {"mean": self._table(mean), "std": missing, "std_missing": ONE_RUN}
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,11 +164,16 @@ class Evaluation(Result):
 
 def trace_run(model: HybridModel, motion: Motion) -> RunTrace:
     """Every rung of a model on one run."""
-    own = motion.select(model.joint_names)
-    return RunTrace(own, model.ladder(own.q, own.dq, own.ddq, own.payload))
+    selected = motion.select(model.joint_names)
+    q = selected.q
+    dq = selected.dq
+    ddq = selected.ddq
+    return RunTrace(selected, model.ladder(q, dq, ddq, selected.payload))
 
 
-def evaluate(model: HybridModel, sessions: Sequence[tuple[str, Sequence[Motion]]], name: str = "model") -> Evaluation:
+def evaluate(
+    model: HybridModel, sessions: Sequence[tuple[str, Sequence[Motion]]], name: str = "model"
+) -> Evaluation:
     """Scores a model on named groups of runs that its fit never saw.
 
     Args:
@@ -173,129 +181,71 @@ def evaluate(model: HybridModel, sessions: Sequence[tuple[str, Sequence[Motion]]
         sessions: Names and runs.
         name: The model's name in reports.
     """
-    traced = [(session, [trace_run(model, motion) for motion in motions]) for session, motions in sessions]
-    scores = tuple(score_runs(session, traces) for session, traces in traced)
-    free = [(session, traces) for session, traces in traced if traces[0].motion.payload is None] or traced
-    pooled = score_runs(" + ".join(session for session, _ in free), [trace for _, traces in free for trace in traces])
-    return Evaluation(name, model.robot.name, scores, pooled, tuple(trace for _, traces in traced for trace in traces))
+    scores = []
+    traces: list[RunTrace] = []
+    without_payload: list[tuple[str, list[RunTrace]]] = []
+    for session, motions in sessions:
+        session_traces = [trace_run(model, motion) for motion in motions]
+        scores.append(score_runs(session, session_traces))
+        traces += session_traces
+        if session_traces[0].motion.payload is None:
+            without_payload.append((session, session_traces))
+    pooled_name = " + ".join(session for session, _ in without_payload or sessions)
+    pooled_traces = [trace for _, group in without_payload for trace in group]
+    pooled = score_runs(pooled_name, pooled_traces or traces)
+    return Evaluation(name, model.robot.name, tuple(scores), pooled, tuple(traces))
 
 
 def score_runs(name: str, traces: Sequence[RunTrace]) -> SessionScore:
     """Scores a group of runs."""
-    rungs = tuple(traces[0].rungs)
-    payload = traces[0].motion.payload
-    errors = [{rung: t.motion.tau_filtered - t.filtered[rung] for rung in rungs} for t in traces]
-    measured = np.concatenate([trace.motion.tau_filtered for trace in traces])
-    moving = np.concatenate([trace.motion.moving for trace in traces])
-    r2 = np.full((len(rungs), measured.shape[1]), np.nan)  # 1 − mean square error over variance: a bias is an error too
-    for j, rows in enumerate(moving.T):
-        variance = np.var(measured[rows, j]) if rows.sum() > 10 else 0.0
-        for r, rung in enumerate(rungs if variance > 0.0 else ()):
-            left = np.concatenate([error[rung][:, j] for error in errors])[rows]
-            r2[r, j] = 1.0 - np.mean(left**2) / variance
+    first = traces[0]
+    rungs = tuple(first.rungs)
+    payload = first.motion.payload
+    energy = []
+    squares = []
+    rest_squares = []
+    for rung in rungs:
+        energy.append([trace.energy_error(rung) for trace in traces])
+        squares.append([_mean_square(trace, rung, moving=True) for trace in traces])
+        rest_squares.append([_mean_square(trace, rung, moving=False) for trace in traces])
     return SessionScore(
         name=name,
-        joints=traces[0].motion.joints,
+        joints=first.motion.joints,
         runs=tuple(trace.motion.name for trace in traces),
         rungs=rungs,
         payload_kg=payload.mass_kg if payload else 0.0,
-        energy_error=np.array([[trace.energy_error(rung) for trace in traces] for rung in rungs]),
-        squares=_squares(traces, errors, rungs, moving=True),
-        rest_squares=_squares(traces, errors, rungs, moving=False),
-        r2=r2,
+        energy_error=np.array(energy),
+        squares=np.array(squares),
+        rest_squares=np.array(rest_squares),
+        r2=_determination(traces, rungs),
     )
 
 
-def _squares(
-    traces: Sequence[RunTrace], errors: Sequence[dict[str, Array]], rungs: Sequence[str], moving: bool
-) -> Float[Array, "R K n"]:
-    """Mean square error of each rung, run and joint over the samples where the joint moves, or rests."""
-    where = [trace.motion.moving == moving for trace in traces]
-    return np.array(
-        [
-            [_mean(np.where(w, error[rung] ** 2, np.nan), 0) for error, w in zip(errors, where, strict=True)]
-            for rung in rungs
-        ]
-    )
+def _determination(traces: Sequence[RunTrace], rungs: Sequence[str]) -> Float[Array, "R n"]:
+    """1 − mean square error over variance, where a joint moves: a bias is an error too."""
+    measured = np.concatenate([trace.motion.tau_filtered for trace in traces])
+    moving = np.concatenate([trace.motion.moving for trace in traces])
+    r2 = np.full((len(rungs), measured.shape[1]), np.nan)
+    for r, rung in enumerate(rungs):
+        left = np.concatenate([trace.error(rung) for trace in traces])
+        for j, rows in enumerate(moving.T):
+            if rows.sum() <= FEWEST_SAMPLES:
+                continue
+            variance = np.var(measured[rows, j])
+            if variance > 0.0:
+                r2[r, j] = 1.0 - np.mean(left[rows, j] ** 2) / variance
+    return r2
 
 
-def _mean(values: Array, axis: int) -> Array:
+def _mean_square(trace: RunTrace, rung: str, moving: bool) -> Float[Array, " n"]:
+    """Mean square error of each joint over the samples where it moves, or rests [N² m²]."""
+    counts = trace.motion.moving == moving
+    return _mean(np.where(counts, trace.error(rung) ** 2, np.nan), 0)
+
+
+def _mean(values: Float[Array, "..."], axis: int) -> Float[Array, "..."]:
     """Mean of what is not NaN; NaN where nothing is."""
     there = ~np.isnan(values)
     count = there.sum(axis=axis)
-    return np.where(count > 0, np.where(there, values, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan)
-
-
-VERIFICATION_SCHEMA = "ident.verification/1"
-LARGEST, LEAST = ("torque_rmse_Nm", "energy_error_J"), ("r2_moving",)
-
-
-@dataclass(frozen=True)
-class Check:
-    """One limit on one session; a figure that the recordings can't tell does not pass."""
-
-    session: str
-    figure: str  # a table of the file
-    joint: str  # a joint's name, or `total`
-    bound: float  # largest value, or least value of an R²
-    value: float | None
-
-    @property
-    def passed(self) -> bool:
-        if self.value is None:
-            return False
-        return self.value >= self.bound if self.figure in LEAST else self.value <= self.bound
-
-    def to_dict(self) -> dict[str, Any]:
-        return {**vars(self), "passed": self.passed}
-
-
-# Figure, joint and bound of each limit in the file's order, and the rung that must keep them; None for the last.
-ModelLimits = tuple[list[tuple[str, str, float]], str | None]
-
-
-def check_limits(score: SessionScore, limits: ModelLimits) -> tuple[Check, ...]:
-    """Every limit on one session."""
-    bounds, rung = limits
-    row = -1 if rung is None else score.rungs.index(rung)
-    columns = [*score.joints, "total"]
-    tables = dict(zip((*LARGEST, *LEAST), (score.rmse_mean, np.abs(score.energy_mean), score.r2), strict=True))
-    checks = []
-    for figure, joint, bound in bounds:
-        value = float(tables[figure][row, columns.index(joint)])
-        checks.append(Check(score.name, figure, joint, bound, None if math.isnan(value) else value))
-    return tuple(checks)
-
-
-def load_limits(path: Path, joints: tuple[str, ...], rungs: tuple[str, ...]) -> ModelLimits:
-    """Reads a file of limits.
-
-    Args:
-        path: The TOML file.
-        joints: Joints of the model.
-        rungs: Rungs of the model's ladder.
-
-    Raises:
-        InputError: Not TOML, an unknown figure, joint or rung, a bound that is no number, or no limit at all.
-    """
-    record = read_toml(path, "give a TOML file of limits")
-    rung = record.pop("rung", None)
-    if rung is not None and rung not in rungs:
-        raise InputError(f"{path}, rung", f"{rung!r} is no rung of this model", f"use one of: {', '.join(rungs)}")
-    limits = []
-    for figure, table in record.items():
-        if figure not in (*LARGEST, *LEAST):
-            raise InputError(f"{path}, {figure}", "no such figure", f"use: rung, {', '.join((*LARGEST, *LEAST))}")
-        if not isinstance(table, dict):
-            raise InputError(f"{path}, {figure}", "is no table", f"write [{figure}] and one line a joint")
-        names = joints if figure in LEAST else (*joints, "total")
-        for joint, bound in table.items():
-            where = f"{path}, {figure}.{joint}"
-            if joint not in names:
-                raise InputError(where, "no such joint in the model", f"use one of: {', '.join(names)}")
-            if isinstance(bound, bool) or not isinstance(bound, (int, float)) or not math.isfinite(bound):
-                raise InputError(where, f"{bound!r} is no number", "give a finite number")
-            limits.append((figure, joint, float(bound)))
-    if not limits:
-        raise InputError(path, "holds no limit", "give one, such as [torque_rmse_Nm] total = 2.0")
-    return limits, rung
+    total = np.where(there, values, 0.0).sum(axis=axis)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -1,6 +1,8 @@
-"""HybridModel: the arm as it is identified, τ = analytic + loss + named laws + net (eq. 1), batched; and its folder.
+"""HybridModel: the arm as it is identified, and its folder.
 
-It knows where it was fitted: how far each joint went, how fast, how hard; and how well its torque is known there.
+    τ = analytic + loss + named laws + net
+
+Source: paper, eq. 1.
 """
 
 from __future__ import annotations
@@ -13,13 +15,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import tomli_w
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Float
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.laws.carried import NamedLaw, named_torque
 from ident.model.carried import CarriedEffect, as_logged, carried_torque, moving_arm
 from ident.model.loss import NAMES, InertiaFigure, LossFigure, LossParameters
 from ident.model.sampling import sampling_interval
+from ident.model.training_range import QUANTITIES as QUANTITIES
+from ident.model.training_range import UNITS as UNITS
+from ident.model.training_range import TrainingRange as TrainingRange
 from ident.recordings.recording import Payload
 from ident.robot.arm import STANDARD_GRAVITY, ArmModel
 from ident.safe_read import read_text, read_toml
@@ -33,76 +38,16 @@ SCHEMA = "ident.model/1"
 MODEL_KIND = "model"
 # What a model's folder is known by.
 MODEL_FILE = "model.toml"
-
-
-# What is bounded, and its unit, which a sliding joint reads in metres.
-QUANTITIES = ("position", "speed", "acceleration")
-UNITS = ("rad", "rad/s", "rad/s2")
-KEYS = tuple(f"{name}_{unit.replace('/', '_')}" for name, unit in zip(QUANTITIES, UNITS, strict=True))
-
-
+# What to do where it can't be read.
+REMEDY = "fit the model again"
 # Least width of a speed's sign, where a model's friction turns round at once [rad/s].
 SHARPEST = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class TrainingRange:
-    """The box of states that the training runs of n joints went through."""
-
-    joints: tuple[str, ...]  # names of the joints
-    # Least and largest position [rad], speed [rad/s] and acceleration [rad/s²], shape (3, n).
-    low: Float[Array, "3 n"]
-    high: Float[Array, "3 n"]
-    # Half of the 95 % interval of each joint's torque inside that box, from the covariance of all parameters and from
-    # friction that changes from run to run [N m]. Noise of the effort sensor is not in it.
-    torque_half_width: Float[Array, " n"]
-
-    def __post_init__(self) -> None:
-        for name in ("low", "high", "torque_half_width"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
-        n = len(self.joints)
-        parts = (self.low, self.high)
-        if any(part.shape != (3, n) or not np.isfinite(part).all() for part in parts) or np.any(self.low > self.high):
-            raise ValueError("the training range is not three pairs of bounds a joint")
-        if self.torque_half_width.shape != (n,) or not np.all(self.torque_half_width >= 0.0):
-            raise ValueError("a half width of the torque is missing or below zero")
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.joints)
-
-    def first(self, joints: int) -> TrainingRange:
-        """The range of the first joints alone."""
-        low, high = self.low[:, :joints], self.high[:, :joints]
-        return TrainingRange(self.joints[:joints], low, high, self.torque_half_width[:joints])
-
-    def beyond(self, low: Float[Array, "3 n"], high: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
-        """How far a motion's bounds lie outside, as a share of the range's width; zero inside."""
-        width = np.maximum(self.high - self.low, 1e-9)
-        return np.maximum(np.maximum(self.low - low, high - self.high), 0.0) / width
-
-    def to_dict(self) -> dict[str, Any]:
-        """The record of a model's folder."""
-        bounds = {key: np.column_stack([self.low[k], self.high[k]]).tolist() for k, key in enumerate(KEYS)}
-        return {"joints": list(self.joints), **bounds, "torque_half_width_Nm": self.torque_half_width.tolist()}
-
-    @classmethod
-    def from_dict(cls, record: dict[str, Any]) -> TrainingRange:
-        """What `to_dict` wrote.
-
-        Raises:
-            KeyError, ValueError: It is damaged.
-        """
-        bounds = np.array([record[key] for key in KEYS], dtype=float)
-        if bounds.ndim != 3 or bounds.shape[2] != 2:
-            raise ValueError("the training range is not three pairs of bounds a joint")
-        half = np.array(record["torque_half_width_Nm"], dtype=float)
-        return cls(tuple(map(str, record["joints"])), bounds[:, :, 0], bounds[:, :, 1], half)
-
-
 def split_models(paths: Sequence[Path], given: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Folders of models, and sessions: models may stand before the sessions, or be given by themselves.
+    """Folders of models, and sessions.
+
+    Models may stand before the sessions, or be given by themselves.
 
     Raises:
         InputError: No model, or no session.
@@ -110,10 +55,12 @@ def split_models(paths: Sequence[Path], given: Sequence[Path]) -> tuple[list[Pat
     first = 0
     while not given and first < len(paths) and (paths[first] / MODEL_FILE).is_file():
         first += 1
-    models, sessions = [*given, *paths[:first]], list(paths[first:])
+    models = [*given, *paths[:first]]
+    sessions = list(paths[first:])
     if not models:
         what = f"{paths[0]} is no folder of a fitted model"
-        raise InputError("evaluate", what, "give MODEL SESSION …, or SESSION … --model MODEL; `ident fit` writes one")
+        remedy = "give MODEL SESSION …, or SESSION … --model MODEL; `ident fit` writes one"
+        raise InputError("evaluate", what, remedy)
     if not sessions:
         raise InputError("evaluate", "no session is given", "give sessions after the models")
     return models, sessions
@@ -124,23 +71,28 @@ class HybridModel:
     """A fitted arm."""
 
     robot: ArmModel  # the whole arm as its URDF describes it; geometry comes from here
-    nominal: ArmModel  # the rigid arm before identification: the robot, or its lumped three-joint model
-    arm: ArmModel  # the rigid arm with identified inertias; its joints are those that the model speaks of
+    # The rigid arm before identification: the robot, or its lumped three-joint model.
+    nominal: ArmModel
+    # The rigid arm with identified inertias; its joints are those that the model speaks of.
+    arm: ArmModel
     loss: LossParameters  # loss parameters
     net: ResidualNet | None = None  # residual net, or None
-    # What stands in for the net at some joints along a motion, where the last second counts; or None.
+    # What stands in for the net at some joints along a motion, where the last second counts.
     memory: JointMemory | None = None
     links: int = 6  # 6 for the full arm, 3 for the lumped one
     inertia: str = "nominal"  # how the inertias were found
     figures: tuple[LossFigure, ...] = ()  # loss parameters with intervals
-    inertias: tuple[InertiaFigure, ...] = ()  # base parameters with intervals; none where the URDF's inertias were kept
-    trained: TrainingRange | None = None  # where the training runs went; None where that is not known
+    # Base parameters with intervals; none where the URDF's inertias were kept.
+    inertias: tuple[InertiaFigure, ...] = ()
+    # Where the training runs went; None where that is not known.
+    trained: TrainingRange | None = None
     named: tuple[NamedLaw, ...] = ()  # laws of joints that a diagnosis named
     # What else a diagnosis named, with its parameters as they were found.
     carried: tuple[CarriedEffect, ...] = ()
     # Where there are such laws, the arm and its losses as the same runs have them without.
     alone: tuple[ArmModel, LossParameters] | None = None
-    provenance: dict[str, Any] = field(default_factory=dict)  # data hashes, versions, options, scores of the fit
+    # Data hashes, versions, options, scores of the fit.
+    provenance: dict[str, Any] = field(default_factory=dict)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -148,11 +100,19 @@ class HybridModel:
 
     @property
     def rungs(self) -> tuple[str, ...]:
-        """Names of the ladder's rungs, from the URDF's rigid body up; `urdf` where its `<dynamics>` state friction."""
-        urdf = ("urdf",) if self.states_friction else ()
-        inertia = ("inertia",) if self.inertia != "nominal" else ()
-        named = ("named",) if self.named or self.carried else ()
-        return ("analytic", *urdf, *inertia, "loss", *named, *(("net",) if self.net is not None else ()))
+        """Names of the ladder's rungs, from the URDF's rigid body up.
+
+        `urdf` where its `<dynamics>` state friction.
+        """
+        present = {
+            "analytic": True,
+            "urdf": self.states_friction,
+            "inertia": self.inertia != "nominal",
+            "loss": True,
+            "named": bool(self.named or self.carried),
+            "net": self.net is not None,
+        }
+        return tuple(name for name, is_there in present.items() if is_there)
 
     @property
     def states_friction(self) -> bool:
@@ -161,18 +121,29 @@ class HybridModel:
         return bool(np.any(model.damping) or np.any(model.friction))
 
     def torque(
-        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
+        self,
+        q: Float[Array, "T n"],
+        dq: Float[Array, "T n"],
+        ddq: Float[Array, "T n"],
+        payload: Payload | None = None,
     ) -> Float[Array, "T n"]:
         """Joint torque that the motion needs [N m]. Source: paper, eq. 1.
 
-        States that follow one another evenly are a motion, in which joints remember the last second.
+        States that follow one another evenly are a motion: its joints remember the last second.
         """
         return sum(self.torque_terms(q, dq, ddq, payload).values(), np.zeros_like(q, dtype=float))
 
     def torque_terms(
-        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
+        self,
+        q: Float[Array, "T n"],
+        dq: Float[Array, "T n"],
+        ddq: Float[Array, "T n"],
+        payload: Payload | None = None,
     ) -> dict[str, Float[Array, "T n"]]:
-        """The parts of the torque by name: analytic, loss, and named laws and net where there are any [N m]."""
+        """The parts of the torque by name [N m].
+
+        Analytic, loss, and named laws and net where there are any.
+        """
         rigid = self.arm.with_payload(payload).inverse_dynamics(q, dq, ddq)
         terms = {"analytic": rigid, "loss": self.loss.torque(dq, ddq)}
         if self.named:
@@ -185,13 +156,18 @@ class HybridModel:
         if self.carried:
             # What the log makes of the torque that acts is said with the names.
             total = sum(terms.values(), np.zeros_like(rigid))
-            terms["named"] = terms["named"] + as_logged(self.carried, total, moving.interval) - total
+            logged = as_logged(self.carried, total, moving.interval)
+            terms["named"] = terms["named"] + logged - total
         return terms
 
     def _learned(
-        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"]
+        self,
+        q: Float[Array, "T n"],
+        dq: Float[Array, "T n"],
+        ddq: Float[Array, "T n"],
+        rigid: Float[Array, "T n"],
     ) -> Float[Array, "T n"]:
-        """The net's torque, or at joints that have one and along a motion that of their memory [N m]."""
+        """The net's torque; along a motion that of a joint's memory where it has one [N m]."""
         assert self.net is not None
         said = self.net.predict(q, dq, ddq, rigid)
         if self.memory is None or not self.memory.kept.any():
@@ -199,20 +175,26 @@ class HybridModel:
         interval = sampling_interval(q, dq)
         if interval is None:
             return said
-        return np.where(self.memory.kept, self.memory.predict(q, dq, ddq, rigid, interval), said)
+        remembered = self.memory.predict(q, dq, ddq, rigid, interval)
+        return np.where(self.memory.kept, remembered, said)
 
     def ladder(
-        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
+        self,
+        q: Float[Array, "T n"],
+        dq: Float[Array, "T n"],
+        ddq: Float[Array, "T n"],
+        payload: Payload | None = None,
     ) -> dict[str, Float[Array, "T n"]]:
         """Torque by rungs: analytic (the URDF's rigid body), urdf, inertia, loss, named, net [N m].
 
-        Each has all that is below it, but for `urdf`: the URDF as a simulator loads it, with the friction that its
-        `<dynamics>` state, which the loss takes the place of.
+        Each has all that is below it, but for `urdf`: the URDF as a simulator loads it, with the
+        friction that its `<dynamics>` state, which the loss takes the place of.
         """
         terms = self.torque_terms(q, dq, ddq, payload)
         rungs = {"analytic": self.nominal.with_payload(payload).inverse_dynamics(q, dq, ddq)}
         if self.states_friction:
-            model, width = self.nominal.model, np.maximum(self.loss.transition_speed, SHARPEST)
+            model = self.nominal.model
+            width = np.maximum(self.loss.transition_speed, SHARPEST)
             stated = model.damping * dq + model.friction * np.tanh(dq / width)
             rungs["urdf"] = rungs["analytic"] + stated
         total = terms["analytic"]
@@ -227,14 +209,14 @@ class HybridModel:
     def save(self, folder: str | Path) -> Path:
         """Writes the model as a folder of readable text plus weights, whole or not at all."""
         target = Path(folder)
-        with atomic_folder(target, MODEL_KIND) as part:
-            (part / "robot.urdf").write_text(self.robot.urdf, encoding="utf-8")
-            (part / "arm.urdf").write_text(self.nominal.urdf, encoding="utf-8")
-            (part / MODEL_FILE).write_text(tomli_w.dumps(self.record()), encoding="utf-8")
+        with atomic_folder(target, MODEL_KIND) as place:
+            (place / "robot.urdf").write_text(self.robot.urdf, encoding="utf-8")
+            (place / "arm.urdf").write_text(self.nominal.urdf, encoding="utf-8")
+            (place / MODEL_FILE).write_text(tomli_w.dumps(self.record()), encoding="utf-8")
             if self.net is not None:
-                self.net.save(part)
+                self.net.save(place)
             if self.memory is not None:
-                self.memory.save(part)
+                self.memory.save(place)
         return target
 
     @classmethod
@@ -247,7 +229,8 @@ class HybridModel:
         if isinstance(model, HybridModel):
             return model
         if not isinstance(model, str | Path):
-            raise ModelError("model", f"a {type(model).__name__} is no model", "give a HybridModel or its folder")
+            what = f"a {type(model).__name__} is no model"
+            raise ModelError("model", what, "give a HybridModel or its folder")
         return cls.load(model)
 
     @classmethod
@@ -262,56 +245,81 @@ class HybridModel:
         if not file.is_file():
             remedy = "make one with `ident fit … --out MODEL`"
             raise ModelError(path, "not a model folder: it has no model.toml", remedy)
-        record = read_toml(file, "fit the model again", ModelError)
+        record = read_toml(file, REMEDY, ModelError)
         if record.get("schema") != SCHEMA:
-            raise ModelError(file, f"schema is {record.get('schema')!r}, not {SCHEMA!r}", "fit the model again")
+            what = f"schema is {record.get('schema')!r}, not {SCHEMA!r}"
+            raise ModelError(file, what, REMEDY)
         try:
-            source = Path(record["robot"]["source"])
-            gravity = np.array(record["robot"].get("gravity_mps2", STANDARD_GRAVITY))
-            robot = ArmModel.from_urdf(read_text(path / "robot.urdf", "fit the model again", ModelError), source)
-            nominal = ArmModel.from_urdf(read_text(path / "arm.urdf", "fit the model again", ModelError), source)
-            robot, nominal = robot.with_gravity(gravity), nominal.with_gravity(gravity)
-            arm, loss = _read_fit(nominal, record["inertia"]["links"], record["loss"])
-            alone = _read_fit(nominal, record["alone"]["links"], record["alone"]) if "alone" in record else None
-            net, memory = None, None
-            if record.get("net", {}).get("preset", "none") != "none":
-                from ident.model.residual_net import ResidualNet
-
-                net = ResidualNet.load(path)
-            if record.get("net", {}).get("memory"):
-                from ident.model.memory import JointMemory
-
-                memory = JointMemory.load(path, nominal.n)
-            model = cls(
-                robot=robot,
-                nominal=nominal,
-                arm=arm,
-                loss=loss,
-                alone=alone,
-                net=net,
-                memory=memory,
-                links=record["robot"]["links"],
-                inertia=record["inertia"]["mode"],
-                figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
-                inertias=tuple(InertiaFigure(**entry) for entry in record["inertia"].get("figures", [])),
-                carried=tuple(CarriedEffect.from_dict(entry, nominal.n) for entry in record.get("carried", [])),
-                named=tuple(NamedLaw.from_dict(entry, nominal.n) for entry in record.get("named", [])),
-                trained=TrainingRange.from_dict(record["trained"]) if "trained" in record else None,
-                provenance=record.get("provenance", {}),
-            )
+            model = cls._read(path, record)
             model._check()
         except ModelError:
             raise
         except InputError as error:
-            raise ModelError(path, f"its URDF is damaged ({error.what})", "fit the model again") from None
-        except (AttributeError, IndexError, KeyError, OSError, OverflowError, TypeError, ValueError) as error:
-            raise ModelError(file, f"damaged ({error!r})", "fit the model again") from None
+            raise ModelError(path, f"its URDF is damaged ({error.what})", REMEDY) from None
+        except (
+            AttributeError,
+            IndexError,
+            KeyError,
+            OSError,
+            OverflowError,
+            TypeError,
+            ValueError,
+        ) as error:
+            raise ModelError(file, f"damaged ({error!r})", REMEDY) from None
         return model
+
+    @classmethod
+    def _read(cls, folder: Path, record: dict[str, Any]) -> HybridModel:
+        """The model of a record and of the files beside it; any error where it is damaged."""
+        robot = _read_arm(folder / "robot.urdf", record["robot"])
+        nominal = _read_arm(folder / "arm.urdf", record["robot"])
+        n = nominal.n
+        arm, loss = _read_fit(nominal, record["inertia"]["links"], record["loss"])
+        alone = None
+        if "alone" in record:
+            alone = _read_fit(nominal, record["alone"]["links"], record["alone"])
+        net = None
+        if record.get("net", {}).get("preset", "none") != "none":
+            from ident.model.residual_net import ResidualNet
+
+            net = ResidualNet.load(folder)
+        memory = None
+        if record.get("net", {}).get("memory"):
+            from ident.model.memory import JointMemory
+
+            memory = JointMemory.load(folder, n)
+        trained = None
+        if "trained" in record:
+            trained = TrainingRange.from_dict(record["trained"])
+        losses = record["loss"].get("figures", [])
+        inertias = record["inertia"].get("figures", [])
+        carried = record.get("carried", [])
+        named = record.get("named", [])
+        return cls(
+            robot=robot,
+            nominal=nominal,
+            arm=arm,
+            loss=loss,
+            alone=alone,
+            net=net,
+            memory=memory,
+            links=record["robot"]["links"],
+            inertia=record["inertia"]["mode"],
+            figures=tuple(LossFigure(**entry) for entry in losses),
+            inertias=tuple(InertiaFigure(**entry) for entry in inertias),
+            carried=tuple(CarriedEffect.from_dict(entry, n) for entry in carried),
+            named=tuple(NamedLaw.from_dict(entry, n) for entry in named),
+            trained=trained,
+            provenance=record.get("provenance", {}),
+        )
 
     def _check(self) -> None:
         """Raises ValueError unless the parts speak of the same joints, in finite numbers."""
         n = self.arm.n
-        for arm, loss in ((self.arm, self.loss), *(() if self.alone is None else (self.alone,))):
+        fits = [(self.arm, self.loss)]
+        if self.alone is not None:
+            fits.append(self.alone)
+        for arm, loss in fits:
             for name in (*NAMES, "transition_speed"):
                 values = getattr(loss, name)
                 if values.shape != (n,) or not np.all(np.isfinite(values)):
@@ -325,8 +333,8 @@ class HybridModel:
 
     def record(self) -> dict[str, Any]:
         """All of the model but its URDFs and weights, as it stands in model.toml."""
-        own = _fit_record(self.arm, self.loss)
-        return {
+        fit = _fit_record(self.arm, self.loss)
+        record: dict[str, Any] = {
             "schema": SCHEMA,
             "robot": {
                 "name": self.robot.name,
@@ -339,46 +347,75 @@ class HybridModel:
             "inertia": {
                 "mode": self.inertia,
                 "order": "m mx my mz Ixx Ixy Iyy Ixz Iyz Izz, about the joint frame, SI",
-                "links": own.pop("links"),
+                "links": fit.pop("links"),
                 "figures": [vars(figure) for figure in self.inertias],
             },
-            "loss": {**own, "figures": [vars(figure) for figure in self.figures]},
-            **({} if self.alone is None else {"alone": _fit_record(*self.alone)}),
-            "net": self._net_record(),
-            **({} if self.trained is None else {"trained": self.trained.to_dict()}),
-            **({"named": [law.to_dict() for law in self.named]} if self.named else {}),
-            **({"carried": [one.to_dict() for one in self.carried]} if self.carried else {}),
-            "provenance": self.provenance,
+            "loss": {**fit, "figures": [vars(figure) for figure in self.figures]},
         }
+        if self.alone is not None:
+            record["alone"] = _fit_record(*self.alone)
+        record["net"] = self._net_record()
+        if self.trained is not None:
+            record["trained"] = self.trained.to_dict()
+        if self.named:
+            record["named"] = [law.to_dict() for law in self.named]
+        if self.carried:
+            record["carried"] = [effect.to_dict() for effect in self.carried]
+        return {**record, "provenance": self.provenance}
 
     def _net_record(self) -> dict[str, Any]:
         """Which net there is, and the joints that have a memory."""
-        record: dict[str, Any] = {"preset": self.net.options.preset if self.net is not None else "none"}
+        preset = self.net.options.preset if self.net is not None else "none"
+        record: dict[str, Any] = {"preset": preset}
         if self.memory is not None:
             pairs = zip(self.joint_names, self.memory.kept, strict=True)
             record["memory"] = [name for name, kept in pairs if kept]
         return record
 
     def require_robot(self, arm: ArmModel, where: str | Path) -> None:
-        """Raises ModelError unless the model was fitted for this robot: the same joints, lengths and inertias."""
-        if not set(self.joint_names) <= set(arm.joint_names) or not self.robot.is_same(arm):
-            what = f"the model is of {self.robot.name!r} ({', '.join(self.joint_names)}), not of {arm.name!r}"
-            same = ": lengths or inertias differ" if arm.name == self.robot.name else ""
-            raise ModelError(where, what + same, "fit a model for this robot")
+        """Raises ModelError unless the model was fitted for this robot.
+
+        The same joints, lengths and inertias.
+        """
+        if set(self.joint_names) <= set(arm.joint_names) and self.robot.is_same(arm):
+            return
+        joints = ", ".join(self.joint_names)
+        what = f"the model is of {self.robot.name!r} ({joints}), not of {arm.name!r}"
+        if arm.name == self.robot.name:
+            what += ": lengths or inertias differ"
+        raise ModelError(where, what, "fit a model for this robot")
 
 
 def _fit_record(arm: ArmModel, loss: LossParameters) -> dict[str, Any]:
     """Ten numbers a link, and losses."""
-    rows = zip(arm.links, arm.inertial_parameters.reshape(arm.n, 10).tolist(), strict=True)
+    numbers = arm.inertial_parameters.reshape(arm.n, 10).tolist()
     losses = {name: getattr(loss, name).tolist() for name in NAMES}
-    return {"links": dict(rows), **losses, "transition_speed_rad_s": loss.transition_speed.tolist()}
+    return {
+        "links": dict(zip(arm.links, numbers, strict=True)),
+        **losses,
+        "transition_speed_rad_s": loss.transition_speed.tolist(),
+    }
 
 
-def _read_fit(nominal: ArmModel, links: Any, losses: Any) -> tuple[ArmModel, LossParameters]:
-    """An arm and its losses from their record; KeyError or ValueError where they are not ten numbers a link."""
+def _read_arm(path: Path, robot: dict[str, Any]) -> ArmModel:
+    """An arm of a URDF, with gravity and the place that the record of its robot names."""
+    source = Path(robot["source"])
+    gravity = np.array(robot.get("gravity_mps2", STANDARD_GRAVITY))
+    urdf = read_text(path, REMEDY, ModelError)
+    return ArmModel.from_urdf(urdf, source).with_gravity(gravity)
+
+
+def _read_fit(
+    nominal: ArmModel, links: dict[str, list[float]], losses: dict[str, Any]
+) -> tuple[ArmModel, LossParameters]:
+    """An arm and its losses from their record.
+
+    KeyError or ValueError where they are not ten numbers a link.
+    """
     numbers = np.array([links[name] for name in nominal.links], dtype=float)
     if numbers.shape != (nominal.n, 10):
         raise ValueError(f"link inertias have shape {numbers.shape}, not {(nominal.n, 10)}")
-    same = np.array_equal(numbers.ravel(), nominal.inertial_parameters)
-    arm = nominal if same else nominal.with_inertial_parameters(numbers.ravel())
+    arm = nominal
+    if not np.array_equal(numbers.ravel(), nominal.inertial_parameters):
+        arm = nominal.with_inertial_parameters(numbers.ravel())
     return arm, LossParameters(*(losses[name] for name in (*NAMES, "transition_speed_rad_s")))

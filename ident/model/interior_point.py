@@ -2,11 +2,13 @@
 
     minimise ½ xᵀ A x − bᵀ x − μ (Σ log det M_l(x) + Σ log x_k)   for μ → 0
 
-M_l is a link's pseudo-inertia, linear in x, less a margin; x_k are the losses that can't be negative. The function is
-self-concordant, so that a few steps at each μ reach its minimum from any body; what is missed of the optimum at the end
-is at most μ times the number of rows of all matrices and bounds.
+M_l is a link's pseudo-inertia, linear in x, less a margin; x_k are the losses that can't be
+negative. The function is self-concordant, so that a few steps at each μ reach its minimum from any
+body; what is missed of the optimum at the end is at most μ times the number of rows of all matrices
+and bounds.
 
-Source: Boyd and Vandenberghe 2004, sections 9.6 and 11.3 (barrier method); Wensing, Kim and Slotine 2018, eq. 12.
+Source: Boyd and Vandenberghe 2004, sections 9.6 and 11.3 (barrier method); Wensing, Kim and Slotine
+2018, eq. 12.
 """
 
 from __future__ import annotations
@@ -18,11 +20,15 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from ident.arrays import Array, Float, Int
 
-# μ falls by this factor at a time, and so far that what is missed is this share of the function's size.
-FALL, GAP = 0.05, 1e-10
+# μ falls by this factor at a time.
+FALL = 0.05
+# It falls so far that what is missed is this share of the function's size.
+GAP = 1e-10
 # Newton's decrement at which a point is central enough, and as the last one is to be.
-CENTRAL, SHARP = 1e-2, 1e-9
-MOST_STEPS, MOST_HALVINGS = 60, 40
+CENTRAL = 1e-2
+SHARP = 1e-9
+MOST_STEPS = 60
+MOST_HALVINGS = 40
 # Armijo's share of the expected fall.
 EXPECTED = 0.1
 # Least eigenvalue of a matrix at the start, as a share of its largest one.
@@ -33,7 +39,10 @@ RIDGE = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """Matrices that must stay positive: M_l(x) = constant_l + Σ_k x_k slope_lk, with k of the link's own unknowns."""
+    """Matrices that must stay positive: M_l(x) = constant_l + Σ_k x_k slope_lk.
+
+    k is of the link's own unknowns.
+    """
 
     constant: Float[Array, "l 4 4"]
     slopes: Float[Array, "l k 4 4"]
@@ -58,9 +67,6 @@ class Bodies:
             columns = self.slopes[link].reshape(len(self.slopes[link]), 16).T
             moved[self.unknowns[link]] = np.linalg.lstsq(columns, wanted.ravel(), rcond=None)[0]
         return moved
-
-
-NO_BODIES = Bodies(np.zeros((0, 4, 4)), np.zeros((0, 10, 4, 4)), np.zeros((0, 10), dtype=int))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +122,12 @@ class Program:
                 length *= 0.5
             else:
                 break
-            x, here = x + length * step, there
+            x = x + length * step
+            here = there
         return x
+
+
+NO_BODIES = Bodies(np.zeros((0, 4, 4)), np.zeros((0, 10, 4, 4)), np.zeros((0, 10), dtype=int))
 
 
 def _solve(curvature: Float[Array, "m m"], right: Float[Array, " m"]) -> Float[Array, " m"]:

@@ -2,7 +2,8 @@
 
     τ_loss = B_m ddq + C_m dq + f_c tanh(dq / v₀) + offset
 
-Source: paper, eq. 3 and 5; one three-column problem a joint (the printed row form lacks the joint's index).
+Source: paper, eq. 3 and 5; one three-column problem a joint (the printed row form lacks the joint's
+index).
 """
 
 from __future__ import annotations
@@ -17,7 +18,12 @@ from ident.laws.motion import direction
 
 NAMES = ("motor_inertia", "viscous", "coulomb", "offset")
 UNITS = ("kg m²", "N m s/rad", "N m", "N m")
-WORDS = dict(zip(NAMES, ("rotor inertia", "damping", "dry friction", "constant torque"), strict=True))
+WORDS = {
+    "motor_inertia": "rotor inertia",
+    "viscous": "damping",
+    "coulomb": "dry friction",
+    "offset": "constant torque",
+}
 # Widths tried where none is given [rad/s].
 TRANSITION_GRID = (0.002, 0.005, 0.01, 0.02, 0.04, 0.08)
 
@@ -54,14 +60,19 @@ class LossResults:
 
     params: LossParameters  # the parameters
     joints: tuple[str, ...]  # joint names
-    covariance: Float[Array, "n 4 4"]  # covariance of (B_m, C_m, f_c, offset) of each joint, shape (n, 4, 4)
-    residual_rms: Float[Array, " n"]  # root mean square of what is left, where the joint moves [N m]
+    # Covariance of (B_m, C_m, f_c, offset) of each joint, shape (n, 4, 4).
+    covariance: Float[Array, "n 4 4"]
+    # Root mean square of what is left, where the joint moves [N m].
+    residual_rms: Float[Array, " n"]
     # Names of parameters that came to rest on zero, per joint: the data wanted them negative.
     at_bound: tuple[tuple[str, ...], ...]
     dof: Float[Array, "n 4"]  # degrees of freedom of each standard deviation
 
     def conf_int(self, level: float = 0.95) -> Float[Array, "n 4 2"]:
-        """Confidence intervals of (B_m, C_m, f_c, offset), by Student's t with each one's degrees of freedom."""
+        """Confidence intervals of (B_m, C_m, f_c, offset), by Student's t.
+
+        Each has degrees of freedom of its own.
+        """
         reach = stdtrit(np.minimum(self.dof, 1e6), 0.5 + level / 2)
         std = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
         values = np.stack([getattr(self.params, name) for name in NAMES], axis=1)
@@ -69,17 +80,27 @@ class LossResults:
 
     def summary(self) -> str:
         """A table in text: one row a joint and parameter."""
-        limits = self.conf_int()
         lines = [f"{'joint':<19} {'':<15} {'value':>9}  {'95 % interval':<20}unit"]
-        for j, joint in enumerate(self.joints):
-            for k, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
-                value = getattr(self.params, name)[j]
-                if limits[j, k, 0] == limits[j, k, 1] == 0.0:
-                    continue  # was not fitted
-                note = "  on its bound" if name in self.at_bound[j] else ""
-                interval = f"[{limits[j, k, 0]:.4g}, {limits[j, k, 1]:.4g}]"
-                lines.append(f"{joint:<19} {WORDS[name]:<15} {value:>9.4g}  {interval:<20}{unit}{note}")
+        bounds = dict(zip(self.joints, self.at_bound, strict=True))
+        for figure in self.figures():
+            if figure.low == figure.high == 0.0:
+                continue  # was not fitted
+            note = "  on its bound" if figure.name in bounds[figure.joint] else ""
+            interval = f"[{figure.low:.4g}, {figure.high:.4g}]"
+            name = f"{figure.joint:<19} {WORDS[figure.name]:<15}"
+            lines.append(f"{name} {figure.value:>9.4g}  {interval:<20}{figure.unit}{note}")
         return "\n".join(lines)
+
+    def figures(self) -> list[LossFigure]:
+        """All parameters, joint by joint, with 95 % intervals."""
+        limits = self.conf_int().tolist()
+        figures = []
+        for j, joint in enumerate(self.joints):
+            for k, name in enumerate(NAMES):
+                value = float(getattr(self.params, name)[j])
+                low, high = limits[j][k]
+                figures.append(LossFigure(joint, name, value, low, high, UNITS[k]))
+        return figures
 
 
 @dataclass(frozen=True)
@@ -103,17 +124,14 @@ class InertiaFigure:
     value: float
     low: float
     high: float
-    informed: float  # share of its prior variance that the recordings take away: near 0 it is the URDF's
+    # Share of its prior variance that the recordings take away: near 0 it is the URDF's.
+    informed: float
 
 
 def loss_figures(loss: LossResults) -> tuple[LossFigure, ...]:
     """Those that were fitted, one by one."""
-    limits = loss.conf_int()
     return tuple(
-        LossFigure(
-            joint, name, float(getattr(loss.params, name)[j]), float(limits[j, k, 0]), float(limits[j, k, 1]), unit
-        )
-        for j, joint in enumerate(loss.joints)
-        for k, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
-        if not (name == "offset" and limits[j, k, 0] == limits[j, k, 1] == 0.0)
+        figure
+        for figure in loss.figures()
+        if figure.name != "offset" or not figure.low == figure.high == 0.0
     )

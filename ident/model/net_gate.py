@@ -1,26 +1,22 @@
-"""How much of a net helps on runs that it never saw, joint by joint: all of it, a share, or nothing.
+"""How much of a net helps on runs that it never saw, joint by joint: all, a share, or nothing.
 
-On what was held back, the prediction of a net that did not see it is compared with none. A joint's net counts with the
-weight that leaves least torque error there, if that is surely less than without (by Student's test over stretches or
-runs) and the energy error is not more by a standard error; else it is silent. Then joints let go until the energy error
-of all of them together is no more either.
+On what was held back, the prediction of a net that did not see it is compared with none. A joint's
+net counts with the weight that leaves least torque error there, if that is surely less than without
+(by Student's test over stretches or runs) and the energy error is not more by a standard error;
+else it is silent. Then joints let go until the energy error of all of them together is no more
+either.
 
-On 33 splits of real recordings and the shipped ones, torque error on unseen runs
-falls to 0.73 of what it is without and the energy error of all joints to 0.66, geometric means. Energy grows in 8,
-by 9 J at most: all of a UR10e whose first joint's friction differs by 3 % between runs and errs by 20 J in each,
-whatever its model. Four other rules were measured on the same splits. Energy of whole runs instead of stretches: torque
-0.80, energy 0.69, grows in 5. Half the net where that energy grows: 0.77, 0.68, in 7. The net with a viscous term that
-takes its mean work off: 0.74, 0.76, in 11; or that makes the work on runs held back come out right: 0.73, 0.64, in 10.
-
-Which samples a fit leaves out in turn, and over which of them its doubt is counted.
-
-Whole runs are left out where there are two or more: stretches of a run whose other stretches were seen are foretold
-too well, as they share its speeds and its friction. Of a single run, stretches of a few seconds are left out.
+On 33 splits of real recordings and the shipped ones, torque error on unseen runs falls to 0.73 of
+what it is without and the energy error of all joints to 0.66, geometric means. Energy grows in 8,
+by 9 J at most: all of a UR10e whose first joint's friction differs by 3 % between runs and errs by
+20 J in each, whatever its model. Four other rules were measured on the same splits. Energy of whole
+runs instead of stretches: torque 0.80, energy 0.69, grows in 5. Half the net where that energy
+grows: 0.77, 0.68, in 7. The net with a viscous term that takes its mean work off: 0.74, 0.76, in
+11; or that makes the work on runs held back come out right: 0.73, 0.64, in 10.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,7 +25,8 @@ from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int
 
-# How sure it must be that a share of a net helps; chance alone passes one of the four shares once in 25 times at most.
+# How sure it must be that a share of a net helps; chance alone passes one of the four shares once
+# in 25 times at most.
 SURE = 0.99
 # Shares of a net that are tried.
 WEIGHTS = (0.25, 0.5, 0.75, 1.0)
@@ -39,8 +36,8 @@ WEIGHTS = (0.25, 0.5, 0.75, 1.0)
 class JointGate:
     """What a joint's net did on runs that it never saw, and what was decided."""
 
-    # Torque error where the joint moves, without the net and with the share that was decided on; with all of it where
-    # that is nothing [N m].
+    # Torque error where the joint moves, without the net and with the share that was decided on;
+    # with all of it where that is nothing [N m].
     rmse_without: float
     rmse_with: float
     # Root mean square over the runs of the energy error, where it moves, likewise [J].
@@ -72,11 +69,12 @@ def shrink_net(
         left: What the analytic model and the losses leave [N m].
         moving: Where each joint moves.
         travel: Displacement of each joint from sample to sample [rad].
-        witness: Number of the run, or stretch of one, that a sample lies in: what doubt is counted over.
+        witness: Number of the run, or stretch of one, that a sample lies in: what doubt is counted
+            over.
         run: Number of the run, over which energies are reported; the same if None.
     """
-    groups = (witness, witness if run is None else run)
-    return _shrink(predicted, left, moving, travel, groups, (_surely(witness), 1.0))
+    rows = _Rows(predicted, left, moving, travel, witness, witness if run is None else run)
+    return rows.shrink(needed=_surely(witness), allowed=1.0)
 
 
 def shrink_bounded(
@@ -91,7 +89,8 @@ def shrink_bounded(
 
     The two tests change places: squares fall by one standard error, energies may not surely grow.
     """
-    return _shrink(predicted, left, moving, travel, (witness, run), (1.0, _surely(witness)))
+    rows = _Rows(predicted, left, moving, travel, witness, run)
+    return rows.shrink(needed=1.0, allowed=_surely(witness))
 
 
 def _surely(witness: Int[Array, " T"]) -> float:
@@ -99,109 +98,146 @@ def _surely(witness: Int[Array, " T"]) -> float:
     return float(stdtrit(max(1, len(np.unique(witness)) - 1), SURE))
 
 
-def _shrink(
-    predicted: Float[Array, "T n"],
-    left: Float[Array, "T n"],
-    moving: Bool[Array, "T n"],
-    travel: Float[Array, "T n"],
-    groups: tuple[Int[Array, " T"], Int[Array, " T"]],
-    doubts: tuple[float, float],
-) -> tuple[JointGate, ...]:
-    """The verdict; `doubts`: standard errors by which squares must fall, and energies may grow."""
-    witness, run = groups
-    needed, allowed = doubts
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """What a net says of samples that it did not see: fields as the arguments of `shrink_net`."""
 
-    def squares(weight: Array | float) -> Float[Array, "g n"]:
-        return _by_group(np.where(moving, (left - weight * predicted) ** 2, 0.0), witness)
+    predicted: Float[Array, "T n"]
+    left: Float[Array, "T n"]
+    moving: Bool[Array, "T n"]
+    travel: Float[Array, "T n"]
+    witness: Int[Array, " T"]
+    run: Int[Array, " T"]
 
-    without, own = (_by_group(np.where(moving, part * travel, 0.0), witness) for part in (left, predicted))
-    best, weight = np.zeros(left.shape[1]), np.zeros(left.shape[1])
-    alone = squares(0.0)
-    for share in WEIGHTS:
-        # Of all moving samples alike: a run in which a joint hardly moves says little of it.
-        gain = alone - squares(share)
-        doubt = gain.std(axis=0, ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.full(gain.shape[1], np.inf)
-        helps = (gain.mean(axis=0) > needed * doubt) & ~_is_worse(without, without - share * own, allowed)
-        weight = np.where(helps & (gain.mean(axis=0) > best), share, weight)
-        best = np.where(weight == share, gain.mean(axis=0), best)
-    # Joints go until the energy error of all joints together is no worse than without any net.
-    together = without.sum(axis=1, keepdims=True)
+    def shrink(self, needed: float, allowed: float) -> tuple[JointGate, ...]:
+        """The verdict on each joint.
 
-    def mixed(choice: Array) -> Float[Array, "g 1"]:
-        return (without - choice * own).sum(axis=1, keepdims=True)
+        Args:
+            needed: Standard errors by which squares must fall.
+            allowed: Standard errors by which energies may grow.
+        """
+        work = self.work(self.left, self.witness)
+        net_work = self.work(self.predicted, self.witness)
+        weight = self.best_shares(work, net_work, needed, allowed)
+        weight = _let_go(weight, work, net_work, allowed)
+        after = self.left - np.where(weight > 0.0, weight, 1.0) * self.predicted
+        figures = [
+            self.rmse(self.left),
+            self.rmse(after),
+            self.energy(self.left),
+            self.energy(after),
+            weight,
+        ]
+        return tuple(JointGate(*row) for row in np.transpose(figures).tolist())
+
+    def best_shares(
+        self,
+        work: Float[Array, "g n"],
+        net_work: Float[Array, "g n"],
+        needed: float,
+        allowed: float,
+    ) -> Float[Array, " n"]:
+        """The share of each joint's net that leaves least squares; none where none surely helps.
+
+        Squares are of all moving samples alike: a run in which a joint hardly moves says little of
+        it.
+        """
+        alone = self.squares(0.0)
+        best = np.zeros(alone.shape[1])
+        weight = np.zeros(alone.shape[1])
+        for share in WEIGHTS:
+            gain = alone - self.squares(share)
+            mean = gain.mean(axis=0)
+            worse = _is_worse(work, work - share * net_work, allowed)
+            helps = (mean > needed * _standard_error(gain, np.inf)) & ~worse
+            weight = np.where(helps & (mean > best), share, weight)
+            best = np.where(weight == share, mean, best)
+        return weight
+
+    def squares(self, share: float) -> Float[Array, "g n"]:
+        """Squares of torque that a share of the net leaves, of each witness [N² m²]."""
+        squares = (self.left - share * self.predicted) ** 2
+        return _by_group(np.where(self.moving, squares, 0.0), self.witness)
+
+    def work(self, torque: Float[Array, "T n"], group: Int[Array, " T"]) -> Float[Array, "g n"]:
+        """Work of a torque where joints move, of each group [J]."""
+        return _by_group(np.where(self.moving, torque * self.travel, 0.0), group)
+
+    def rmse(self, torque: Float[Array, "T n"]) -> Float[Array, " n"]:
+        """Root mean square of a torque where each joint moves [N m]."""
+        count = np.maximum(self.moving.sum(axis=0), 1.0)
+        return np.sqrt(np.where(self.moving, torque**2, 0.0).sum(axis=0) / count)
+
+    def energy(self, torque: Float[Array, "T n"]) -> Float[Array, " n"]:
+        """Root mean square over the runs of a torque's work [J]."""
+        return np.sqrt(np.mean(self.work(torque, self.run) ** 2, axis=0))
+
+
+def _let_go(
+    weight: Float[Array, " n"],
+    work: Float[Array, "g n"],
+    net_work: Float[Array, "g n"],
+    allowed: float,
+) -> Float[Array, " n"]:
+    """Joints go until the energy error of all joints together is no worse than without any net."""
+    together = work.sum(axis=1, keepdims=True)
+
+    def mixed(weights: Float[Array, " n"]) -> Float[Array, "g 1"]:
+        return (work - weights * net_work).sum(axis=1, keepdims=True)
 
     while weight.any() and _is_worse(together, mixed(weight), allowed)[0]:
-        trials = [np.where(np.arange(len(weight)) == j, 0.0, weight) for j in np.flatnonzero(weight)]
-        weight = min(trials, key=lambda choice: float(np.sum(mixed(choice) ** 2)))
-    after = left - np.where(weight > 0.0, weight, 1.0) * predicted
-    count = np.maximum(moving.sum(axis=0), 1.0)
-    rmse = [np.sqrt(np.where(moving, part**2, 0.0).sum(axis=0) / count) for part in (left, after)]
-    works = [_by_group(np.where(moving, part * travel, 0.0), run) for part in (left, after)]
-    energy = [np.sqrt(np.mean(part**2, axis=0)) for part in works]
-    return tuple(JointGate(*map(float, row)) for row in zip(*rmse, *energy, weight, strict=True))
+        places = np.arange(len(weight))
+        trials = [np.where(places == joint, 0.0, weight) for joint in np.flatnonzero(weight)]
+        weight = min(trials, key=lambda trial: float(np.sum(mixed(trial) ** 2)))
+    return weight
 
 
-def _is_worse(without: Float[Array, "g n"], with_net: Float[Array, "g n"], errors: float) -> Bool[Array, " n"]:
+def _is_worse(
+    without: Float[Array, "g n"], with_net: Float[Array, "g n"], errors: float
+) -> Bool[Array, " n"]:
     """Whether squares over the groups grew by more than some standard errors of their change."""
     growth = with_net**2 - without**2
-    doubt = growth.std(axis=0, ddof=1) / np.sqrt(len(growth)) if len(growth) > 1 else np.zeros(growth.shape[1])
-    return np.asarray(growth.mean(axis=0) > errors * doubt)
+    return np.asarray(growth.mean(axis=0) > errors * _standard_error(growth, 0.0))
+
+
+def _standard_error(change: Float[Array, "g n"], of_one: float) -> Float[Array, " n"]:
+    """Standard error of a mean over groups; `of_one` where there is one group alone."""
+    if len(change) < 2:
+        return np.full(change.shape[1], of_one)
+    return np.asarray(change.std(axis=0, ddof=1) / np.sqrt(len(change)))
 
 
 def _by_group(values: Float[Array, "T n"], group: Int[Array, " T"]) -> Float[Array, "g n"]:
+    """Sums of each group's samples."""
     labels, index = np.unique(group, return_inverse=True)
     sums = np.zeros((len(labels), values.shape[1]))
     np.add.at(sums, index, values)
     return sums
 
 
-def describe_gate(gate: tuple[JointGate, ...], joints: tuple[str, ...], what: str = "residual net") -> str:
+def describe_gate(
+    gate: tuple[JointGate, ...], joints: tuple[str, ...], what: str = "residual net"
+) -> str:
     """What each joint keeps of its net, or another learner, by what that never saw."""
-    pairs = list(zip(joints, gate, strict=True))
-    share = {one: "" if one.weight == 1.0 else f"by {100 * one.weight:.0f} %: " for one in gate}
-    kept = [f"{name} ({share[one]}{_figures(one)})" for name, one in pairs if one.kept]
-    silent = [f"{name} ({_figures(one)})" for name, one in pairs if not one.kept]
-    parts = [f"kept for {', '.join(kept)}"] if kept else []
+    kept_joints = []
+    silent = []
+    for name, verdict in zip(joints, gate, strict=True):
+        figures = _figures(verdict)
+        if not verdict.kept:
+            silent.append(f"{name} ({figures})")
+        elif verdict.weight == 1.0:
+            kept_joints.append(f"{name} ({figures})")
+        else:
+            kept_joints.append(f"{name} (by {100 * verdict.weight:.0f} %: {figures})")
+    phrases = []
+    if kept_joints:
+        phrases.append(f"kept for {', '.join(kept_joints)}")
     if silent:
-        parts.append(f"left out for {', '.join(silent)}: no surely better torque there, or worse energy")
-    return f"{what}, on runs held back: {'; '.join(parts)}"
+        reason = "no surely better torque there, or worse energy"
+        phrases.append(f"left out for {', '.join(silent)}: {reason}")
+    return f"{what}, on runs held back: {'; '.join(phrases)}"
 
 
-def _figures(one: JointGate) -> str:
-    torque = f"{one.rmse_without:.3g} → {one.rmse_with:.3g} N m"
-    return f"{torque}, {one.energy_without:.2g} → {one.energy_with:.2g} J a run"
-
-
-# Parts that are held back in turn, and the length of the stretches that make them where runs are few [samples].
-FOLDS, STRETCH = 4, 200
-# Fewer runs than this can't be left out whole. Of two, half of all data is missing, and yet: stretches of one motion
-# foretell one another whatever a net made up, and on a dual arm with two such runs a net doubled the error on a third.
-FEWEST_RUNS = 2
-
-
-def make_folds(
-    lengths: Sequence[int], every: int, rng: np.random.Generator
-) -> tuple[Int[Array, " T"], Int[Array, " T"]]:
-    """Parts to be left out, and groups to be counted as one witness each; a number a sample.
-
-    Args:
-        lengths: Samples of each run, after thinning.
-        every: One of how many samples was kept.
-        rng: Spreads the groups over the parts.
-    """
-    runs = np.repeat(np.arange(len(lengths)), lengths)
-    groups = runs
-    if len(lengths) < 2 * FOLDS:  # stretches of runs; none goes on into the next run
-        size = min(max(1, STRETCH // every), max(1, sum(lengths) // (2 * FOLDS)))
-        counts = [max(1, round(length / size)) for length in lengths]
-        firsts = np.cumsum([0, *counts])
-        parts = zip(firsts, counts, lengths, strict=False)
-        groups = np.concatenate([first + np.arange(n) * count // max(n, 1) for first, count, n in parts])
-    shared = runs if len(lengths) >= FEWEST_RUNS else groups
-    sizes = np.bincount(shared)
-    order = rng.permutation(len(sizes))
-    filled, part = np.zeros(FOLDS), np.zeros(len(sizes), dtype=int)
-    for group in order[np.argsort(-sizes[order], kind="stable")]:  # the largest first: parts of about the same size
-        part[group] = int(np.argmin(filled))
-        filled[part[group]] += sizes[group]
-    return part[shared], groups
+def _figures(verdict: JointGate) -> str:
+    torque = f"{verdict.rmse_without:.3g} → {verdict.rmse_with:.3g} N m"
+    return f"{torque}, {verdict.energy_without:.2g} → {verdict.energy_with:.2g} J a run"

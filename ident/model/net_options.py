@@ -16,10 +16,17 @@ from pathlib import Path
 from ident.files import clear_temporaries
 from ident.outputs import MARKER, is_begun
 
+NAME = "checkpoint.safetensors"
+# What a checkpoint's folder is marked as.
+KIND = "training"
+
 
 @dataclass(frozen=True)
 class NetOptions:
-    """How a net is built and trained; a net a joint is solved for, not trained, and takes of these the seed alone."""
+    """How a net is built and trained.
+
+    A net a joint is solved for, not trained, and takes of these the seed alone.
+    """
 
     preset: str = "default"  # `default` (a net a joint) or `paper` (one dense net)
     hidden: tuple[int, ...] = (268,)  # widths of the hidden layers; a net a joint has this one
@@ -44,11 +51,6 @@ PRESETS = {
 }
 
 
-NAME = "checkpoint.safetensors"
-# What a checkpoint's folder is marked as.
-KIND = "training"
-
-
 def remove_checkpoint(folder: Path) -> None:
     """A finished training needs its checkpoint no more, nor what killed ones left beside it."""
     if not is_begun(folder, KIND):
@@ -62,9 +64,10 @@ def remove_checkpoint(folder: Path) -> None:
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """Sets torch's thread count for a block, and puts it back; without torch, which is slow to load, there is none.
+    """Sets torch's thread count for a block, and puts it back.
 
-    Whoever uses torch inside the block has loaded it before.
+    Without torch, which is slow to load, there is none. Whoever uses torch inside the block has
+    loaded it before.
     """
     torch = sys.modules.get("torch")
     if torch is None:

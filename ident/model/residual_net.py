@@ -2,13 +2,15 @@
 
     τ_DNN = DNN(q, dq, ddq)
 
-Two presets. `paper` is the paper's net: 256-512-1024-512-256 tanh, dropout 0.5, Adam, mean square error, 100 epochs,
-70 % of the samples for training. `default` has about 1/100 of its parameters and a lower held-out error: a small net a
-joint that sees the joint's own speed, acceleration, direction of motion at two scales, and the rigid torque that the
-joint carries (itself a function of q, dq, ddq). It is solved for, not trained (see `random_features`); its shape is
-chosen on quarters of the recorded runs left out in turn (neighbouring samples are copies of each other, so a random
-split can't tell fitting from memorising), and it counts as far as it beats "no residual" in torque and energy there.
-Beyond the speeds, accelerations and loads of its training its output is that at their edge (see `net_bounds`).
+Two presets. `paper` is the paper's net: 256-512-1024-512-256 tanh, dropout 0.5, Adam, mean square
+error, 100 epochs, 70 % of the samples for training. `default` has about 1/100 of its parameters and
+a lower held-out error: a small net a joint that sees the joint's own speed, acceleration, direction
+of motion at two scales, and the rigid torque that the joint carries (itself a function of q, dq,
+ddq). It is solved for, not trained (see `random_features`); its shape is chosen on quarters of the
+recorded runs left out in turn (neighbouring samples are copies of each other, so a random split
+can't tell fitting from memorising), and it counts as far as it beats "no residual" in torque and
+energy there. Beyond the speeds, accelerations and loads of its training its output is that at their
+edge (see `net_bounds`).
 
 Source: paper, eq. 4 and 6 and section 4.1.
 """
@@ -27,9 +29,12 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import ModelError
 from ident.files import atomic_write
-from ident.model.joint_nets import JointNets, NetBounds, joint_features, solve_net
-from ident.model.net_gate import JointGate, make_folds, shrink_net
+from ident.model.folds import make_folds
+from ident.model.joint_nets import JointNets, joint_features
+from ident.model.net_bounds import NetBounds
+from ident.model.net_gate import JointGate, shrink_net
 from ident.model.net_options import PRESETS, NetOptions
+from ident.model.random_features import solve_net
 from ident.motion.motion import Motion
 from ident.motion.stretches import hold
 from ident.records import as_json
@@ -45,11 +50,15 @@ __all__ = ["PRESETS", "NetOptions", "ResidualNet", "fit_residual_net"]
 Known = Callable[[Motion, Float[Array, "T n"]], Float[Array, "T n"]]
 # Figures a joint that a net a joint is given.
 JOINT_FEATURES = 6
-# Samples of a longer session that a net is trained on, as stretches from all over it: steps and memory grow with them.
+# Samples of a longer session that a net is trained on, as stretches from all over it: steps and
+# memory grow with them.
 TRAINED_SAMPLES = 200_000
-# Samples that a net a joint is solved with: of more, every second or third is taken. Neighbours on the filtered grid,
-# which has four samples a period of the filter's corner, are near-copies.
+# Samples that a net a joint is solved with: of more, every second or third is taken. Neighbours on
+# the filtered grid, which has four samples a period of the filter's corner, are near-copies.
 MOST_SAMPLES = 8000
+# Least scale of a feature, and of a joint's torque [N m].
+LEAST_FEATURE = 1e-6
+LEAST_TORQUE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,18 +120,21 @@ class ResidualNet:
         from safetensors import SafetensorError
         from safetensors.numpy import save_file
 
-        with atomic_write(folder / "residual.safetensors") as part:
+        arrays = {}
+        for name, values in self.network.arrays().items():
+            arrays[name] = np.ascontiguousarray(values)
+        with atomic_write(folder / "residual.safetensors") as file:
             try:
-                save_file({name: np.ascontiguousarray(value) for name, value in self.network.arrays().items()}, part)
+                save_file(arrays, file)
             except SafetensorError as error:
-                raise OSError(EIO, str(error), str(part)) from None
+                raise OSError(EIO, str(error), str(file)) from None
         record: dict[str, Any] = {"options": asdict(self.options), "parameters": self.parameters}
         for name in ("input_mean", "input_std", "output_std"):
             record[name] = getattr(self, name).tolist()
         if self.bounds is not None:
             record["bounds"] = self.bounds.to_dict()
-        with atomic_write(folder / "residual.json") as part:
-            part.write_text(as_json(record), encoding="utf-8")
+        with atomic_write(folder / "residual.json") as file:
+            file.write_text(as_json(record), encoding="utf-8")
 
     @classmethod
     def load(cls, folder: Path) -> ResidualNet:
@@ -133,41 +145,68 @@ class ResidualNet:
         """
         path = folder / "residual.json"
         try:
-            record = read_json(path, "fit the model again", ModelError)
-            options = NetOptions(**{**record["options"], "hidden": tuple(record["options"]["hidden"])})
-            mean, std, scale = (freeze(record[name]) for name in ("input_mean", "input_std", "output_std"))
-            weights = folder / "residual.safetensors"
-            size = require_regular(weights, "fit the model again", ModelError)
-            from safetensors.numpy import load_file
-
-            arrays = load_file(weights)
-            if not all(np.isfinite(values).all() for values in arrays.values()):
-                raise ValueError("a weight is not finite")
-            network: JointNets | DenseNet
-            bounds, inputs = None, (len(scale), JOINT_FEATURES)  # type: tuple[NetBounds | None, tuple[int, ...]]
-            if options.preset == "paper":
-                # The options decide how much memory a net takes: its weights must be there before they are believed.
-                widths = [mean.shape[-1], *map(int, options.hidden), 1]
-                if min(widths) < 1 or 4 * sum(a * b for a, b in pairwise(widths)) > size:
-                    raise ValueError("its options speak of more weights than there are")
-                from ident.model.dense_training import DenseNet  # torch is slow to load
-
-                network, inputs = DenseNet.from_arrays(arrays, mean.shape[-1], len(scale), options), (3 * len(scale),)
-            else:
-                network = JointNets.from_arrays(arrays, len(scale), JOINT_FEATURES)
-                bounds = NetBounds.from_dict(record["bounds"], len(scale))
-            if not mean.shape == std.shape == inputs or scale.ndim != 1:
-                raise ValueError("its scales are of another number of joints or inputs")
-            # Nets reckon in single precision: what overflows there is no scale.
-            with np.errstate(over="ignore"):
-                scales = [np.asarray(values, dtype=np.float32) for values in (mean, std, scale)]
-            if not all(np.isfinite(values).all() for values in scales) or not (scales[1] > 0).all():
-                raise ValueError("a scale is not finite and positive")
+            return cls._read(folder, read_json(path, "fit the model again", ModelError))
         except ModelError:
             raise
         except Exception as error:  # torch, safetensors and json each raise their own
-            raise ModelError(path, f"the saved net can't be read ({error})", "fit the model again") from None
+            what = f"the saved net can't be read ({error})"
+            raise ModelError(path, what, "fit the model again") from None
+
+    @classmethod
+    def _read(cls, folder: Path, record: dict[str, Any]) -> ResidualNet:
+        """The net of a record and of the weights beside it; any error where it is damaged."""
+        hidden = tuple(record["options"]["hidden"])
+        options = NetOptions(**{**record["options"], "hidden": hidden})
+        mean = freeze(record["input_mean"])
+        std = freeze(record["input_std"])
+        scale = freeze(record["output_std"])
+        weights = folder / "residual.safetensors"
+        size = require_regular(weights, "fit the model again", ModelError)
+        from safetensors.numpy import load_file
+
+        arrays = load_file(weights)
+        if not all(np.isfinite(values).all() for values in arrays.values()):
+            raise ValueError("a weight is not finite")
+        n = len(scale)
+        network: JointNets | DenseNet
+        bounds: NetBounds | None = None
+        inputs: tuple[int, ...]
+        if options.preset == "paper":
+            _require_weights(options, mean.shape[-1], size)
+            from ident.model.dense_training import DenseNet  # torch is slow to load
+
+            network = DenseNet.from_arrays(arrays, mean.shape[-1], n, options)
+            inputs = (3 * n,)
+        else:
+            network = JointNets.from_arrays(arrays, n, JOINT_FEATURES)
+            bounds = NetBounds.from_dict(record["bounds"], n)
+            inputs = (n, JOINT_FEATURES)
+        if not mean.shape == std.shape == inputs or scale.ndim != 1:
+            raise ValueError("its scales are of another number of joints or inputs")
+        _require_scales(mean, std, scale)
         return cls(options, network, mean, std, scale, bounds=bounds)
+
+
+def _require_weights(options: NetOptions, inputs: int, size: int) -> None:
+    """Raises ValueError where options speak of a larger net than a file of so many bytes holds.
+
+    The options decide how much memory a net takes: its weights must be there before they are
+    believed.
+    """
+    widths = [inputs, *map(int, options.hidden), 1]
+    weights = sum(before * after for before, after in pairwise(widths))
+    if min(widths) < 1 or 4 * weights > size:
+        raise ValueError("its options speak of more weights than there are")
+
+
+def _require_scales(
+    mean: Float[Array, "..."], std: Float[Array, "..."], scale: Float[Array, " n"]
+) -> None:
+    """Raises ValueError where a scale overflows in single precision, in which nets reckon."""
+    with np.errstate(over="ignore"):
+        single = [np.asarray(values, dtype=np.float32) for values in (mean, std, scale)]
+    if not all(np.isfinite(values).all() for values in single) or not (single[1] > 0).all():
+        raise ValueError("a scale is not finite and positive")
 
 
 def fit_residual_net(
@@ -179,16 +218,19 @@ def fit_residual_net(
     checkpoint: Path | None = None,
     interval: float = 1.0,
 ) -> ResidualNet:
-    """Fits a net to what a model leaves, as far as it helps on runs that it never saw (see `net_gate`).
+    """Fits a net to what a model leaves, as far as it helps on runs that it never saw.
+
+    How far that is: see `net_gate`.
 
     Args:
         states: (q, dq, ddq, rigid torque) of every run, each of shape (T, n).
         residuals: Residual torque of every run [N m].
-        moving: Where each joint moves; the torque of a joint at rest is no function of the state and is left out of
-            the error. All samples count if None, as in the paper.
+        moving: Where each joint moves; the torque of a joint at rest is no function of the state
+            and is left out of the error. All samples count if None, as in the paper.
         options: Preset or own options.
         progress: Called after each epoch, or joint, with (its number, how many, held-back error).
-        checkpoint: Folder for checkpoints; a training of the same data and options goes on where it stopped.
+        checkpoint: Folder for checkpoints; a training of the same data and options goes on where it
+            stopped.
         interval: Time between two samples of a run [s]; gives the gate's energies their unit.
 
     Returns:
@@ -197,36 +239,60 @@ def fit_residual_net(
     Source: paper, eq. 6.
     """
     options = options or PRESETS["default"]
-    every = 1 if options.preset == "paper" else -(-sum(map(len, residuals)) // MOST_SAMPLES)
-    states = [(q[::every], dq[::every], ddq[::every], rigid[::every]) for q, dq, ddq, rigid in states]
-    residuals = [part[::every] for part in residuals]
-    y = np.concatenate(residuals)
-    mask = np.ones_like(y) if moving is None else np.concatenate([part[::every] for part in moving]).astype(float)
-    scale = np.maximum(np.sqrt((mask * y**2).sum(axis=0) / np.maximum(mask.sum(axis=0), 1.0)), 1e-9)
-    q, dq, ddq, rigid = (np.concatenate(parts) for parts in zip(*states, strict=True))
-    whole = (q, dq, ddq, rigid)
+    every = 1
+    if options.preset != "paper":
+        every = -(-sum(map(len, residuals)) // MOST_SAMPLES)
+    thinned = [tuple(values[::every] for values in run) for run in states]
+    lengths = [len(run[0]) for run in thinned]
+    q, dq, ddq, rigid = (np.concatenate(values) for values in zip(*thinned, strict=True))
+    y = np.concatenate([residual[::every] for residual in residuals])
+    mask = np.ones_like(y)
+    if moving is not None:
+        mask = np.concatenate([rows[::every] for rows in moving]).astype(float)
+    power = (mask * y**2).sum(axis=0) / np.maximum(mask.sum(axis=0), 1.0)
+    scale = np.maximum(np.sqrt(power), LEAST_TORQUE)
     if options.preset == "paper":
         from ident.model.dense_training import train_dense
 
-        x = np.concatenate(whole[:3], axis=1)
-        mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
+        x = np.concatenate([q, dq, ddq], axis=1)
+        mean, std = _standardise(x)
         dense = train_dense((x - mean) / std, y / scale, mask, options, progress, checkpoint)
         return ResidualNet(options, dense, freeze(mean), freeze(std), freeze(scale))
-    folds, groups = make_folds([len(part) for part in residuals], every, np.random.default_rng(options.seed))
-    seen, counts = np.stack(whole[1:]), mask > 0.0  # speed, acceleration and load
-    bounds, strange = NetBounds.of(seen, counts), np.empty((*mask.shape, JOINT_FEATURES))
-    for fold in np.unique(folds):  # inputs as a net sees them that has not seen them
-        left = folds == fold
-        others = NetBounds.of(seen[:, ~left], counts[~left]) if not left.all() else bounds
-        strange[left] = joint_features(*others.clip(*seen[:, left]))
+    folds, groups = make_folds(lengths, every, np.random.default_rng(options.seed))
+    seen = np.stack([dq, ddq, rigid])
+    counts = mask > 0.0
+    bounds = NetBounds.of(seen, counts)
     x = joint_features(*bounds.clip(*seen))
-    mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
-    inputs = (x - mean) / std, (strange - mean) / std
+    strange = _strange_features(seen, counts, folds, bounds)
+    mean, std = _standardise(x)
+    inputs = ((x - mean) / std, (strange - mean) / std)
     network, unseen = _solve(inputs, y / scale, counts, folds, options.seed, progress)
-    run = np.repeat(np.arange(len(residuals)), [len(part) for part in residuals])
+    run = np.repeat(np.arange(len(lengths)), lengths)
     gate = shrink_net(scale * unseen, y, counts, interval * every * dq, groups, run)
-    network = network.scaled([one.weight for one in gate])
+    network = network.scaled([verdict.weight for verdict in gate])
     return ResidualNet(options, network, freeze(mean), freeze(std), freeze(scale), gate, bounds)
+
+
+def _standardise(x: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Mean and scale of features."""
+    return x.mean(axis=0), np.maximum(x.std(axis=0), LEAST_FEATURE)
+
+
+def _strange_features(
+    seen: Float[Array, "3 T n"],
+    counts: Bool[Array, "T n"],
+    folds: Int[Array, " T"],
+    bounds: NetBounds,
+) -> Float[Array, "T n f"]:
+    """Features of every sample as a net sees them that has not seen the sample's part."""
+    strange = np.empty((*counts.shape, JOINT_FEATURES))
+    for fold in np.unique(folds):
+        inside = folds == fold
+        others = bounds
+        if not inside.all():
+            others = NetBounds.of(seen[:, ~inside], counts[~inside])
+        strange[inside] = joint_features(*others.clip(*seen[:, inside]))
+    return strange
 
 
 def _solve(
@@ -242,14 +308,14 @@ def _solve(
     joints = y.shape[1]
     solved = []
     for j in range(joints):
-        *found, error = solve_net(x[:, j], y[:, j], counts[:, j], folds, seed, strange[:, j])
-        solved.append(found)
+        net = solve_net(x[:, j], y[:, j], counts[:, j], folds, seed, strange[:, j])
+        solved.append(net)
         if progress is not None:
-            progress(j + 1, joints, error)
-    weights, biases, unseen = zip(*solved, strict=True)
-    first, last = map(np.stack, zip(*weights, strict=True))
-    bias, offset = (np.stack(own)[:, None] for own in zip(*biases, strict=True))
-    return JointNets((first, last), (bias, offset)), np.stack(unseen, axis=1)
+            progress(j + 1, joints, net.error)
+    first, last = (np.stack([net.weights[layer] for net in solved]) for layer in (0, 1))
+    bias, offset = (np.stack([net.biases[layer] for net in solved])[:, None] for layer in (0, 1))
+    unseen = np.stack([net.unseen for net in solved], axis=1)
+    return JointNets((first, last), (bias, offset)), unseen
 
 
 def fit_net_of_arm(
@@ -270,12 +336,17 @@ def fit_net_of_arm(
         progress: Called after each joint, or epoch.
         checkpoint: Folder in which training may stop and go on.
     """
-    states, left = [], []
+    states = []
+    left = []
     motions = hold(motions, TRAINED_SAMPLES).motions
-    for m in motions:
-        rigid = arm.with_payload(m.payload).inverse_dynamics(m.q, m.dq, m.ddq)
-        states.append((m.q[m.coarse], m.dq[m.coarse], m.ddq[m.coarse], rigid[m.coarse]))
-        left.append(m.tau_filtered - m.filtered(rigid + known(m, rigid)))
-    moving = None if options.preset == "paper" else [m.moving for m in motions]
+    for motion in motions:
+        q = motion.q
+        dq = motion.dq
+        ddq = motion.ddq
+        rigid = arm.with_payload(motion.payload).inverse_dynamics(q, dq, ddq)
+        coarse = motion.coarse
+        states.append((q[coarse], dq[coarse], ddq[coarse], rigid[coarse]))
+        left.append(motion.tau_filtered - motion.filtered(rigid + known(motion, rigid)))
+    moving = None if options.preset == "paper" else [motion.moving for motion in motions]
     interval = motions[0].interval * motions[0].lowpass.factor
     return fit_residual_net(states, left, moving, options, progress, checkpoint, interval)

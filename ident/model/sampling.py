@@ -6,7 +6,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 
-# States follow one another where their speeds explain all but this share of the squares of their steps.
+# States follow one another where their speeds explain all but this share of the squares of their
+# steps.
 MOST_APART = 0.05
 
 
@@ -14,7 +15,8 @@ def sampling_interval(q: Float[Array, "T n"], dq: Float[Array, "T n"]) -> float 
     """Time between states that follow one another evenly [s]; None where they do not."""
     if len(q) < 3:
         return None
-    steps, pace = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1])
+    steps = np.diff(q, axis=0)
+    pace = 0.5 * (dq[1:] + dq[:-1])
     power = float(np.sum(pace**2))
     if power <= 0.0:
         return None

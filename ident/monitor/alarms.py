@@ -38,7 +38,8 @@ import numpy as np
 from scipy.special import chdtrc, ndtri, stdtr, stdtrit
 
 from ident.arrays import Array, Float, Int
-from ident.monitor.estimates import SCALED, UNITS, ParameterEstimate
+from ident.monitor.estimates import ParameterEstimate
+from ident.monitor.parameters import SCALED, UNITS
 from ident.monitor.settings import ALARMS as LIMIT
 from ident.records import Record
 

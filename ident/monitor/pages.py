@@ -14,7 +14,7 @@ from typing import Any
 
 from ident.errors import plural
 from ident.monitor.alarms import Alarm, Point
-from ident.monitor.estimates import unit_of
+from ident.monitor.parameters import unit_of
 from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, Watch, outlier_line
 from ident.show.report.page import Section, facts_section, write_report

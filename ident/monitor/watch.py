@@ -21,7 +21,8 @@ from ident.errors import InputError, plural
 from ident.files import write_record
 from ident.model.hybrid import HybridModel
 from ident.monitor.alarms import LIMIT, Alarm, Outlier, Point, find_changes, find_outliers
-from ident.monitor.estimates import UNITS, estimate_session, unit_of
+from ident.monitor.estimates import estimate_session
+from ident.monitor.parameters import UNITS, unit_of
 from ident.monitor.store import (
     DONE,
     STORE_KIND,

@@ -15,7 +15,7 @@ from ident.checks.inspection import inspect_sessions
 from ident.checks.report import TOO_LITTLE, TelemetryReport
 from ident.effects.catalogue import load_catalogue
 from ident.export.identified import Diagnosed
-from ident.model.evaluation import load_limits
+from ident.model.evaluation_limits import load_limits
 from ident.model.hybrid import HybridModel
 from ident.model.net_options import NAME as CHECKPOINT
 from ident.model.residual_net import ResidualNet, fit_residual_net

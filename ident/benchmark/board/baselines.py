@@ -6,7 +6,7 @@ A name of a plain method gets half of the probability, and all other answers sha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from typing import Any
 from warnings import catch_warnings
@@ -19,7 +19,6 @@ from ident.benchmark.board.case import NONE, OTHER
 from ident.benchmark.board.entry import SCHEMA
 from ident.benchmark.board.files import Board
 from ident.benchmark.examining import forward_by_bic
-from ident.diagnosis.diagnose import Analysis
 from ident.motion.motion import Motion
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
@@ -68,6 +67,14 @@ def spread_unnamed(record: dict[str, Any], board: Board, joints: Sequence[str]) 
     return record
 
 
+def undecided_record(name: str, board: Board) -> dict[str, Any]:
+    """An answer that holds everything equally probable."""
+    share = 1.0 / (len(board.effects) + 2)
+    head = {"schema": SCHEMA, "session": name, "effects": []}
+    record = {**head, NONE: share, OTHER: share, UNNAMED: share}
+    return spread_unnamed(record, board, board.sessions[name]["joints"])
+
+
 def plain_gram(evidence: Evidence) -> Float[Array, "P P"]:
     """Unwhitened sums of all columns, each joint in units of its noise."""
     size = evidence.layout.size + 1
@@ -93,12 +100,17 @@ class Residual:
     joints: tuple[str, ...]
 
     @classmethod
-    def of(cls, analysis: Analysis) -> Residual:
-        evidence = analysis.conclusion.inference.best.model.sums.evidence
-        prior = Prior.of(evidence, analysis.baseline.prior)
+    def of(
+        cls,
+        evidence: Evidence,
+        prior: Prior,
+        joints: Sequence[str],
+        effects: Container[str],
+    ) -> Residual:
+        """What is left for those candidates that are listed."""
         gram = plain_gram(evidence)
         projection = project(gram, evidence, prior)
-        groups = tuple(evidence.layout.groups)
+        groups = tuple(group for group in evidence.layout.groups if group.effect.id in effects)
         listed = np.unique(np.concatenate([group.columns for group in groups]))
         both = np.append(listed, evidence.layout.size)
         rest = projection.rest(both)
@@ -108,8 +120,8 @@ class Residual:
         inner = rest[:-1, :-1][np.ix_(seen, seen)] / np.outer(scale, scale)
         target = rest[:-1, -1][seen] / scale
         samples = int(sum(evidence.weights.sum(axis=0)))
-        names = analysis.diagnosis.joints
-        return cls(groups, listed[seen], inner, target, float(rest[-1, -1]), samples, names)
+        power = float(rest[-1, -1])
+        return cls(groups, listed[seen], inner, target, power, samples, tuple(joints))
 
     def name_of(self, group: Group) -> Name:
         joint = self.joints[group.joint] if group.effect.scope == "joint" else ""
@@ -170,11 +182,11 @@ def name_by_lasso(left: Residual) -> list[Name]:
     return left.strongest(best)
 
 
-def name_by_bic(analysis: Analysis, left: Residual) -> list[Name]:
-    """Candidates by forward selection, each lowering BIC most."""
-    evidence = analysis.conclusion.inference.best.model.sums.evidence
-    prior = Prior.of(evidence, analysis.baseline.prior)
-    return [left.name_of(group) for group in forward_by_bic(evidence, prior)]
+def name_by_bic(evidence: Evidence, prior: Prior, left: Residual) -> list[Name]:
+    """Candidates by forward selection, each lowering BIC most; those that are listed."""
+    chosen = forward_by_bic(evidence, prior)
+    listed = {group.key for group in left.groups}
+    return [left.name_of(group) for group in chosen if group.key in listed]
 
 
 # Prediction

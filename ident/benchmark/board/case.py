@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from ident.recordings.recording import Recording
@@ -25,7 +25,6 @@ class BoardCase:
     urdf: str  # text of the URDF, without shapes
     runs: tuple[Recording, ...]  # what is recorded
     effects: tuple[Mapping[str, Any], ...]  # what is wrong, as a semi-real answer says it
-    # Names that are neither right nor wrong: what others measured on the same arm.
-    known: Mapping[str, list[str]] = field(default_factory=dict)
+    before: tuple[Recording, ...] = ()  # the same arm as it was without that, in other motions
     unseen: Recording | None = None  # a motion of the arm without the effect, with its torque
     oracle: float | None = None  # probability that an oracle names the cause, if worked out

@@ -49,24 +49,6 @@ class Answer:
         names = [name for name in self.named if name.effect == effect]
         return max(names, key=lambda name: name.probability, default=None)
 
-    def without(self, known: Mapping[str, Sequence[str]], true: set[str]) -> Answer:
-        """The answer without names of what others measured on the arm: the rest makes up for it."""
-        counted: list[Named] = []
-        for name in self.named:
-            excused = name.effect not in true and name.joint in known.get(name.effect, ())
-            if not excused:
-                counted.append(name)
-        rest = sum(name.probability for name in counted) + self.none + self.other
-        if rest <= 0.0 or len(counted) == len(self.named):
-            return self
-        scaled = [_scaled(name, 1.0 / rest) for name in counted]
-        return Answer(tuple(scaled), self.none / rest, self.other / rest)
-
-
-def _scaled(name: Named, factor: float) -> Named:
-    probability = name.probability * factor
-    return Named(name.effect, name.joint, probability, name.members, name.parameters)
-
 
 def undecided(effects: Sequence[str]) -> Answer:
     """All answers equally probable."""

@@ -5,6 +5,7 @@ BOARD/board.json             sessions, their arms and tiers
 BOARD/effects.json           the published list of effects, with their parameters
 BOARD/truths.json            SHA-256 of each salted answer
 BOARD/sessions/s001/         runs, robot.urdf, session.toml
+BOARD/before/s001/           runs of the same arm before, of sessions on real recordings
 BOARD/unseen/s001.parquet    a motion whose torque is to be foretold, without it
 KEPT/answers.json            seed, salts and answers
 KEPT/unseen/s001.parquet     the torque of that motion
@@ -12,7 +13,7 @@ KEPT/unseen/s001.parquet     the torque of that motion
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,9 +30,10 @@ from ident.recordings.recording import Recording
 from ident.safe_read import read_json
 
 SCHEMA, KEPT_SCHEMA = "ident.board/1", "ident.board_kept/1"
+EFFECTS_SCHEMA, TRUTHS_SCHEMA = "ident.board_effects/1", "ident.board_truths/1"
 BOARD_FILE, EFFECTS_FILE, TRUTHS_FILE = "board.json", "effects.json", "truths.json"
 ANSWERS_FILE = "answers.json"
-SESSIONS, UNSEEN = "sessions", "unseen"
+SESSIONS, BEFORE, UNSEEN = "sessions", "before", "unseen"
 URDF_FILE, SESSION_FILE = "robot.urdf", "session.toml"
 SESSION_TEXT = 'robot = "robot.urdf"\n'
 SENT = ("position", "velocity", "effort", "temperature")
@@ -46,6 +48,12 @@ def packed(values: Array, bits: int = 23) -> Array:
     single = np.ascontiguousarray(values, dtype=np.float32)
     mask = np.uint32(0xFFFFFFFF << (23 - bits) & 0xFFFFFFFF)
     return (single.view(np.uint32) & mask).view(np.float32)
+
+
+def write_runs(runs: Sequence[Recording], folder: Path) -> None:
+    """Writes runs by number."""
+    for number, run in enumerate(runs, start=1):
+        write_run(run, folder / f"run_{number:02d}.parquet")
 
 
 def write_run(run: Recording, path: Path, without: tuple[str, ...] = ()) -> None:
@@ -113,7 +121,7 @@ class Board:
     """A board as anybody has it."""
 
     folder: Path
-    sessions: dict[str, dict[str, Any]]  # by name: tier, arm, joints, unseen
+    sessions: dict[str, dict[str, Any]]  # by name: tier, arm, joints, before, unseen
     effects: dict[str, dict[str, Any]]  # the published list by id
     sealed: dict[str, str]  # by session
 
@@ -125,8 +133,8 @@ class Board:
             InputError: It is none.
         """
         record = _read(folder / BOARD_FILE, SCHEMA)
-        effects = _read(folder / EFFECTS_FILE, SCHEMA)
-        truths = _read(folder / TRUTHS_FILE, SCHEMA)
+        effects = _read(folder / EFFECTS_FILE, EFFECTS_SCHEMA)
+        truths = _read(folder / TRUTHS_FILE, TRUTHS_SCHEMA)
         return cls(folder, record["sessions"], effects["effects"], truths["sealed"])
 
     def arms(self) -> list[dict[str, object]]:
@@ -138,6 +146,10 @@ class Board:
 
     def session_folder(self, name: str) -> Path:
         return self.folder / SESSIONS / name
+
+    def before_folder(self, name: str) -> Path | None:
+        """Runs of the same arm before; None where the URDF alone says how it should move."""
+        return self.folder / BEFORE / name if self.sessions[name]["before"] else None
 
     def unseen_file(self, name: str) -> Path:
         return self.folder / UNSEEN / f"{name}.parquet"

@@ -17,18 +17,22 @@ from ident.benchmark.board.case import DRAWN, MEASURED, PLANTED, TIERS, BoardCas
 from ident.benchmark.board.drawn import make_drawn, plan_drawn
 from ident.benchmark.board.files import (
     ANSWERS_FILE,
+    BEFORE,
     BOARD_FILE,
     EFFECTS_FILE,
+    EFFECTS_SCHEMA,
     KEPT_SCHEMA,
     SCHEMA,
     SESSION_FILE,
     SESSION_TEXT,
     SESSIONS,
     TRUTHS_FILE,
+    TRUTHS_SCHEMA,
     UNSEEN,
     URDF_FILE,
     write_columns,
     write_run,
+    write_runs,
 )
 from ident.benchmark.board.leaks import find_words
 from ident.benchmark.board.published import published_effects
@@ -38,6 +42,7 @@ from ident.benchmark.board.recorded import (
     load_board_sources,
     make_measured,
     make_planted,
+    may_be_planted,
     plan_planted,
 )
 from ident.benchmark.board.sealing import salt_of, seal_of
@@ -123,9 +128,10 @@ def _makers(
     drawn = round(DRAWN_SHARE * cases)
     tasks = plan_drawn(drawn, seed, worlds)
     makers: list[Maker] = [partial(make_drawn, task, oracle) for task in tasks]
-    turns = deal_sources(list(sources.values()), seed)
-    places = plan_planted(cases - drawn, seed)
-    makers += [partial(make_planted, place, turns, len(sources), seed) for place in places]
+    long_enough = [source for name, source in sources.items() if may_be_planted(name)]
+    turns = deal_sources(long_enough, seed)
+    places = plan_planted(cases - drawn if long_enough else 0, seed)
+    makers += [partial(make_planted, place, turns, len(long_enough), seed) for place in places]
     makers += [partial(_given, case) for case in make_measured(recordings, sources)]
     order = np.random.default_rng([seed, 20]).permutation(len(makers))
     return [makers[int(k)] for k in order]
@@ -157,21 +163,21 @@ class BoardWriter:
         name = f"s{len(self.sessions) + 1:0{self.width}d}"
         place = self.folder / SESSIONS / name
         place.mkdir(parents=True)
-        for number, run in enumerate(case.runs, start=1):
-            write_run(run, place / f"run_{number:02d}.parquet")
+        write_runs(case.runs, place)
+        write_runs(case.before, self.folder / BEFORE / name)
         (place / URDF_FILE).write_text(case.urdf, encoding="utf-8")
         (place / SESSION_FILE).write_text(SESSION_TEXT, encoding="utf-8")
         self.sessions[name] = {
             "tier": case.tier,
             "arm": case.arm,
             "joints": list(case.runs[0].joints),
+            "before": bool(case.before),
             "unseen": case.unseen is not None,
         }
         self.answers[name] = {
             "session": name,
             "kind": case.kind,
             "effects": [dict(effect) for effect in case.effects],
-            "known": {effect: list(joints) for effect, joints in case.known.items()},
             "unseen_sha256": self._write_unseen(name, case),
         }
         if case.oracle is not None:
@@ -195,8 +201,9 @@ class BoardWriter:
         arms = sorted({str(session["arm"]) for session in self.sessions.values()})
         board = {"schema": SCHEMA, "sources": TABLES["recordings"] if self._real else {}}
         write_record(self.folder / BOARD_FILE, {**board, "arms": arms, "sessions": self.sessions})
-        write_record(self.folder / EFFECTS_FILE, {"schema": SCHEMA, "effects": published_effects()})
-        write_record(self.folder / TRUTHS_FILE, {"schema": SCHEMA, "sealed": sealed})
+        listed = {"schema": EFFECTS_SCHEMA, "effects": published_effects()}
+        write_record(self.folder / EFFECTS_FILE, listed)
+        write_record(self.folder / TRUTHS_FILE, {"schema": TRUTHS_SCHEMA, "sealed": sealed})
         text = README.read_text(encoding="utf-8")
         for word, value in self._figures().items():
             text = text.replace(f"@{word}@", value)

@@ -1,7 +1,12 @@
 """Second and third tier: known effects on real recordings, and real recordings of a measured cause.
 
+What is wrong with a real arm itself nobody knows in full: against its URDF alone no answer could be
+called false. So a session with a known effect comes with the same arm before, in other motions, and
+what is asked is what came to it: that is known of every session, for it was put in, or nothing was.
+
 Of each recording the last part is kept for the motion that is to be foretold; no session holds any
-of it. A session is a window of the rest, whose place hangs on nothing that is wrong.
+of it. A session is a window of the rest, whose place hangs on nothing that is wrong; it is cut into
+pieces, which are before and after in turn.
 """
 
 from __future__ import annotations
@@ -20,15 +25,21 @@ from ident.errors import InputError
 from ident.recordings.recording import Recording
 from ident.simulation.real.cases import Effects, plan_slots, plant_effects, turns_of
 from ident.simulation.real.moved_arm import MovedArm, model_of, rigid_torque
-from ident.simulation.real.sources import Source, known_recordings, load_known, measured_causes
+from ident.simulation.real.sources import Source, cut, known_recordings, load_known
 
 TABLE_FILE = Path(__file__).with_name("sources.toml")
 TABLES: dict[str, dict[str, Any]] = tomllib.loads(TABLE_FILE.read_text(encoding="utf-8"))
 UNSEEN_SHARE = 0.125  # of a recording's rows, at its end
 WINDOW_SHARE = 0.96  # of the rest that a session holds
 SHORTEST_PIECE_S = 1.0  # of a run that a window's edge cuts
-# Turns of the arms before an effect is given up that no recording can show.
-MOST_TURNS = 8
+LEAST_PIECES = 6  # of a window
+# Left out between pieces: the torque of two instants in a row would tell what came [s].
+GUARD_S = 0.2
+# Turns of the arms before an effect is given up that no recording can show, and others of its kind
+# that are tried in its place.
+MOST_TURNS = 3
+SUBSTITUTES = 4
+OTHER_PLACES = 50  # of a plan from which those are taken
 
 
 @dataclass(frozen=True)
@@ -63,6 +74,11 @@ def load_board_sources(folder: Path) -> dict[str, Source]:
     return sources
 
 
+def may_be_planted(recording: str) -> bool:
+    """Whether a recording is long enough to be parted into before and after."""
+    return bool(TABLES["recordings"][recording].get("planted", True))
+
+
 def part_of(source: Source, first: int, last: int) -> Source:
     """Rows of a source, counted over all its runs; the clock starts anew, scraps are left out."""
     runs: list[Recording] = []
@@ -76,8 +92,7 @@ def part_of(source: Source, first: int, last: int) -> Source:
         piece = run.at(slice(low, high))
         if piece.duration >= SHORTEST_PIECE_S:
             runs.append(piece)
-    begin = runs[0].time[0]
-    return replace(source, runs=tuple(run.replace(time=run.time - begin) for run in runs))
+    return _of_pieces(source, runs)
 
 
 def split_of(source: Source) -> int:
@@ -92,6 +107,34 @@ def window_of(source: Source, rng: np.random.Generator) -> Source:
     length = int(WINDOW_SHARE * rows)
     start = int(rng.integers(rows - length + 1))
     return part_of(source, start, start + length)
+
+
+def sides_of(window: Source, rng: np.random.Generator) -> tuple[Source, Source]:
+    """The window's pieces in turn, before and after; which of the two is first is drawn.
+
+    One of several runs is cut into an odd number of pieces: so runs of one motion give each side
+    every part of it.
+    """
+    per_run = -(-LEAST_PIECES // len(window.runs))
+    if len(window.runs) > 1:
+        per_run += 1 - per_run % 2
+    pieces: list[Recording] = []
+    for run in window.runs:
+        pieces += [_unguarded(piece) for piece in cut(run, per_run)]
+    first = int(rng.integers(2))
+    return _of_pieces(window, pieces[first::2]), _of_pieces(window, pieces[1 - first :: 2])
+
+
+def _unguarded(piece: Recording) -> Recording:
+    """A piece without its last instants."""
+    end = piece.time[-1] - GUARD_S
+    return piece.at(slice(0, int(np.searchsorted(piece.time, end, side="right"))))
+
+
+def _of_pieces(source: Source, pieces: Sequence[Recording]) -> Source:
+    """The source with these runs, the clock started anew."""
+    begin = pieces[0].time[0]
+    return replace(source, runs=tuple(run.replace(time=run.time - begin) for run in pieces))
 
 
 def unseen_of(source: Source) -> Recording:
@@ -111,13 +154,18 @@ def make_planted(
     sources: int,
     seed: int,
 ) -> BoardCase | None:
-    """A case on the first recording in turn that can show the effect; None if none can."""
+    """A case on the first recording in turn that can show the effect, or another of its kind; None
+    if none can.
+    """
     window_rng = np.random.default_rng([seed, 31, slot.number])
-    for attempt in range(MOST_TURNS * sources):
+    tried = [slot.effects, *substitutes(slot, seed)]
+    turns_of_each = MOST_TURNS * sources
+    for attempt in range(turns_of_each * len(tried)):
         whole = next(turns)
-        arm = MovedArm.of(window_of(whole, window_rng))
+        before, after = sides_of(window_of(whole, window_rng), window_rng)
+        arm = MovedArm.of(after)
         rng = np.random.default_rng([seed, 1, slot.number, attempt])
-        made = plant_effects(arm, slot.kind, slot.effects, rng)
+        made = plant_effects(arm, slot.kind, tried[attempt // turns_of_each], rng)
         if made is None:
             continue
         runs, urdf, answer = made
@@ -130,10 +178,17 @@ def make_planted(
             urdf=arm.source.urdf,
             runs=tuple(run.replace(effort=run.effort + felt[rows]) for run, rows in parts),
             effects=tuple(answer["effects"]),
-            known=measured_causes(whole.arm),
+            before=before.runs,
             unseen=unseen_of(whole),
         )
     return None
+
+
+def substitutes(slot: PlantedSlot, seed: int) -> list[Effects]:
+    """What may take a place whose own effect no recording can show."""
+    other_seed = int(np.random.default_rng([seed, 33, slot.number]).integers(2**31))
+    others = [effects for kind, effects in plan_slots(OTHER_PLACES, other_seed) if kind == slot.kind]
+    return others[:SUBSTITUTES]
 
 
 def missing_torque(arm: MovedArm, urdf: str) -> Array:
@@ -158,9 +213,11 @@ def make_measured(folder: Path, sources: Mapping[str, Source]) -> list[BoardCase
         row = known[recording]
         robot = entry.get("robot", row.get("robot", ""))
         source = load_known(name, {**row, "robot": robot}, folder)
-        session = part_of(source, 0, split_of(source))
+        runs = source.runs
+        if may_be_planted(recording):  # the end of it is some session's unseen motion
+            runs = part_of(source, 0, split_of(source)).runs
         truths = tuple(_measured_truth(effect) for effect in entry["effects"])
-        cases.append(BoardCase(MEASURED, "measured", source.arm, source.urdf, session.runs, truths))
+        cases.append(BoardCase(MEASURED, "measured", source.arm, source.urdf, runs, truths))
     return cases
 
 

@@ -5,7 +5,7 @@ their intervals hold, and how well they foretell a torque.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -23,6 +23,7 @@ from ident.errors import InputError
 
 # What is held less probable counts as this much: no board of some hundred sessions can tell less.
 LEAST_PROBABILITY = 1e-3
+HALF = 0.5
 SHAPELESS = ("order", "other_joint")
 """Parameters that are no size: an interval of them says nothing."""
 Row = dict[str, Any]
@@ -39,7 +40,7 @@ class SessionScore:
     classed: bool  # whether what is true is in its class
     class_size: int | None  # of the most probable answer; None where that is no effect
     joint: bool | None  # whether a right effect stands where it may; None where none is right
-    intervals: tuple[tuple[bool, float], ...]  # right names: holds it, half-width over size
+    intervals: tuple[tuple[bool, float], ...]  # of named causes: holds it, half-width over size
 
 
 def score_answer(answer: Answer, truth: Mapping[str, Any], tier: str) -> SessionScore:
@@ -47,7 +48,6 @@ def score_answer(answer: Answer, truth: Mapping[str, Any], tier: str) -> Session
     effects = list(truth["effects"])
     labels = [set(_labels(effect)) for effect in effects] or [{NONE}]
     true = set().union(*labels)
-    answer = answer.without(truth.get("known", {}), true)
     shares = answer.shares()
     logs: list[float] = []
     for accepted in labels:
@@ -87,11 +87,17 @@ def _stands(name: Named, effect: Mapping[str, Any]) -> bool:
 
 def _intervals(
     answer: Answer,
-    effects: Iterable[Mapping[str, Any]],
-) -> Iterable[tuple[bool, float]]:
+    effects: Sequence[Mapping[str, Any]],
+) -> Iterator[tuple[bool, float]]:
+    """Of effects that were given half of their true share or more: an interval beside a name that
+    its giver holds improbable is said of nothing.
+    """
+    shares = answer.shares()
     for effect in effects:
         name = answer.best_of(str(effect["effect"]))
         if name is None or not _stands(name, effect):
+            continue
+        if shares[name.effect] < HALF / len(effects):
             continue
         for key, value in effect.get("parameters", {}).items():
             given = name.parameters.get(key)

@@ -30,12 +30,17 @@ class Session:
         locked = [k for k in range(1, whole.njoints) if whole.names[k] not in self.joints]
         self.model = pin.buildReducedModel(whole, locked, pin.neutral(whole))
         self.unseen = board / "unseen" / f"{name}.parquet"
+        self.before = board / "before" / name if facts["before"] else None
 
-    def runs(self):
-        """(time, position, torque) of each run that is long enough."""
-        tables = [pq.read_table(path) for path in sorted(self.folder.glob("*.parquet"))]
+    def runs(self, folder=None):
+        """(time, position, torque) of each run that is long enough, of the session or of another folder."""
+        tables = [pq.read_table(path) for path in sorted((folder or self.folder).glob("*.parquet"))]
         runs = [(read(t, ["time"])[:, 0], self.channel(t, "position"), self.channel(t, "effort")) for t in tables]
         return [run for run in runs if run[0][-1] - run[0][0] > SHORTEST_S]
+
+    def runs_of_model(self):
+        """Runs that foretell the arm: as it was before, where they are given."""
+        return self.runs(self.before)
 
     def channel(self, table, name):
         return read(table, [f"{joint}/{name}" for joint in self.joints])
@@ -73,6 +78,13 @@ def columns(model, q, dq, ddq):
     losses = (ddq, dq, np.tanh(dq / REST_RAD_S), np.ones_like(dq))
     own = [x[:, :, None] * np.eye(n) for x in losses]
     return np.concatenate([bodies.reshape(len(q), n, 10 * n), *own], axis=2)
+
+
+def rows_of(session, runs):
+    """Columns and torque of some runs, so many rows a second as a fit is given."""
+    motions = [states(*run, rate=ROWS_HZ) for run in runs]
+    x = np.concatenate([columns(session.model, *motion[1:4]) for motion in motions])
+    return x, np.concatenate([motion[4] for motion in motions])
 
 
 def weighted_fit(x, y):

@@ -41,7 +41,7 @@ def answer(session, out):
         facts = {"urdf": str(session.urdf.resolve()), "joints": session.joints, "friction": True, "physical": True}
         if PEER == "sysid":
             facts["mjcf"] = mjcf_of(session, Path(home))
-        write_job(folder, facts, {"train": session.runs(), "test": [(time, q, np.zeros_like(q))]})
+        write_job(folder, facts, {"train": session.runs_of_model(), "test": [(time, q, np.zeros_like(q))]})
         ended = subprocess.run([PYTHON, HERE / f"run_{PEER}.py", folder], capture_output=True, text=True)
         if ended.returncode:
             print(f"{session.name}: {ended.stderr.strip().splitlines()[-1]}", flush=True)

@@ -22,7 +22,7 @@ def inputs(run, load):
 def answer(session, out):
     if not session.unseen.is_file():
         return
-    train = [states(*run, rate=ROWS_HZ) for run in session.runs()]
+    train = [states(*run, rate=ROWS_HZ) for run in session.runs_of_model()]
     parts = [columns(session.model, *run[1:4]) for run in train]
     found = weighted_fit(np.concatenate(parts), np.concatenate([run[4] for run in train]))
     loads = [part @ found for part in parts]

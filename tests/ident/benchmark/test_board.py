@@ -25,6 +25,7 @@ from ident.benchmark.board.recorded import (
     load_board_sources,
     make_planted,
     plan_planted,
+    sides_of,
     split_of,
     turns_of,
 )
@@ -34,6 +35,8 @@ from ident.benchmark.board.sealing import digest_of, salt_of, seal_of
 from ident.cli.app import app
 from ident.errors import InputError
 from ident.files import write_record
+from ident.recordings.recording import Recording
+from ident.simulation.real.sources import Source
 from ident.simulation.simulate import simulate
 from tests.schemas import check_file
 
@@ -156,6 +159,16 @@ def test_no_file_tells_a_truth(made: tuple[Path, Path]) -> None:
     assert len(times) == 1
 
 
+def test_the_files_of_a_board_hold_to_their_schemas(made: tuple[Path, Path], tmp_path: Path) -> None:
+    board = Board.load(made[0])
+    for name in ("board.json", "effects.json", "truths.json"):
+        check_file(made[0] / name)
+    check_file(made[1] / "answers.json")
+    entry_of(board, tmp_path)
+    for name in board.sessions:
+        check_file(tmp_path / f"{name}.json")
+
+
 def test_a_word_that_tells_is_found(tmp_path: Path) -> None:
     place = tmp_path / "sessions" / "s001"
     place.mkdir(parents=True)
@@ -224,14 +237,34 @@ def test_of_two_causes_half_each_is_best() -> None:
     assert scores[0.5] == pytest.approx(np.log(2.0))
 
 
-def test_what_others_measured_is_neither_right_nor_wrong() -> None:
-    known = {"spring_torque": ["b"]}
+def test_no_name_is_excused() -> None:
+    """Law: probability on a name that is not true is lost, whatever arm it is said of."""
     names = (named("spring_torque", 0.5, "b"), named("payload", 0.25))
-    answer = Answer(names, 0.25, 0.0)
-    score = score_answer(answer, truth("payload", known=known), "semi-real")
-    assert score.log_score == pytest.approx(np.log(2.0))
-    blamed = score_answer(answer, truth("payload"), "semi-real")
-    assert blamed.log_score == pytest.approx(np.log(4.0))
+    score = score_answer(Answer(names, 0.25, 0.0), truth("payload"), "semi-real")
+    assert score.log_score == pytest.approx(np.log(4.0))
+
+
+@pytest.mark.parametrize(("probability", "counted"), [(0.49, 0), (0.5, 1)])
+def test_an_interval_counts_from_half_of_the_true_share(probability: float, counted: int) -> None:
+    held = truth("payload")
+    held["effects"][0]["parameters"] = {"mass_kg": 1.0}
+    given = {"mass_kg": {"value": 1.0, "low": 0.5, "high": 1.5}}
+    name = named("payload", probability, "a", parameters=given)
+    score = score_answer(Answer((name,), 1.0 - probability, 0.0), held, "semi-real")
+    assert len(score.intervals) == counted
+
+
+@pytest.mark.parametrize("runs", [1, 3])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_before_and_after_share_no_instant(runs: int, seed: int) -> None:
+    """Law: no row is on both sides, and between two pieces something is left out."""
+    time = np.arange(0.0, 24.0 / runs, 0.01)
+    instants = [time + 100.0 * k for k in range(runs)]
+    recorded = [Recording(f"run_{k}", ("a",), at, at[:, None], at[:, None]) for k, at in enumerate(instants)]
+    sides = sides_of(Source("s", "arm", "", tuple(recorded)), np.random.default_rng(seed))
+    rows = [np.concatenate([run.effort[:, 0] for run in side.runs]) for side in sides]
+    assert min(len(side.runs) for side in sides) >= 3
+    assert np.abs(rows[0][:, None] - rows[1]).min() > 0.2
 
 
 def test_a_class_and_an_interval_count_where_they_hold_the_truth() -> None:

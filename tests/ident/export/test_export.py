@@ -19,7 +19,8 @@ from ident.export.loaded import load_module
 from ident.export.write import FILES, USUAL, write_export
 from ident.laws.carried import NamedLaw
 from ident.laws.motion import Losses
-from ident.model.evaluation import check_limits, evaluate, load_limits
+from ident.model.evaluation import evaluate
+from ident.model.evaluation_limits import check_limits, load_limits
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel

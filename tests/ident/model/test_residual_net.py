@@ -15,8 +15,9 @@ from ident.arrays import Array
 from ident.errors import ModelError
 from ident.model import residual_net
 from ident.model.dense_training import DenseNet
-from ident.model.joint_nets import JointNets, solve_net, width_of
+from ident.model.joint_nets import JointNets, width_of
 from ident.model.net_gate import describe_gate, shrink_net
+from ident.model.random_features import solve_net
 from ident.model.residual_net import PRESETS, NetOptions, ResidualNet, fit_net_of_arm, fit_residual_net
 from ident.motion import stretches
 from ident.robot.arm import ArmModel
@@ -239,10 +240,10 @@ def test_rows_that_do_not_count_change_nothing() -> None:
     x, y, fold = _data(6)
     counts = x[:, 0] > -0.5
     clean, dirty = (solve_net(x, target, counts, fold, 0) for target in (y, np.where(counts, y, 1e6)))
-    assert all(np.array_equal(a, b) for a, b in zip(clean[0], dirty[0], strict=True))
-    weights, _, unseen, _ = solve_net(x, y, np.arange(len(x)) < 5, fold, 0)
-    assert not unseen.any()
-    assert not weights[1].any()
+    assert all(np.array_equal(a, b) for a, b in zip(clean.weights, dirty.weights, strict=True))
+    empty = solve_net(x, y, np.arange(len(x)) < 5, fold, 0)
+    assert not empty.unseen.any()
+    assert not empty.weights[1].any()
 
 
 RUN = np.repeat(np.arange(8), 100)
@@ -309,9 +310,9 @@ def test_what_is_said_of_a_row_does_not_know_it() -> None:
     """Chance can't be foretold: on noise the unseen prediction is no better than none, the error says so."""
     x, _, fold = _data(4, 600)
     y = np.random.default_rng(5).standard_normal(600)
-    *_, unseen, error = solve_net(x, y, np.ones(600, dtype=bool), fold, 0)
-    assert np.mean((unseen - y) ** 2) > 0.97 * np.mean(y**2)
-    assert error > 0.97
+    solved = solve_net(x, y, np.ones(600, dtype=bool), fold, 0)
+    assert np.mean((solved.unseen - y) ** 2) > 0.97 * np.mean(y**2)
+    assert solved.error > 0.97
 
 
 def test_a_long_session_is_learnt_from_stretches_all_over_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.monitor.alarms import LIMIT, Alarm, EProcess, Point, find_changes, find_outliers, gain_change, prior_weight
-from ident.monitor.estimates import HABIT, Estimates, ParameterEstimate, estimate_session, find_ranges, pool_days
+from ident.monitor.estimates import Estimates, ParameterEstimate, estimate_session
+from ident.monitor.ranges import HABIT, find_ranges, pool_days
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions

@@ -7,7 +7,7 @@ import pytest
 
 from ident.model.inertia import parameter_scale
 from ident.monitor.bodies import ARM, FLANGE, estimate_bodies
-from ident.monitor.estimates import find_ranges
+from ident.monitor.ranges import find_ranges
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.regression.settings import USUAL_REGRESSION

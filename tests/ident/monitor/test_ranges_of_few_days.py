@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.monitor.estimates import ParameterEstimate, moderated_spreads, pool_days
+from ident.monitor.estimates import ParameterEstimate
+from ident.monitor.ranges import pool_days
+from ident.monitor.spreads import moderated_spreads
 
 LEVEL = 0.95
 

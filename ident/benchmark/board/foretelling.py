@@ -1,0 +1,77 @@
+"""Torque of the motion that is to be foretold: the arm without what is wrong in its session."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.benchmark.board.baselines import fit_plain, plain_columns
+from ident.benchmark.board.files import Board, joint_columns, read_columns
+from ident.benchmark.run import edited_arm
+from ident.command_options import FitOptions
+from ident.export.identified import IdentifiedArm
+from ident.export.loaded import LawModel
+from ident.fitting.fit import fit_hybrid
+from ident.motion.motion import Motion, prepare
+from ident.motion.settings import FOR_DIAGNOSIS
+from ident.recordings.recording import Recording, Session
+from ident.robot.arm import ArmModel
+
+Torque = Float[Array, "T n"]
+
+
+def read_unseen(board: Board, name: str) -> Recording | None:
+    """The motion of a session that is to be foretold; None where there is none."""
+    if not board.sessions[name]["unseen"]:
+        return None
+    path = board.unseen_file(name)
+    columns = read_columns(path, "get the board anew")
+    joints = board.sessions[name]["joints"]
+    position = joint_columns(columns, joints, "position", path)
+    velocity = None
+    if f"{joints[0]}/velocity" in columns:
+        velocity = joint_columns(columns, joints, "velocity", path)
+    still = np.zeros_like(position)
+    return Recording(name, tuple(joints), columns["time"], position, still, velocity)
+
+
+def prepared(unseen: Recording) -> Motion:
+    """The motion, smoothed."""
+    return prepare(Session("unseen", (unseen,)), settings=FOR_DIAGNOSIS)[0]
+
+
+def at_rows(torque: Torque, motion: Motion, run: Recording) -> Torque:
+    """Torque at the rows of the recording."""
+    columns = [np.interp(run.time, motion.time, values) for values in torque.T]
+    return np.column_stack(columns)
+
+
+def urdf_torque(arm: ArmModel, motion: Motion) -> Torque:
+    """By the URDF alone."""
+    return _law_torque(IdentifiedArm.as_urdf(arm), motion)
+
+
+def plain_torque(arm: ArmModel, motions: Sequence[Motion], motion: Motion) -> Torque:
+    """By plain least squares over some motions."""
+    return np.asarray(plain_columns(arm, motion) @ fit_plain(arm, motions))
+
+
+def edited_torque(record: Mapping[str, Any], arm: ArmModel, motion: Motion) -> Torque:
+    """By a diagnosed arm with everything that was named taken out of it; nothing is fitted anew."""
+    every = range(len(record["findings"]))
+    return _law_torque(edited_arm(record, arm, every), motion)
+
+
+def fitted_torque(arm: ArmModel, motions: Sequence[Motion], motion: Motion) -> Torque:
+    """By `ident fit` without a net, over some motions."""
+    model = fit_hybrid(motions, arm, FitOptions(net="none")).model
+    return np.asarray(model.torque(motion.q, motion.dq, motion.ddq))
+
+
+def _law_torque(identified: IdentifiedArm, motion: Motion) -> Torque:
+    model = LawModel.of(identified)
+    torque = model.joint_torque(motion.q, motion.dq, motion.ddq, motion.interval)
+    return np.asarray(model.read_log(torque, motion.interval))
