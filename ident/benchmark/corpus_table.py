@@ -62,6 +62,7 @@ class SessionRow:
     seconds: float | None  # of the processor
     peak_mb: float | None
     truths: tuple[Row, ...]  # effect, joint, asked size of each
+    length: float = 0.0  # to which it was cut [s]; 0 where it is whole
 
     @property
     def unit(self) -> str:
@@ -220,6 +221,7 @@ def session_row(entry: Entry, record: Mapping[str, Any]) -> Row:
         "seconds": _number(record.get("seconds")),
         "peak_mb": _number(record.get("peak_mb")),
         "truths": as_json(truths, None),
+        "length": entry.seconds,
     }
 
 

@@ -18,14 +18,15 @@ REFUSING = ("none_of_catalogue", "partial")
 SIZES = {"3x": (2.0, np.inf), "1x": (0.7, 2.0), "below": (0.0, 0.7)}
 """Visible sizes of single effects, by the word for them [noise]."""
 AT_3X = " at 3x"
+CUT = "cut"
 BY = ("by unit", "by effect", "intervals")
 """Tables beside those of the groups."""
 Row = dict[str, Any]
 
 
 def score(table: Table, outcomes: Mapping[str, SessionOutcome]) -> Row:
-    """All scores, each with its interval and count."""
-    everything = list(outcomes.values())
+    """All scores, each with its interval and count: of whole sessions, and apart from them of those that were cut."""
+    everything = [outcome for outcome in outcomes.values() if not outcome.session.length]
     record: Row = {"cases": len(everything), "all": score_some(everything)}
     for group, chosen in _grouped(everything, lambda outcome: outcome.session.group).items():
         record[group] = score_some(chosen)
@@ -35,6 +36,11 @@ def score(table: Table, outcomes: Mapping[str, SessionOutcome]) -> Row:
     effects = _grouped(visible, lambda outcome: str(outcome.session.truths[0]["effect"]))
     record["by effect"] = {effect: _named(chosen) for effect, chosen in effects.items()}
     record["intervals"] = score_intervals(table, everything)
+    cut = [outcome for outcome in outcomes.values() if outcome.session.length]
+    if cut:
+        record[CUT] = score_some(cut)
+        for length, chosen in _grouped(cut, lambda outcome: f"{CUT} to {outcome.session.length:g} s").items():
+            record[length] = score_some(chosen)
     return record
 
 
