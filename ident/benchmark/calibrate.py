@@ -52,7 +52,7 @@ from ident.benchmark.tempering import choices, fit_temper
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.files import atomic_write
-from ident.inference.calibration import sizes_of
+from ident.inference.calibration import left_of_kind, sizes_of
 from ident.safe_read import read_toml
 
 SIGNS = Path(__file__).with_name("signs.toml")
@@ -237,7 +237,7 @@ def fit_further(table: Table, fitted: Fitted, results: Mapping[str, Any], entrie
     """Fits gaps at joints, the temper between rivals, and the widths of intervals."""
     gaps = fit_gaps(JointRows.of(results, entries))
     misses = []
-    for row, probability in zip(table.rows, fitted.held_out, strict=True):
+    for k, (row, probability) in enumerate(zip(table.rows, fitted.held_out, strict=True)):
         session = table.sessions[row["case"]]
         # What hangs on a real arm is seen beside what its own links are off by.
         is_judged = session.group not in REAL or row["effect"] not in BODIES
@@ -245,17 +245,18 @@ def fit_further(table: Table, fitted: Fitted, results: Mapping[str, Any], entrie
             unit = session.unit
             intervals = json.loads(row["intervals"])
             sizes = sizes_of({one["parameter"]: one["value"] for one in intervals})
-            misses += [_miss(interval, unit, sizes) for interval in intervals]
+            left = left_of_kind({name: float(values[k]) for name, values in table.features.items()})
+            misses += [_miss(interval, unit, sizes, left) for interval in intervals]
     return Further(gaps, fit_temper(choices(results, entries)), _even_nats(table, fitted), fit_widths(misses))
 
 
-def _miss(interval: Mapping[str, Any], unit: str, sizes: Mapping[str, float]) -> Miss:
+def _miss(interval: Mapping[str, Any], unit: str, sizes: Mapping[str, float], left: float) -> Miss:
     error = abs(interval["true"] - interval["value"])
     if interval["parameter"] == "phase_rad":
         error = abs(float(np.angle(np.exp(1j * error))))
     half = 0.5 * (interval["high"] - interval["low"])
     size = sizes[interval["parameter"]]
-    return Miss(str(interval["parameter"]), error, half, size, unit)
+    return Miss(str(interval["parameter"]), error, half, size, unit, left)
 
 
 def _even_nats(table: Table, fitted: Fitted) -> float:
@@ -330,6 +331,7 @@ def further_record(further: Further) -> dict[str, Any]:
         record["widths"] = {
             "factor": widths.factor,
             "share": widths.share,
+            "of_left": widths.of_left,
             "coverage_held_out": round(widths.coverage, 4),
             "count": widths.count,
         }

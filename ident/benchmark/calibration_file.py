@@ -84,6 +84,7 @@ def summary_lines(record: Mapping[str, Any]) -> list[str]:
         widths = record["widths"]
         lines.append(
             f"intervals of {widths['count']} parameters: factor {widths['factor']:.2f}, law's share "
-            f"{widths['share']:.3f}; they hold {widths['coverage_held_out']:.3f} on units left out"
+            f"{widths['share']:.3f}, of what is left {widths['of_left']:.3f}; "
+            f"they hold {widths['coverage_held_out']:.3f} on units left out"
         )
     return lines

@@ -1,10 +1,12 @@
 """Fits how wide intervals have to be: a factor on what the recordings leave open, and the share by
 which arms differ from a law.
 
-An estimate's error has the variance (f s)² + (d θ)², s the standard deviation that its interval
-states, θ its size, f a factor and d a share: no arm obeys a law of the catalogue to the letter. Both
-are of greatest likelihood under Student's t of four degrees of freedom, which a few far-off
-estimates don't decide. A share for each effect foretells the errors on arms left out no better.
+An estimate's error has the variance (f s)² + (d θ)² + (e r θ)², s the standard deviation that its
+interval states, θ its size, r the torque that a smooth function still finds beside the law as a
+share of the law's own, f a factor, d and e shares: no arm obeys a law of the catalogue to the
+letter, and one that leaves much of its kind still less. They are of greatest likelihood under
+Student's t of four degrees of freedom, which a few far-off estimates don't decide. A share for each
+effect foretells the errors on arms left out no better.
 
 Few estimates are off by far, and they are more than that law has. So intervals are stretched until
 95 % hold on arms that f and d were not fitted to; how the stretched ones hold is told of arms that
@@ -27,7 +29,7 @@ from ident.effects.intervals import NORMAL_95
 from ident.inference import calibration
 from ident.inference.calibration import FREEDOM, PLACES
 
-# Where the share and the factor begin, and the standard deviation of their logarithms.
+# Where the shares begin, and the standard deviation of all numbers' logarithms.
 FIRST_SHARE = 0.05
 DEVIATION = 2.0
 FEWEST = 20
@@ -43,6 +45,7 @@ class Miss:
     half_width: float  # of the interval as the recordings alone have it
     size: float
     unit: str  # arm or world
+    left: float = 0.0  # torque that a smooth function still finds beside the law, as a share of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +54,14 @@ class Widths:
 
     factor: float  # on the standard deviation of what the recordings leave open
     share: float  # what an arm's law is off by
+    of_left: float  # the same, of what a smooth function still finds beside the law
     coverage: float  # share of intervals that hold the truth, units left out
     count: int
 
     def half_width(self, miss: Miss) -> float:
         """Half the width of a 95 % interval."""
-        fitted = calibration.Widths(self.factor, self.share)
-        return fitted.half_width(miss.parameter, miss.half_width, miss.size)
+        fitted = calibration.Widths(self.factor, self.share, self.of_left)
+        return fitted.half_width(miss.parameter, miss.half_width, miss.size, miss.left)
 
 
 def fit_widths(misses: Sequence[Miss]) -> Widths | None:
@@ -85,7 +89,12 @@ def stretched(misses: Sequence[Miss]) -> Widths:
     rank = min(int(np.ceil(HELD * (len(ratios) + 1))), len(ratios)) - 1
     stretch = float(np.sort(ratios)[rank])
     whole = likeliest(misses)
-    return replace(whole, factor=stretch * whole.factor, share=stretch * whole.share)
+    return replace(
+        whole,
+        factor=stretch * whole.factor,
+        share=stretch * whole.share,
+        of_left=stretch * whole.of_left,
+    )
 
 
 def likeliest(misses: Sequence[Miss]) -> Widths:
@@ -93,15 +102,18 @@ def likeliest(misses: Sequence[Miss]) -> Widths:
     error = np.array([miss.error for miss in misses])
     deviation = np.array([max(miss.half_width, 1e-12) / NORMAL_95 for miss in misses])
     size = np.array([0.0 if miss.parameter in PLACES else miss.size for miss in misses])
-    first = np.array([0.0, np.log(FIRST_SHARE)])
+    left = size * np.array([miss.left for miss in misses])
+    # Where nobody looked what is left there is nothing to fit a share of it to.
+    parts = np.array([deviation, size, left] if left.any() else [deviation, size])
+    first = np.log([1.0, FIRST_SHARE, FIRST_SHARE][: len(parts)])
 
-    def minus_log(logs: Float[np.ndarray, " 2"]) -> float:
-        factor, share = np.exp(logs)
-        scale = np.hypot(factor * deviation, share * size) + 1e-15
+    def minus_log(logs: Float[np.ndarray, " k"]) -> float:
+        scale = np.linalg.norm(np.exp(logs)[:, None] * parts, axis=0) + 1e-15
         far = np.log1p((error / scale) ** 2 / FREEDOM)
         density = -np.log(scale) - 0.5 * (FREEDOM + 1.0) * far
         prior = np.sum(((logs - first) / DEVIATION) ** 2)
         return float(-density.sum() + 0.5 * prior)
 
-    factor, share = np.exp(minimize(minus_log, first).x)
-    return Widths(float(factor), float(share), 1.0, len(misses))
+    numbers = np.exp(minimize(minus_log, first).x).tolist()
+    factor, share, of_left = [*numbers, 0.0][:3]
+    return Widths(factor, share, of_left, 1.0, len(misses))

@@ -88,18 +88,27 @@ class Widths:
     """How wide 95 % intervals have to be."""
 
     factor: float  # on the standard deviation of what the recordings leave open
-    share: float  # of a parameter's size that an arm's own law may be off by
+    share: float  # of a parameter's size that any arm's own law may be off by
+    of_left: float = 0.0  # the same, of what a smooth function still finds beside the law
 
-    def half_width(self, parameter: str, half: float, size: float) -> float:
+    def half_width(self, parameter: str, half: float, size: float, left: float = 0.0) -> float:
         """Half the width of an interval.
 
         Args:
             parameter: Its name.
             half: Half the width that the recordings alone leave open.
             size: What the law's share is of (`sizes_of`).
+            left: Torque that a smooth function still finds beside the law, as a share of the law's.
         """
-        share = 0.0 if parameter in PLACES else self.share
+        share = 0.0 if parameter in PLACES else float(np.hypot(self.share, self.of_left * left))
         return float(QUANTILE * np.hypot(self.factor * half / NORMAL_95, share * abs(size)))
+
+
+def left_of_kind(features: Mapping[str, float]) -> float:
+    """Root mean square torque that a smooth function still finds beside a law, as a share of the
+    law's own; 0 where nobody looked.
+    """
+    return float(np.exp(0.5 * features.get("log_shape_left", -np.inf)))
 
 
 @dataclass(frozen=True)
@@ -148,7 +157,9 @@ def load_names(path: Path) -> NameCalibration:
 
 
 def _widths(record: Mapping[str, Any]) -> Widths:
-    return Widths(float(record["factor"]), float(record["share"]))
+    return Widths(
+        float(record["factor"]), float(record["share"]), float(record.get("of_left", 0.0))
+    )
 
 
 def _odds(record: Mapping[str, Any]) -> Odds:

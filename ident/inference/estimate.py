@@ -20,7 +20,7 @@ import numpy as np
 
 from ident.arrays import Float
 from ident.effects.base import Interval, SessionContext, impossible
-from ident.inference.calibration import NameCalibration, Widths, sizes_of
+from ident.inference.calibration import NameCalibration, Widths, left_of_kind, sizes_of
 from ident.inference.features import FEATURE_WORDS, Described
 from ident.inference.profile import Profile
 from ident.inference.search import SetSearch, rest_of
@@ -103,7 +103,7 @@ def estimate(
         solution = one.solution
         given, beta, covariance = _parameters(solution, solution.fixed, one.group, session)
         free, _, _ = _parameters(solution, solution.search, one.group, session)
-        parameters = widened(given, free, calibration.widths)
+        parameters = widened(given, free, calibration.widths, left_of_kind(one.features))
         parts = calibration.names.parts(one.features)
         ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
         sure = calibration.names.probability(one.features)
@@ -163,18 +163,22 @@ def _parameters(
 
 
 def widened(
-    given: Mapping[str, Interval], free: Mapping[str, Interval], widths: Widths | None
+    given: Mapping[str, Interval],
+    free: Mapping[str, Interval],
+    widths: Widths | None,
+    left: float,
 ) -> dict[str, Interval]:
     """Parameters with intervals as wide as the corpus asks for.
 
     Args:
         given, free: An effect's parameters for the URDF as it is, and for one that may be off.
         widths: The fitted numbers; None for intervals as the recordings alone have them.
+        left: Torque that a smooth function still finds beside the effect, as a share of its own.
     """
     sizes = sizes_of({name: interval.value for name, interval in given.items()})
     parameters = {}
     for name, interval in given.items():
-        fit = Fit(name, sizes[name], widths)
+        fit = Fit(name, sizes[name], left, widths)
         parameters[name] = _both(fit, interval, free[name])
     return parameters
 
@@ -185,6 +189,7 @@ class Fit:
 
     parameter: str
     size: float  # what the law's share is of
+    left: float  # torque that a smooth function still finds beside the law, as a share of the law's
     widths: Widths | None  # fitted numbers; None for intervals as the recordings alone have them
 
 
@@ -205,8 +210,8 @@ def _wider(fit: Fit, interval: Interval) -> Interval:
     value = interval.value
     if fit.widths is None or not np.isfinite(value) or interval.low == interval.high:
         return interval
-    below = fit.widths.half_width(fit.parameter, value - interval.low, fit.size)
-    above = fit.widths.half_width(fit.parameter, interval.high - value, fit.size)
+    below = fit.widths.half_width(fit.parameter, value - interval.low, fit.size, fit.left)
+    above = fit.widths.half_width(fit.parameter, interval.high - value, fit.size, fit.left)
     low = interval.low if interval.open in ("low", "both") else value - below
     high = interval.high if interval.open in ("high", "both") else value + above
     if interval.low >= 0.0:

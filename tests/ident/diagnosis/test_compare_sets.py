@@ -98,13 +98,13 @@ def test_a_fit_learns_what_tells_right_from_wrong_and_is_read_again(tmp_path: Pa
     arms = np.array([f"arm_{k % 5}" for k in range(count)])
     rows = Rows(features, right, arms, np.arange(count).astype(str))
     model, ridge, held_out = fit(rows)
-    widths = Widths(1.1, {"payload": 0.02}, 0.05, 0.95, 40)
+    widths = Widths(1.1, 0.02, 0.0, 0.95, 40)
     assert held_out[right].mean() > held_out[~right].mean() + 0.3
     out = tmp_path / "calibration_changes.toml"
     write(Fitted(model, ridge, held_out, 0.2, widths), rows, out)
     calibration = load_names(out)
     assert calibration.temper == 0.2
     assert calibration.widths is not None
-    assert calibration.widths.share == {"payload": 0.02}
+    assert calibration.widths.share == 0.02
     again = calibration.names.probability(dict(zip(SIGNS, features[0], strict=True)))
     assert again == pytest.approx(model.probability(features[:1])[0], rel=1e-9)
