@@ -48,7 +48,7 @@ from ident.benchmark.leave_out import (
 from ident.benchmark.logistic import Logistic, fit_logistic, log_score
 from ident.benchmark.outcomes import KNOWN_FROM, NAMED_FROM
 from ident.benchmark.scoring import auroc, calibration_curve
-from ident.benchmark.tempering import choices, fit_temper
+from ident.benchmark.tempering import Temper, choices, fit_growing_temper
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.files import atomic_write
@@ -228,7 +228,7 @@ class Further:
     """What else is fitted to the corpus."""
 
     gaps: GapFit
-    temper: float
+    temper: Temper
     even_nats: float  # log evidence at which half of the candidates are right
     widths: Widths | None
 
@@ -247,7 +247,7 @@ def fit_further(table: Table, fitted: Fitted, results: Mapping[str, Any], entrie
             sizes = sizes_of({one["parameter"]: one["value"] for one in intervals})
             left = left_of_kind({name: float(values[k]) for name, values in table.features.items()})
             misses += [_miss(interval, unit, sizes, left) for interval in intervals]
-    return Further(gaps, fit_temper(choices(results, entries)), _even_nats(table, fitted), fit_widths(misses))
+    return Further(gaps, fit_growing_temper(choices(results, entries)), _even_nats(table, fitted), fit_widths(misses))
 
 
 def _miss(interval: Mapping[str, Any], unit: str, sizes: Mapping[str, float], left: float) -> Miss:
@@ -312,7 +312,8 @@ def further_record(further: Further) -> dict[str, Any]:
     """What `calibration.toml` holds beside the odds of names."""
     gaps = further.gaps
     record: dict[str, Any] = {
-        "temper": further.temper,
+        "temper": further.temper.of_thousand,
+        "temper_growth": further.temper.growth,
         "even_nats": further.even_nats,
         "gap": {
             "intercept": gaps.model.intercept,

@@ -3,6 +3,7 @@ each one's deficit.
 
 Where an effect that was put there is the chosen one, or one of its rivals, its share among them is
 exp(−T d) over the sum of all; T is where the product of these shares over the corpus is greatest.
+It may grow with the number of samples N, as t (N / 1000)^g: on a few seconds the same nats say less.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from ident.arrays import Array, Float
 from ident.benchmark.corpus import Entry, Truth
@@ -27,6 +28,7 @@ class Choice:
 
     true: float
     deficits: Float[Array, " r"]
+    log_rows: float = 0.0  # logarithm of the number of samples where the effect shows
 
     def log_share(self, temper: float) -> float:
         """Logarithm of the true effect's share."""
@@ -45,7 +47,8 @@ def choices(results: Mapping[str, Mapping[str, Any]], entries: Mapping[str, Entr
                 own = [deficit for effect, deficit in members if effect == truth.effect]
                 if own and _at_its_place(candidate, truth):
                     deficits = np.array([deficit for _, deficit in members])
-                    found.append(Choice(min(own), deficits))
+                    log_rows = float(candidate["features"].get("log_rows", 0.0))
+                    found.append(Choice(min(own), deficits, log_rows))
     return found
 
 
@@ -62,3 +65,27 @@ def fit_temper(every: list[Choice]) -> float:
 
     best = minimize_scalar(minus_log_likelihood, bounds=(LEAST, MOST), method="bounded")
     return float(np.exp(best.x))
+
+
+@dataclass(frozen=True)
+class Temper:
+    """The exponent as it grows with the number of samples."""
+
+    of_thousand: float  # with a thousand samples
+    growth: float  # power of the number of samples
+
+    def at(self, log_rows: float) -> float:
+        """The exponent with so many samples, by their logarithm."""
+        return float(self.of_thousand * (np.exp(log_rows) / 1000.0) ** self.growth)
+
+
+def fit_growing_temper(every: list[Choice]) -> Temper:
+    """The exponent and its growth of greatest likelihood."""
+
+    def minus_log_likelihood(numbers: Float[Array, " 2"]) -> float:
+        temper = Temper(float(np.exp(numbers[0])), float(numbers[1]))
+        return -sum(choice.log_share(temper.at(choice.log_rows)) for choice in every)
+
+    first = np.array([np.log(fit_temper(every)), 0.0])
+    best = minimize(minus_log_likelihood, first, method="Nelder-Mead")
+    return Temper(float(np.exp(best.x[0])), float(best.x[1]))

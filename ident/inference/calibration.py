@@ -36,6 +36,8 @@ PHASE = "phase_rad"
 
 # Components of a vector, of which the whole has a size.
 COMPONENT = re.compile(r"_[xyz](?=_)")
+# Samples at which the temper is stated.
+LOG_THOUSAND = float(np.log(1000.0))
 
 
 def sizes_of(values: Mapping[str, float]) -> dict[str, float]:
@@ -116,8 +118,17 @@ class NameCalibration:
     """The fitted numbers by which chosen effects are told."""
 
     names: Odds  # of a chosen effect, or one of its class, being the cause
-    temper: float  # exponent of the evidence between rivals
+    temper: float  # exponent of the evidence between rivals, of a thousand samples
+    growth: float  # power of the number of samples by which it grows
     widths: Widths | None  # None for intervals as the recordings alone have them
+
+    def temper_of(self, features: Mapping[str, float]) -> float:
+        """Exponent of the evidence between rivals where an effect has such features: a short
+        recording's evidence is less to be believed, nat for nat.
+        """
+        return (
+            self.temper * (np.exp(features.get("log_rows", LOG_THOUSAND)) / 1000.0) ** self.growth
+        )
 
 
 @dataclass(frozen=True)
@@ -141,6 +152,7 @@ def load_calibration(path: Path = FILE) -> Calibration:
         gaps=_odds(record["gap"]),
         even_nats=float(record["even_nats"]),
         temper=float(record["temper"]),
+        growth=float(record["temper_growth"]),
         widths=_widths(record["widths"]),
     )
 
@@ -153,7 +165,8 @@ def load_names(path: Path) -> NameCalibration:
         InputError: There is no such file, or it can't be read.
     """
     record = read_toml(path, "write it: python -m ident.benchmark.change_calibration fit")
-    return NameCalibration(_odds(record), float(record["temper"]), _widths(record["widths"]))
+    widths = _widths(record["widths"])
+    return NameCalibration(_odds(record), float(record["temper"]), 0.0, widths)
 
 
 def _widths(record: Mapping[str, Any]) -> Widths:

@@ -112,7 +112,7 @@ def estimate(
         if outside is not None:
             sure *= OUTSIDE  # a 95 % interval that lies wholly beyond what arms have
             reasons.insert(0, Reason("unlike_any_arm", float(np.log(OUTSIDE)), outside))
-        shares, odds, places = _shares(one, calibration.temper)
+        shares, odds, places = _shares(one, calibration.temper_of(one.features))
         classed = [name for name in sorted(odds, key=odds.__getitem__) if odds[name] <= CLASS_ODDS]
         estimates.append(
             Estimate(
