@@ -18,17 +18,12 @@ import pinocchio as pin
 from ident.arrays import Array, Bool, Float, freeze, in_a_line
 from ident.errors import RobotError, first_line
 from ident.recordings.recording import Payload
+from ident.robot.branches import arm_tips
 from ident.robot.chain import Chain, compute_joint_poses, compute_regressor
 from ident.robot.limits import KnownLimits, known_limits
 from ident.robot.names import find_urdf, split_tip
-from ident.robot.urdf import (
-    arm_tips,
-    followers,
-    lock_beside,
-    normalise_urdf,
-    parse_urdf,
-    read_reductions,
-)
+from ident.robot.urdf import lock_beside, normalise_urdf, parse_urdf
+from ident.robot.urdf_elements import followers, read_reductions
 from ident.safe_read import read_text
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # on the base of a URDF, which stands on a floor [m/s²]
