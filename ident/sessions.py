@@ -31,8 +31,8 @@ from ident.recordings.recording import Session, TelemetryIssue
 from ident.recordings.session_toml import load_session_file, settings_of
 from ident.results import SessionStamp, StampLedger, known_series
 from ident.robot.arm import ArmModel
+from ident.robot.branches import arm_tips
 from ident.robot.names import find_urdf, is_fetched, split_tip
-from ident.robot.urdf import arm_tips
 from ident.safe_read import read_text
 
 if TYPE_CHECKING:

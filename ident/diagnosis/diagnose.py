@@ -46,7 +46,8 @@ from ident.regression.baseline import Baseline, fit_baseline
 from ident.regression.design import NotTestable, build_layout
 from ident.regression.discrepancy import KINDS, unusual_torque
 from ident.regression.dwells import HeldFriction
-from ident.regression.gram import Evidence, gather
+from ident.regression.gather import gather
+from ident.regression.gram import Evidence
 from ident.regression.least_squares import project
 from ident.regression.run_spread import measure_inflation
 from ident.regression.runs import build_session, leftover_torque

@@ -26,7 +26,8 @@ from ident.laws.acting import payload_parameters
 from ident.model.inertia import is_consistent
 from ident.model.link_inertia import about_centre, ball_of, child, moved, numbers, read_inertial, set_inertial
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import link_of, matrix_to_rpy, read_vector, rotation_about, rpy_to_matrix
+from ident.robot.rotations import matrix_to_rpy, rotation_about, rpy_to_matrix
+from ident.robot.urdf_elements import link_of, read_vector
 from ident.safe_read import declare_prefixes
 
 # Below this a principal moment is that of a body without extent [kg m²].

@@ -27,7 +27,8 @@ from ident.model.loss import TRANSITION_GRID
 from ident.motion.motion import Motion
 from ident.regression.baseline import Baseline, fit_baseline
 from ident.regression.design import LOSS_PARAMETERS, Grid, layout_of
-from ident.regression.gram import Evidence, gather
+from ident.regression.gather import gather
+from ident.regression.gram import Evidence
 from ident.regression.runs import build_session
 from ident.robot.arm import ArmModel
 

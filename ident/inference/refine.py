@@ -21,7 +21,7 @@ from ident.regression.baseline import Baseline
 from ident.regression.design import Group, layout_of
 from ident.regression.discrepancy import KINDS
 from ident.regression.dwells import HeldFriction
-from ident.regression.gram import gather
+from ident.regression.gather import gather
 
 # Rounds over the fine grids of all effects: a limit on work; two are mostly enough.
 REFINE_ROUNDS = 3

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.robot.urdf import MOMENTS, read_vector, rpy_to_matrix
+from ident.robot.rotations import rpy_to_matrix
+from ident.robot.urdf_elements import MOMENTS, read_vector
 
 ENTRIES = ((0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2))
 

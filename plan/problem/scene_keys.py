@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import InputError
-from ident.robot.urdf import rpy_to_matrix
+from ident.robot.rotations import rpy_to_matrix
 
 # A quaternion whose length is farther from one than this is a slip of the pen, not rounding.
 ROUNDED = 0.01

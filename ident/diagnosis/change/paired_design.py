@@ -31,7 +31,7 @@ from ident.regression.baseline import Baseline, fit_baseline
 from ident.regression.design import Grid, Group, NotTestable, find_grids, layout_of
 from ident.regression.discrepancy import unusual_torque
 from ident.regression.dwells import HeldFriction
-from ident.regression.gram import gather
+from ident.regression.gather import gather
 from ident.regression.least_squares import Prior, Projection, project
 from ident.regression.noise import Whitening
 from ident.regression.run_spread import estimate_held, estimate_run_spread

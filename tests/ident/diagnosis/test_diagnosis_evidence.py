@@ -20,7 +20,8 @@ from ident.regression.cross_validation import HeldOut
 from ident.regression.design import LOSS_PARAMETERS, Group, Layout, build_layout
 from ident.regression.discrepancy import unusual_torque
 from ident.regression.dwells import HeldFriction
-from ident.regression.gram import Evidence, gather
+from ident.regression.gather import gather
+from ident.regression.gram import Evidence
 from ident.regression.least_squares import RIDGE, Prior, project
 from ident.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
 from ident.regression.partition import build_partition

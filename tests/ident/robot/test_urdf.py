@@ -12,9 +12,10 @@ from ident.errors import RobotError
 from ident.process import missing_extra
 from ident.robot import names as robot_files
 from ident.robot.arm import ArmModel
+from ident.robot.branches import gripper_joints
 from ident.robot.meshes import find_mesh
 from ident.robot.names import EXAMPLE_ROBOTS, find_urdf, robot_argument, robot_names
-from ident.robot.urdf import gripper_joints, matrix_to_rpy, rpy_to_matrix
+from ident.robot.rotations import matrix_to_rpy, rpy_to_matrix
 from tests.ident.made_up import joint, link, urdf
 
 angles = st.floats(-np.pi, np.pi)
