@@ -143,7 +143,7 @@ class Cells:
         count = f"{len(rows)} rows" if len(rows) > 1 else "1 row"
         shown = ", ".join(map(str, rows[:5])) + (", …" if len(rows) > 5 else "")
         evidence = (
-            f"{self.source.name}, {self.place} {shown}: {count} {kind} ({share:.2%}), dropped"
+            f"{self.source.name}, {self.place} {shown}: {count} {kind} ({100.0 * share:.2f} %), dropped"
         )
         remedy = "none needed; look at what writes into the log"
         if severity == "fatal":
