@@ -76,8 +76,9 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
 def untold_issues(record: Mapping[str, Any], headline: str) -> list[Mapping[str, Any]]:
     """Telemetry issues, without that of a factor which the headline begins with and the first action is about."""
     issues = record["telemetry"]
-    said = [one for one in issues if one["issue"] == MISREAD and headline.split(" times the model")[0] in one["evidence"]]
-    return [one for one in issues if one not in said]
+    factor = headline.split(" times the model")[0]
+    said = [issue for issue in issues if issue["issue"] == MISREAD and factor in issue["evidence"]]
+    return [issue for issue in issues if issue not in said]
 
 
 def _print_findings(console: Console, record: Mapping[str, Any], details: bool) -> None:
@@ -222,7 +223,7 @@ def _print_details(console: Console, record: Mapping[str, Any]) -> None:
 
 
 def describe_gap(joint: str, gap: Mapping[str, Any], after: float | None) -> str:
-    """What a joint's error depends on that is left, with the names where there are any; empty where nothing is known."""
+    """What the error that is left at a joint depends on, beside the names; empty where nothing is known."""
     left = f"{gap['rms_Nm'] if after is None else after:.3f}"
     ceiling = f"{gap['ceiling_rms_Nm']:.3f}"
     if not gap["unexplained"] or ceiling == left:
