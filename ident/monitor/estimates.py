@@ -263,8 +263,8 @@ class Ranges(Result):
         if self.inside:
             share = float(np.mean(list(self.inside.values())))
             lines.append(
-                f"held-out days: {share:.1%} of the torque inside the ranges and noise; "
-                f"ranges {self.narrower:.1f} times narrower than ±{HABIT:.0%}"
+                f"held-out days: {100.0 * share:.1f} % of the torque inside the ranges and noise; "
+                f"ranges {self.narrower:.1f} times narrower than ±{100.0 * HABIT:.0f} %"
             )
         else:
             lines.append(

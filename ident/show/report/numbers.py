@@ -1,7 +1,7 @@
 """What the URDF says beside what the recordings say, in words and as a table: `identified` of a diagnosis's record.
 
 A number is said to differ where the URDF's lies outside of its interval with the URDF's tolerance. It is worth a
-sentence where, besides, the difference makes more torque than the joint's noise floor.
+sentence where, besides, even the least difference within that interval makes more torque than the joint's noise floor.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Number:
     unit: str
     figure: Mapping[str, Any]  # its record
     differs: bool  # whether the URDF says otherwise
-    matters: bool  # whether that makes more torque than noise
+    matters: bool  # whether that surely makes more torque than noise
 
     @property
     def value(self) -> str:
@@ -78,7 +78,7 @@ def numbers_of(record: Mapping[str, Any]) -> list[Number]:
                 continue
             shown = UNITS_OF_SLIDES.get(unit, unit) if "unit" in gap else unit
             differs = lies_outside(figure, 0.0 if key in STATED else None)
-            change = figure.get("change_rms_Nm", 0.0)
+            change = sure_change(figure, 0.0 if key in STATED else None)
             matters = differs and change > gap.get("noise_floor_Nm", math.inf)
             found.append(Number(joint, key, name, shown, figure, differs, matters))
     return found
@@ -96,6 +96,22 @@ def lies_outside(figure: Mapping[str, Any], unstated: float | None = None) -> bo
     if nominal is None or low is None or high is None:
         return False
     return not low <= nominal <= high
+
+
+def sure_change(figure: Mapping[str, Any], unstated: float | None = None) -> float:
+    """Torque that the difference from the URDF makes at least, anywhere in the interval with its tolerance [N m].
+
+    Args:
+        figure: The number's record.
+        unstated: What a simulator takes where the URDF says nothing; None where no simulator can know.
+    """
+    nominal = unstated if figure["nominal"] is None else figure["nominal"]
+    change = float(figure.get("change_rms_Nm", 0.0))
+    if nominal is None or change == 0.0 or not lies_outside(figure, unstated):
+        return 0.0
+    ends = (figure["low_with_urdf"], figure["high_with_urdf"])
+    least = min(abs(end - nominal) for end in ends)
+    return change * least / abs(figure["value"] - nominal)
 
 
 def half_width(figure: Mapping[str, Any], end: str = "") -> float | None:
@@ -195,9 +211,15 @@ def describe_readings(record: Mapping[str, Any]) -> list[str]:
     for key, (name, _) in READINGS.items():
         wrong = [number for number in numbers_of(record) if number.key == key and number.matters]
         if wrong:
-            sizes = ", ".join(f"{number.joint} {number.value} {number.unit}".rstrip() for number in wrong)
+            sizes = ", ".join(_with_tolerance(number) for number in wrong)
             lines.append(f"{sentence(name)}, each as if it alone were wrong: {sizes}")
     return lines
+
+
+def _with_tolerance(number: Number) -> str:
+    """A joint's number with its interval, and that with the URDF's tolerance where it is much wider."""
+    wider = f" ({number.tolerant})" if number.tolerant else ""
+    return f"{number.joint} {number.value}{wider} {number.unit}".rstrip()
 
 
 def describe_links(record: Mapping[str, Any]) -> list[str]:
