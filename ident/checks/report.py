@@ -30,7 +30,7 @@ TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
 class SpacedFormatter(string.Formatter):
     """`str.format` whose percentages stand apart from their sign, as any number does from its unit: `81 %`."""
 
-    def format_field(self, value: Any, format_spec: str) -> str:
+    def format_field(self, value: object, format_spec: str) -> str:
         text = str(super().format_field(value, format_spec))
         return f"{text[:-1]} %" if format_spec.endswith("%") else text
 

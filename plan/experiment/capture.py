@@ -13,7 +13,6 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -135,7 +134,7 @@ def execution_of(
     return Execution(tuple(joints), times, q, dq, np.zeros_like(q), 0.0, controller), miss
 
 
-def write_capture(excitation: Excitation, folder: str | Path, controller: Controller | None) -> dict[str, Any]:
+def write_capture(excitation: Excitation, folder: str | Path, controller: Controller | None) -> dict[str, object]:
     """Writes the motion as `Excitation.write` does, and a folder a step beside it; whole or not at all.
 
     Returns:
@@ -169,7 +168,7 @@ def write_capture(excitation: Excitation, folder: str | Path, controller: Contro
     return told
 
 
-def _file_record(path: Path, folder: Path, motion: ReferenceMotion, miss: float) -> dict[str, Any]:
+def _file_record(path: Path, folder: Path, motion: ReferenceMotion, miss: float) -> dict[str, object]:
     """What is said of a motion's file."""
     return {
         "file": path.relative_to(folder).as_posix(),

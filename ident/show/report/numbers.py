@@ -27,6 +27,8 @@ UNITS_OF_SLIDES = {"N m s/rad": "N s/m", "N m": "N", "kg m²": "kg"}
 MUCH_WIDER = 1.5
 # Joints that a sentence names; of more it says how many.
 MOST_NAMED = 3
+# A number's record: nominal and found, with its intervals.
+Figure = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Number:
     key: str  # as in the record
     name: str  # in words
     unit: str
-    figure: Mapping[str, Any]  # its record
+    figure: Figure  # its record
     differs: bool  # whether the URDF says otherwise
     matters: bool  # whether that surely makes more torque than noise
 
@@ -84,7 +86,7 @@ def numbers_of(record: Mapping[str, Any]) -> list[Number]:
     return found
 
 
-def lies_outside(figure: Mapping[str, Any], unstated: float | None = None) -> bool:
+def lies_outside(figure: Figure, unstated: float | None = None) -> bool:
     """Whether the URDF's number lies outside of the interval with its tolerance.
 
     Args:
@@ -98,7 +100,7 @@ def lies_outside(figure: Mapping[str, Any], unstated: float | None = None) -> bo
     return not low <= nominal <= high
 
 
-def sure_change(figure: Mapping[str, Any], unstated: float | None = None) -> float:
+def sure_change(figure: Figure, unstated: float | None = None) -> float:
     """Torque that the difference from the URDF makes at least, anywhere in the interval with its tolerance [N m].
 
     Args:
@@ -114,7 +116,7 @@ def sure_change(figure: Mapping[str, Any], unstated: float | None = None) -> flo
     return change * least / abs(figure["value"] - nominal)
 
 
-def half_width(figure: Mapping[str, Any], end: str = "") -> float | None:
+def half_width(figure: Figure, end: str = "") -> float | None:
     """How far an interval reaches from its value, to its farther end."""
     value, low, high = figure["value"], figure[f"low{end}"], figure[f"high{end}"]
     if value is None or low is None or high is None:
@@ -127,7 +129,7 @@ def one_digit(size: float) -> str:
     return fixed(size, _places(size)) if math.isfinite(size) else "∞"
 
 
-def with_error(figure: Mapping[str, Any]) -> str:
+def with_error(figure: Figure) -> str:
     """A value with its interval, given the URDF's other numbers: `12.00 ± 0.03`; a dash without number."""
     value, half = figure["value"], half_width(figure)
     if value is None:
