@@ -254,14 +254,14 @@ def _excite_writer(robot: str, out: Path | None, capture: str | None) -> Callabl
         InputError: A capture without a folder, or for a controller that is not this arm's.
     """
     if capture is None:
-        return None if out is None else lambda found: found.write(out)
+        return None if out is None else lambda excitation: excitation.write(out)
     if out is None:
         raise InputError("--capture", "it needs a folder", "give --out FOLDER")
     from ident.sessions import load_robot
     from plan.experiment.capture import choose_format, write_capture
 
     controller = choose_format(capture, load_robot(robot, ()))
-    return lambda found: write_capture(found, out, controller)
+    return lambda excitation: write_capture(excitation, out, controller)
 
 
 @app.command()

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from examples.layouts import QUANTITIES, write_layouts
+from examples.layouts.write_layouts import QUANTITIES, write_layouts
 from ident import InputError
 
 JOINTS = ["wrist", "elbow"]  # as messages of ROS have them: in any order

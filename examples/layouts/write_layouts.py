@@ -1,7 +1,7 @@
 """Layouts of PlotJuggler and Foxglove for the joints of a log: position, velocity and effort below one another.
 
-python examples/layouts.py my_session --out layouts
-python examples/layouts.py my_bag.mcap --topic /joint_states --out layouts
+python examples/layouts/write_layouts.py my_session --out layouts
+python examples/layouts/write_layouts.py my_bag.mcap --topic /joint_states --out layouts
 
 PlotJuggler finds series by the names of joints. Foxglove finds them by their places in the message,
 which are those of the bag's first message; without a bag no layout of Foxglove is written.
