@@ -1,4 +1,9 @@
-"""How far long work has come: stage, share of all, seconds left; for whoever listens, and for nobody else.
+"""How far long work has come: stage, share of all, seconds left; for whoever listens, and for
+nobody else.
+
+Seconds are those of the clock on the wall, whatever a budget of the work is counted in. They are
+foretold by the slower of two paces, that since the work began and that of the latter half of its
+time: work that slows down is not soon done, and of work that stands still no end is foretold.
 
 with listening(print):
     diagnose("my_session", "my_arm.urdf")
@@ -7,15 +12,21 @@ with listening(print):
 from __future__ import annotations
 
 import time
+from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from operator import itemgetter
 
 Listener = Callable[[str, float, float | None], None]
-"""Gets the stage in words, the share of all work that is done, and the seconds left (None where they are not known)."""
+"""Gets the stage in words, the share of all work that is done, and the seconds left (None where
+they are not known).
+"""
 
 # Of a smaller share no time can be foretold.
 LEAST_SHARE = 0.05
+# Shares that lie nearer are one mark of how the work went on.
+MARK_EVERY = 1e-3
 
 
 class _Work:
@@ -24,24 +35,42 @@ class _Work:
     def __init__(self, listener: Listener, clock: Callable[[], float]) -> None:
         self.listener, self.clock = listener, clock
         self.words, self.low, self.high, self.share = "", 0.0, 0.0, 0.0
-        self.began = clock()
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        self.began = self.clock()
+        self.marks = [(self.began, 0.0)]  # time and share, as far apart as `MARK_EVERY`
 
     def begin(self, words: str, low: float, high: float) -> None:
         if low < self.share:  # another job
-            self.began = self.clock()
+            self.begin_anew()
         self.words, self.low, self.high, self.share = words, low, high, low
         self.tell(known=True)
 
     def go_on(self, done: float) -> None:
-        # Steps that are gone through again, as on finer grids, take nothing back; how often they are nobody knows.
+        # Steps that are gone through again, as on finer grids, take nothing back; how often they
+        # are nobody knows.
         reached, before = self.low + (self.high - self.low) * done, self.share
         self.share = max(before, reached)
         self.tell(known=reached > before)
 
     def tell(self, known: bool) -> None:
-        spent = self.clock() - self.began
-        left = spent * (1.0 - self.share) / self.share if known and self.share >= LEAST_SHARE else None
+        now = self.clock()
+        left = self.foretell(now) if known and self.share >= LEAST_SHARE else None
+        if self.share >= self.marks[-1][1] + MARK_EVERY:
+            self.marks.append((now, self.share))
         self.listener(self.words, self.share, left)
+
+    def foretell(self, now: float) -> float | None:
+        """Seconds left by the slower of both paces; None where nothing was done in the latter half
+        of the time.
+        """
+        spent = now - self.began
+        middle = self.began + spent / 2.0
+        before = self.marks[bisect_right(self.marks, middle, key=itemgetter(0)) - 1][1]
+        # In half of the time, so twice.
+        progress = min(self.share, 2.0 * (self.share - before))
+        return spent * (1.0 - self.share) / progress if progress > 0.0 else None
 
 
 _WORK: ContextVar[_Work | None] = ContextVar("work", default=None)
@@ -74,6 +103,8 @@ def stage(words: str, low: float = 0.0, high: float = 1.0) -> None:
 
 
 def step(done: int, total: int, error: float | None = None) -> None:
-    """So many of a stage's equal steps are done; the error that a search or a training has come to is not shown."""
+    """So many of a stage's equal steps are done; the error that a search or a training has come to
+    is not shown.
+    """
     if (work := _WORK.get()) is not None:
         work.go_on(done / max(total, 1))

@@ -62,7 +62,10 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     as_radians, as_degrees = (0.0, 0.0) if arm is None else [explained_by_model(s, arm) for s in (session, converted)]
     tells = max(as_degrees, as_radians) > LIMIT.model_tells
     if tells and as_degrees > as_radians + 0.1:
-        reason = f"the robot's model explains {as_degrees:.0%} of the torque in degrees, {as_radians:.0%} in radians"
+        reason = (
+            f"the robot's model explains {100.0 * as_degrees:.0f} % of the torque in degrees, "
+            f"{100.0 * as_radians:.0f} % in radians"
+        )
     elif tells or not (suspects & (fast > np.maximum(fastest, LIMIT.fastest_rad_s)) & is_far).any():
         return session, []
     else:

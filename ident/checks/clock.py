@@ -39,7 +39,7 @@ def mend_order(session: Session) -> tuple[Session, list[TelemetryIssue]]:
             restarted.note(run, f"time falls back {len(restarts)} times, first after {run.time[restarts[0]]:.3f} s")
             runs += [drop_late_rows(piece)[0] for piece in cut_before(run, restarts + 1)]
         else:
-            fatal.note(run, f"{np.mean(steps <= 0):.0%} of the time steps are zero or negative")
+            fatal.note(run, f"{100.0 * np.mean(steps <= 0):.0f} % of the time steps are zero or negative")
             runs.append(kept)
     issues = dropped.issues("late") + restarted.issues("restarts") + fatal.issues("falls")
     return session.replace(runs=runs, common_clock=session.common_clock and not restarted.reported), issues
@@ -95,7 +95,7 @@ def split_at_gaps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         if len(gaps):
             steps, lost = np.diff(run.time)[gaps], 1.0 - sum(map(len, pieces)) / len(run)
             where = f"the longest {steps.max():.3f} s after {run.time[gaps[np.argmax(steps)]]:.3f} s; parted there"
-            short = f", {lost:.0%} of the samples in pieces too short for use" if lost > 0 else ""
+            short = f", {100.0 * lost:.0f} % of the samples in pieces too short for use" if lost > 0 else ""
             found.note(run, f"{len(gaps)} gaps, {where}{short}")
     if not found.runs:
         return session, found.issues("pauses")

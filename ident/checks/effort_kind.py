@@ -84,7 +84,7 @@ def mend_effort_kind(
     if states is not None:  # the joints on which gravity changes enough to be looked for
         fits = {int(joint): fit_gravity(states, int(joint)) for joint in np.flatnonzero(states.heavy & states.alive)}
         known = {joint: fit for joint, fit in fits.items() if fit.is_sure}
-    reported = [f"{session.joints[j]} {tell_gravity(fit)}" for j, fit in known.items()]
+    reported = [f"{session.joints[j]}: {tell_gravity(fit)}" for j, fit in known.items()]
     if forced and known and all(fit.gravity > LIMIT.present for fit in known.values()):
         worst = [*known].index(max(known, key=lambda j: known[j].gravity))
         return session, [issue_of("gravity_is_there", session, known, reported=reported[worst])]
@@ -104,7 +104,10 @@ def mend_effort_kind(
 
 def tell_gravity(fit: GravityFit) -> str:
     """The parameters of a fit in words, with 95 % of the error."""
-    return f"follows gravity at {fit.gravity:.2f} ± {2.0 * fit.gravity_error:.2f} and inertia at {fit.inertia:.2f}"
+    return (
+        f"its gravity is {fit.gravity:.2f} ± {2.0 * fit.gravity_error:.2f} times the model's, "
+        f"its inertia {fit.inertia:.2f} times"
+    )
 
 
 def judge_effort(session: Session, states: States | None, issues: list[TelemetryIssue]) -> tuple[JointEffort, ...]:
@@ -117,7 +120,7 @@ def judge_effort(session: Session, states: States | None, issues: list[Telemetry
         scale, error, _ = fit_scale(states, joint)  # what `check_scales` reports
         shown = replace(fit, gravity=scale, gravity_error=error)
         reported = tell_gravity(shown) if states.heavy[joint] else "gravity hardly changes here"
-        reported += f"; friction is {fit.friction:.0%} of the effort's spread"
+        reported += f"; friction is {100.0 * fit.friction:.0f} % of the effort's spread"
         for issue in (one for one in issues if name in one.joints):
             if issue.issue == "effort_gravity_compensated" and issue.severity != "fatal":
                 return "gravity_compensated", f"{reported}, gravity added"
@@ -298,7 +301,7 @@ def check_scales(session: Session, states: States, arm: ArmModel) -> list[Teleme
     if not found:
         return []
     found.sort(key=lambda one: -abs(np.log(max(one[1], 1e-9))))
-    words = "{} reads {:.2f} ± {:.2f} of the model's gravity torque"
+    words = "{} reads {:.2f} ± {:.2f} times the model's gravity torque"
     reported = "; ".join(words.format(session.joints[j], scale, 2.0 * error) for j, scale, error in found)
     return [issue_of("scale", session, [j for j, _, _ in found], reported=reported)]
 

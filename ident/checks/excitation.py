@@ -146,7 +146,10 @@ class Amount:
         share, (up, down) = self._independence.shown()
         moving, one_sinusoid = np.isfinite(share), share < self._settings.least_share
         part = "a fifth of the recording" if self._runs == 1 else "one recording"
-        text = f"without {part}, {{:.2g}} % of its acceleration does not follow from its angle: one sinusoid, or nearly"
+        text = (
+            f"with {part} left out, all but {{:.2g}} % of its acceleration follows from its angle: it moves in one "
+            "sinusoid, or nearly, and its inertia can't be told from gravity or a spring"
+        )
         found = [(int(j), text.format(100 * share[j])) for j in np.flatnonzero(one_sinusoid)]
         once = np.flatnonzero(moving & ~one_sinusoid & (np.minimum(up, down) < self._settings.least_strokes))
         found += [(int(j), f"it moves {up[j]} times up and {down[j]} times down") for j in once]

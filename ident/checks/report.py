@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import string
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +25,17 @@ MISREAD = "torque_scale"
 DOUBTFUL = (MISREAD, "guessed_gains", "mounting")
 # These say that there is too little to learn from, not that what is there is wrong: harmless in an evaluation.
 TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
+
+
+class SpacedFormatter(string.Formatter):
+    """`str.format` whose percentages stand apart from their sign, as any number does from its unit: `81 %`."""
+
+    def format_field(self, value: object, format_spec: str) -> str:
+        text = str(super().format_field(value, format_spec))
+        return f"{text[:-1]} %" if format_spec.endswith("%") else text
+
+
+SPACED = SpacedFormatter()
 
 
 @dataclass(frozen=True)
@@ -175,7 +187,7 @@ def issue_of(
     if worst is not None:
         seen = {name: one[worst] if isinstance(one, np.ndarray) else one for name, one in seen.items()}
         seen["joint"] = session.joints[worst]
-    evidence, remedy = (row[part].format(**seen) for part in ("evidence", "remedy"))
+    evidence, remedy = (SPACED.format(row[part], **seen) for part in ("evidence", "remedy"))
     reported = f"{session.name}: {evidence}"
     return TelemetryIssue(row["issue"], joints_at(session, columns), severity or row["severity"], reported, remedy)
 

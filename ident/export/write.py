@@ -388,7 +388,10 @@ def _notes(identified: IdentifiedArm, module: str, model: HybridModel | None = N
     doubtful = ", ".join(f"{c.effect} of {c.joints[0]}" for c in identified.changes if c.probability < 0.5)
     lines += [f"less likely than not, and written all the same: {doubtful}"] * bool(doubtful)
     if (missed := identified.links.missed) > LEAST_MISSED:
-        lines.append(f"{missed:.1%} of the changed inertias' torque is left out: no real bodies have it")
+        lines.append(
+            "the inertias as identified belong to no bodies that can exist: the files have the nearest "
+            f"that can, which leave out {100.0 * missed:.1f} % of the torque that the change makes"
+        )
     fixed = [f"{name} at {position:g}" for name, position in arm.locked_joints.items()]
     lines += [f"robot.xml: not in the recordings, or fingers, and so fixed: {listed(fixed)}"] * bool(fixed)
     for form in LOADED:

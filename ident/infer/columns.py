@@ -335,7 +335,8 @@ def _find_torque(
         if computed or explained <= USUAL_EFFORT.follows:
             continue
         channel = "effort" if USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high else "current"
-        why = f"the robot's gravity, inertia and friction explain {explained:.0%} of them, gravity at {scale:.2g} times"
+        why = f"the robot's gravity, inertia and friction explain {100.0 * explained:.0f} % of them"
+        why += f", gravity at {scale:.2g} times"
         found.append((explained, _noise(values[:, blocks[k]]), k, channel, f"{why} its size"))
     best = max(found, default=None)
     if best is None:

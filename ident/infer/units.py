@@ -245,11 +245,12 @@ def torque_settings(
     reasons = []
     # One reason for all joints that are sure to point the right way, one for each other joint.
     if upright := [joint for joint, (sign, _, clear) in fits.items() if clear and sign > 0]:
-        share = min(fits[joint][1] for joint in upright)
-        why = f"gravity, inertia and friction explain at least {share:.0%} of {', '.join(upright)}"
+        share = 100.0 * min(fits[joint][1] for joint in upright)
+        why = f"gravity, inertia and friction explain at least {share:.0f} % of {', '.join(upright)}"
         reasons.append(Reason("effort_sign", "+1", why))
     for joint, (sign, explained, clear) in fits.items():
-        why = f"gravity, inertia and friction explain {max(explained, 0.0):.0%} with this sign"
+        share = 100.0 * max(explained, 0.0)
+        why = f"gravity, inertia and friction explain {share:.0f} % with this sign"
         if not clear:
             reasons.append(Reason(f"effort_sign.{joint}", "+1", f"{why}: not sure, taken as it stands"))
         elif sign < 0:

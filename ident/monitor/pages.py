@@ -81,7 +81,9 @@ def alarm_card(alarm: Alarm) -> dict[str, str]:
         what = f"torque scale of {alarm.joint}"
         action = f"recalibrate the torque or current of {alarm.joint}"
         action += f": all of its figures changed alike, by {size:+.1f} % [{low:.1f}, {high:.1f}]"
-    share = f" ({(alarm.after - alarm.before) / alarm.before:+.0%})" if alarm.before else ""
+    share = ""
+    if alarm.before:
+        share = f" ({100.0 * (alarm.after - alarm.before) / alarm.before:+.0f} %)"
     return {
         "arm": alarm.arm,
         "joint": alarm.joint,

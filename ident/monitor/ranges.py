@@ -100,8 +100,8 @@ class Ranges(Result):
             return f"{few}: how an arm changes from day to day is not checked"
         share = float(np.mean(list(self.inside.values())))
         return (
-            f"held-out days: {share:.1%} of the torque inside the ranges and noise; "
-            f"ranges {self.narrower:.1f} times narrower than ±{HABIT:.0%}"
+            f"held-out days: {100.0 * share:.1f} % of the torque inside the ranges and noise; "
+            f"ranges {self.narrower:.1f} times narrower than ±{100.0 * HABIT:.0f} %"
         )
 
 

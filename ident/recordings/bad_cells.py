@@ -142,9 +142,8 @@ class Cells:
         severity: Severity = "fatal" if share > MANY_ROWS else "note" if few else "warning"
         count = f"{len(rows)} rows" if len(rows) > 1 else "1 row"
         shown = ", ".join(map(str, rows[:5])) + (", …" if len(rows) > 5 else "")
-        evidence = (
-            f"{self.source.name}, {self.place} {shown}: {count} {kind} ({share:.2%}), dropped"
-        )
+        amount = f"{count} {kind} ({100.0 * share:.2f} %)"
+        evidence = f"{self.source.name}, {self.place} {shown}: {amount}, dropped"
         remedy = "none needed; look at what writes into the log"
         if severity == "fatal":
             remedy = "record again, or take these rows out: too many for one continuous motion"

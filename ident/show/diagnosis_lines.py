@@ -11,6 +11,7 @@ from ident.checks.report import MISREAD
 from ident.errors import plural
 from ident.show.console import print_issues, say, text_width
 from ident.show.report.diagnosis_verdict import (
+    OF_THE_ARM,
     describe_findings,
     describe_reservations,
     describe_unnamed,
@@ -20,6 +21,7 @@ from ident.show.report.diagnosis_verdict import (
     in_order_of_joints,
     in_units_of,
     order_of,
+    place_words,
     units_of,
 )
 from ident.show.report.numbers import (
@@ -42,6 +44,8 @@ from ident.show.report.words import (
 )
 from ident.show.terminal import describe_limits, group_silent, with_others
 
+# What a model is whose error has a column.
+MEANINGS = {"tuned": "tuned: with your arm's numbers above", "named": "named: with the named effects, too"}
 # Where the rest is, of a diagnosis whose first screen leaves something out.
 REST = "More: `--details` prints {}; `--html PAGE` has it with pictures."
 
@@ -72,8 +76,9 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
 def untold_issues(record: Mapping[str, Any], headline: str) -> list[Mapping[str, Any]]:
     """Telemetry issues, without that of a factor which the headline begins with and the first action is about."""
     issues = record["telemetry"]
-    said = [one for one in issues if one["issue"] == MISREAD and headline.split(" of the model")[0] in one["evidence"]]
-    return [one for one in issues if one not in said]
+    factor = headline.split(" times the model")[0]
+    said = [issue for issue in issues if issue["issue"] == MISREAD and factor in issue["evidence"]]
+    return [issue for issue in issues if issue not in said]
 
 
 def _print_findings(console: Console, record: Mapping[str, Any], details: bool) -> None:
@@ -100,9 +105,11 @@ def describe_short(finding: Mapping[str, Any]) -> str:
     tied = [effect_name(name) for name in finding.get("class", ())[1:]]
     others = f"; can't be told from {' or '.join(tied)} by these recordings" if tied else ""
     sure = percent(finding["probability"])
-    where = with_others(finding)
+    where = f" in {with_others(finding)}"
+    if finding["effect"] in OF_THE_ARM:
+        where = place_words(finding["effect"], finding["joints"])
     name = sentence(effect_name(finding["effect"]))
-    return f"{name} in {where}: {sure} sure; torque error on unseen runs {closes}{others}"
+    return f"{name}{where}: {sure} sure; torque error on unseen runs {closes}{others}"
 
 
 def describe_long(finding: Mapping[str, Any], runs: int) -> str:
@@ -153,7 +160,7 @@ def _number_lines(record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], 
         table.append(cells)
     title = ["", "Your URDF → your arm, ± 95 % if the URDF's other numbers are right"]
     title += ["(in brackets: if they are as far off as URDFs are)"] * wider
-    title += ["(of your arm: beside the named effects)"] * bool(record.get("findings"))
+    title += ["(of your arm: without what the named effects add)"] * bool(record.get("findings"))
     return [*title, *columns(table, "l" * len(table[0]))]
 
 
@@ -181,10 +188,12 @@ def _print_errors(console: Console, record: Mapping[str, Any]) -> None:
     for joint, gap in record["gap"].items():
         sizes = [after.get(joint) if name == "named" else gap.get(keys[name]) for name in known]
         table.append([joint, *(DASH if size is None else f"{size:.3f}" for size in sizes)])
-    named = ", and the names" if after else ""
-    title = f"Torque error, rms [{units_of(record)}]; tuned: with your arm's numbers{named}"
+    meanings = [MEANINGS[name] for name in known if name in MEANINGS]
+    title = f"Torque error, rms [{units_of(record)}]"
+    console.print()
+    say(console, f"{title}; {'; '.join(meanings)}" if meanings else title)
     lines = columns(table, "l" + "r" * len(known))
-    console.print("\n".join(["", title, *lines, ""]), soft_wrap=True, highlight=False)
+    console.print("\n".join([*lines, ""]), soft_wrap=True, highlight=False)
 
 
 def describe_rest(record: Mapping[str, Any]) -> str:
@@ -214,16 +223,14 @@ def _print_details(console: Console, record: Mapping[str, Any]) -> None:
 
 
 def describe_gap(joint: str, gap: Mapping[str, Any], after: float | None) -> str:
-    """A joint's gap in one line, what is left of it with the names, and what that depends on."""
-    unit = gap.get("unit", "N m")
-    named = "" if after is None else f", {after:.3f} with the names"
-    text = f"{joint}: {gap['rms_Nm']:.3f} {unit} tuned{named}; noise {gap['noise_floor_Nm']:.3f}"
+    """What the error that is left at a joint depends on, beside the names; empty where nothing is known."""
     left = f"{gap['rms_Nm'] if after is None else after:.3f}"
     ceiling = f"{gap['ceiling_rms_Nm']:.3f}"
-    if gap["unexplained"] and ceiling != left:
-        follows = TABLES["follows"][gap["unexplained"]]
-        text += f"; what is left depends on {follows}: a model of that would leave {ceiling}"
-    return text
+    if not gap["unexplained"] or ceiling == left:
+        return ""
+    unit = gap.get("unit", "N m")
+    follows = TABLES["follows"][gap["unexplained"]]
+    return f"What is left at {joint} depends on {follows}: a model of that would leave {ceiling} of {left} {unit}"
 
 
 def describe_looks(until: Mapping[str, Any]) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,6 +17,9 @@ from ident.outputs import check_outputs, remove_own_file
 from ident.process import run_command
 from ident.show.console import progress_line
 from plan.command_options import CompareOptions, ExciteOptions, PaperOptions, SolveOptions
+
+if TYPE_CHECKING:
+    from plan.experiment.result import Excitation
 
 app = make_app("plan", "Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.")
 command = commands_of(app)
@@ -220,6 +224,10 @@ def excite(
         Path | None, typer.Option(help="A Python file with further effects. It is run: give none that you don't trust.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the motion's command files, one a run.")] = None,
+    capture: Annotated[
+        str | None,
+        typer.Option(help="With --out: slow test, warm-up, runs and held-out ones for a controller: its name, or csv."),
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """The next motion to record: what tells two effects apart, in the fewest minutes."""
@@ -227,12 +235,33 @@ def excite(
     from plan.experiment.result import MOTION_KIND
 
     check_outputs([robot, diagnosis, catalogue, options.scene], {"--json": json_file}, {"--out": (out, MOTION_KIND)})
+    write = _excite_writer(robot, out, capture)
     with progress_line(console, "excite"):
         found = find_motion(robot, diagnosis=diagnosis, catalogue=catalogue, **asdict(options))
-    hand_over(found, json_file, lambda: None if out is None else found.write(out))
-    console.print(
-        "nothing written: give --out FOLDER for the motion's files" if out is None else f"motion written to {out}"
-    )
+    hand_over(found, json_file, lambda: None if write is None else write(found))
+    if out is None:
+        console.print("nothing written: give --out FOLDER for the motion's files")
+        return
+    console.print(f"motion written to {out}")
+    if capture is not None:
+        console.print(f"what to do with it, step by step: {out / 'capture.json'}")
+
+
+def _excite_writer(robot: str, out: Path | None, capture: str | None) -> Callable[[Excitation], object] | None:
+    """What writes the motion's files; None where none are asked for.
+
+    Raises:
+        InputError: A capture without a folder, or for a controller that is not this arm's.
+    """
+    if capture is None:
+        return None if out is None else lambda excitation: excitation.write(out)
+    if out is None:
+        raise InputError("--capture", "it needs a folder", "give --out FOLDER")
+    from ident.sessions import load_robot
+    from plan.experiment.capture import choose_format, write_capture
+
+    controller = choose_format(capture, load_robot(robot, ()))
+    return lambda excitation: write_capture(excitation, out, controller)
 
 
 @app.command()

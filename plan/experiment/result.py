@@ -161,5 +161,9 @@ class Excitation(Result):
     def write(self, folder: str | Path) -> None:
         """The runs as command files at 250 Hz in native columns, and `excite.json`; whole or not at all."""
         with atomic_folder(folder, MOTION_KIND) as part:
-            write_commands(self.runs, list(self.noise), part)
-            (part / RECORD_NAME).write_text(as_json(self.to_dict()) + "\n", encoding="utf-8")
+            self.write_into(part)
+
+    def write_into(self, folder: Path) -> None:
+        """The same into a folder that somebody else writes."""
+        write_commands(self.runs, list(self.noise), folder)
+        (folder / RECORD_NAME).write_text(as_json(self.to_dict()) + "\n", encoding="utf-8")

@@ -28,6 +28,32 @@ def test_time_left_is_what_an_even_pace_leaves() -> None:
     assert heard == [("first", 0.0, None), ("first", 0.25, 6.0), ("second", 0.5, 3.0), ("second", 1.0, 0.0)]
 
 
+def foretold(shares: list[float], interval: float = 1.0) -> list[float | None]:
+    """What is heard of the time left where the work has come so far at equal intervals."""
+    seconds = count(0.0, interval)
+    left: list[float | None] = []
+    with listening(lambda *seen: left.append(seen[2]), lambda: next(seconds)):
+        for share in shares:
+            stage("work", share)
+    return left
+
+
+def test_work_that_slows_down_is_not_soon_done() -> None:
+    """Law: the time left is never less than at the pace of the latter half."""
+    quick = [0.1, 0.2, 0.3, 0.4]
+    slow = [0.41, 0.42, 0.43, 0.44, 0.45, 0.46, 0.47, 0.48]
+    left = foretold(quick + slow)[-1]
+    assert left is not None
+    whole_pace = 12.0 * 0.52 / 0.48
+    latter_pace = 0.52 / 0.01
+    assert whole_pace < left
+    assert left == pytest.approx(latter_pace)
+
+
+def test_of_work_that_stands_still_no_end_is_foretold() -> None:
+    assert foretold([0.5] + [0.5] * 9)[-1] is None
+
+
 def test_another_job_begins_its_time_anew() -> None:
     seconds = iter(range(100))
     left: list[float | None] = []

@@ -93,14 +93,14 @@ def in_words(scored: Scored, joints: tuple[str, ...]) -> str:
     """A hypothesis in a few words, with what it explains."""
     found = describe(scored.hypothesis, joints)
     parts = [f"{name} {json.dumps(value)}" for name, value in found.items()] or ["as log and URDF say"]
-    return f"{', '.join(parts)} ({scored.explains:.1%} of the torque)"
+    return f"{', '.join(parts)} ({100.0 * scored.explains:.1f} % of the torque)"
 
 
 def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     """One issue a kind of change, each with what the best two readings explain and the line to write."""
     best, joints = found.best.hypothesis, session.joints
     compared = "; ".join(in_words(other, joints) for other in rivals(found))
-    seen: dict[str, Any] = {"explains": f"{found.best.explains:.1%}", "others": compared}
+    seen: dict[str, Any] = {"explains": f"{100.0 * found.best.explains:.1f} %", "others": compared}
     known = describe(best, joints)
     issues = []
     for kind, key in (("direction", "axis"), ("zero_rad", "zero"), ("unit", "joint_unit"), ("effort_sign", "sign")):

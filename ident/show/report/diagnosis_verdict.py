@@ -20,7 +20,7 @@ from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.settings import USUAL_VERDICT
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import setup_for
-from ident.show.report.numbers import describe_numbers
+from ident.show.report.numbers import MOST_NAMED, describe_numbers
 from ident.show.report.words import (
     TABLES,
     effect_name,
@@ -109,11 +109,25 @@ def _largest_rest(record: Mapping[str, Any]) -> str:
 def called(finding: Mapping[str, Any], lead: str = "") -> str:
     """A name with its joints, `lead` first; of one less likely than not those of its class, and how likely they are."""
     joints, likely = sorted(finding["joints"], key=lambda one: one != lead), is_likely(finding)
-    where = join_words(joints) if len(joints) <= 3 else "the whole arm"
+    where = place_words(finding["effect"], joints)
     tied = [finding["effect"]] if likely else finding["class"][:MOST_TIED]
-    words = " or ".join(map(effect_name, tied)) + (f" in {where}" if where else "")
+    words = " or ".join(map(effect_name, tied)) + where
     sure = finding["probability"] if len(tied) == 1 and not likely else finding.get("class_probability", 1.0)
     return words if likely else f"{words} ({percent(sure)})"
+
+
+def place_words(effect: str, joints: Sequence[str]) -> str:
+    """Where an effect is; one of the whole arm, as a payload, is in no joint: where it is felt."""
+    few = 0 < len(joints) <= MOST_NAMED
+    if effect in OF_THE_ARM:
+        return f" felt at {join_words(joints)}" if few else ""
+    where = join_words(joints) if few else "the whole arm"
+    return f" in {where}" if joints else ""
+
+
+def every_place(effect: str, joints: Sequence[str]) -> str:
+    """Where an effect is, however many joints that are."""
+    return f" {'felt at' if effect in OF_THE_ARM else 'in'} {join_words(joints)}" if joints else ""
 
 
 def leading_joint(record: Mapping[str, Any]) -> tuple[str, str]:
@@ -337,7 +351,8 @@ def _describe_unbelieved(some: Sequence[Mapping[str, Any]], record: Mapping[str,
     joints = dict[str, dict[str, None]]()
     for one in some:
         joints.setdefault(one["effect"], {}).update(dict.fromkeys(one["joints"]))
-    names = join_words([f"{effect_name(effect)} in {join_words(list(where))}" for effect, where in joints.items()])
+    places = [effect_name(effect) + every_place(effect, list(where)) for effect, where in joints.items()]
+    names = join_words(places)
     first = some[0]
     reason = in_units_of(first["joints"], record, with_units(first["reason"]), first["effect"])
     if len(some) == 1 or ": " not in reason:

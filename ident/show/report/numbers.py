@@ -1,7 +1,9 @@
-"""What the URDF says beside what the recordings say, in words and as a table: `identified` of a diagnosis's record.
+"""What the URDF says beside what the recordings say, in words and as a table: `identified` of a
+diagnosis's record.
 
-A number is said to differ where the URDF's lies outside of its interval with the URDF's tolerance. It is worth a
-sentence where, besides, the difference makes more torque than the joint's noise floor.
+A number is said to differ where the URDF's lies outside of its interval with the URDF's tolerance.
+It is worth a sentence where, besides, even the least difference within that interval makes more
+torque than the joint's noise floor.
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ UNITS_OF_SLIDES = {"N m s/rad": "N s/m", "N m": "N", "kg m²": "kg"}
 MUCH_WIDER = 1.5
 # Joints that a sentence names; of more it says how many.
 MOST_NAMED = 3
+# A number's record: nominal and found, with its intervals.
+Figure = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -37,9 +41,9 @@ class Number:
     key: str  # as in the record
     name: str  # in words
     unit: str
-    figure: Mapping[str, Any]  # its record
+    figure: Figure  # its record
     differs: bool  # whether the URDF says otherwise
-    matters: bool  # whether that makes more torque than noise
+    matters: bool  # whether that surely makes more torque than noise
 
     @property
     def value(self) -> str:
@@ -78,18 +82,19 @@ def numbers_of(record: Mapping[str, Any]) -> list[Number]:
                 continue
             shown = UNITS_OF_SLIDES.get(unit, unit) if "unit" in gap else unit
             differs = lies_outside(figure, 0.0 if key in STATED else None)
-            change = figure.get("change_rms_Nm", 0.0)
+            change = sure_change(figure, 0.0 if key in STATED else None)
             matters = differs and change > gap.get("noise_floor_Nm", math.inf)
             found.append(Number(joint, key, name, shown, figure, differs, matters))
     return found
 
 
-def lies_outside(figure: Mapping[str, Any], unstated: float | None = None) -> bool:
+def lies_outside(figure: Figure, unstated: float | None = None) -> bool:
     """Whether the URDF's number lies outside of the interval with its tolerance.
 
     Args:
         figure: The number's record.
-        unstated: What a simulator takes where the URDF says nothing; None where no simulator can know.
+        unstated: What a simulator takes where the URDF says nothing; None where no simulator can
+            know.
     """
     nominal, low, high = (figure[key] for key in ("nominal", "low_with_urdf", "high_with_urdf"))
     nominal = unstated if nominal is None else nominal
@@ -98,7 +103,25 @@ def lies_outside(figure: Mapping[str, Any], unstated: float | None = None) -> bo
     return not low <= nominal <= high
 
 
-def half_width(figure: Mapping[str, Any], end: str = "") -> float | None:
+def sure_change(figure: Figure, unstated: float | None = None) -> float:
+    """Torque that the difference from the URDF makes at least, anywhere in the interval with its
+    tolerance [N m].
+
+    Args:
+        figure: The number's record.
+        unstated: What a simulator takes where the URDF says nothing; None where no simulator can
+            know.
+    """
+    nominal = unstated if figure["nominal"] is None else figure["nominal"]
+    change = float(figure.get("change_rms_Nm", 0.0))
+    if nominal is None or change == 0.0 or not lies_outside(figure, unstated):
+        return 0.0
+    ends = (figure["low_with_urdf"], figure["high_with_urdf"])
+    least = min(abs(end - nominal) for end in ends)
+    return change * least / abs(figure["value"] - nominal)
+
+
+def half_width(figure: Figure, end: str = "") -> float | None:
     """How far an interval reaches from its value, to its farther end."""
     value, low, high = figure["value"], figure[f"low{end}"], figure[f"high{end}"]
     if value is None or low is None or high is None:
@@ -111,8 +134,10 @@ def one_digit(size: float) -> str:
     return fixed(size, _places(size)) if math.isfinite(size) else "∞"
 
 
-def with_error(figure: Mapping[str, Any]) -> str:
-    """A value with its interval, given the URDF's other numbers: `12.00 ± 0.03`; a dash without number."""
+def with_error(figure: Figure) -> str:
+    """A value with its interval, given the URDF's other numbers: `12.00 ± 0.03`; a dash without
+    number.
+    """
     value, half = figure["value"], half_width(figure)
     if value is None:
         return DASH
@@ -168,7 +193,9 @@ def states_friction(record: Mapping[str, Any]) -> bool:
 
 
 def common_factor(record: Mapping[str, Any], wrong: Sequence[Number]) -> str:
-    """The factor by which all of a URDF's friction is off, if it is the same everywhere to the digits shown."""
+    """The factor by which all of a URDF's friction is off, if it is the same everywhere to the
+    digits shown.
+    """
     joints = {number.joint for number in wrong}
     friction = [number for number in numbers_of(record) if number.joint in joints and number.key in STATED]
     friction = [number for number in friction if number.figure["nominal"]]
@@ -190,18 +217,30 @@ def _where(record: Mapping[str, Any], joints: Sequence[str]) -> str:
 
 
 def describe_readings(record: Mapping[str, Any]) -> list[str]:
-    """Offsets and gains that are not those of a true reading and make more torque than noise, a line each kind."""
+    """Offsets and gains that are not those of a true reading and make more torque than noise, a
+    line each kind.
+    """
     lines = []
     for key, (name, _) in READINGS.items():
         wrong = [number for number in numbers_of(record) if number.key == key and number.matters]
         if wrong:
-            sizes = ", ".join(f"{number.joint} {number.value} {number.unit}".rstrip() for number in wrong)
+            sizes = ", ".join(_with_tolerance(number) for number in wrong)
             lines.append(f"{sentence(name)}, each as if it alone were wrong: {sizes}")
     return lines
 
 
+def _with_tolerance(number: Number) -> str:
+    """A joint's number with its interval, and that with the URDF's tolerance where it is much
+    wider.
+    """
+    wider = f" ({number.tolerant})" if number.tolerant else ""
+    return f"{number.joint} {number.value}{wider} {number.unit}".rstrip()
+
+
 def describe_links(record: Mapping[str, Any]) -> list[str]:
-    """Links whose mass is known and differs from the URDF's by more than its tolerance, a line each."""
+    """Links whose mass is known and differs from the URDF's by more than its tolerance, a line
+    each.
+    """
     lines = []
     for name, link in record.get("identified", {}).get("links", {}).items():
         mass = link["mass_kg"]

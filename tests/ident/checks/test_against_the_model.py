@@ -215,7 +215,7 @@ def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
     (before, *_), (after, error, _) = (fit_scale(states, joint) for states in pair)
     assert after == pytest.approx(factor * before, rel=1e-6)
     assert abs(after - factor) < max(0.08 * factor, 3.0 * error)
-    assert f"at {after:.2f} ± {2.0 * error:.2f} and" in report.effort[joint].evidence
+    assert f"is {after:.2f} ± {2.0 * error:.2f} times" in report.effort[joint].evidence
 
 
 @pytest.mark.parametrize("stiffness", [-60.0, -25.0, 40.0, 120.0, 300.0])

@@ -156,7 +156,7 @@ def test_held_out_torque_lies_inside_and_the_ranges_are_narrower_than_the_habit(
     assert friction.low < 6.0 < friction.high
     record = check_record(found.to_dict())
     assert record["ranges"]["joint_1/coulomb"]["unit"] == "N m"
-    assert "narrower than ±30%" in found.summary()
+    assert "narrower than ±30 %" in found.summary()
 
 
 def test_an_arm_that_changes_more_gets_wider_ranges(two_joints: ArmModel) -> None:

@@ -11,8 +11,8 @@ import pytest
 
 from ident.show.console import PlainConsole, wrap
 from ident.show.diagnosis_lines import print_diagnosis, untold_issues
-from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action
-from ident.show.report.numbers import describe_numbers, numbers_of, table_of, with_error
+from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action, place_words
+from ident.show.report.numbers import describe_numbers, numbers_of, sure_change, table_of, with_error
 from tests.ident.show.report.test_report_diagnosis import RECORD
 
 JOINTS = ("shoulder", "elbow")
@@ -175,8 +175,26 @@ def test_a_command_is_not_broken_over_lines() -> None:
 
 def test_a_factor_is_said_once() -> None:
     """Law: what the headline begins with stands in no warning above it; any other warning does."""
-    scale = {"issue": "torque_scale", "evidence": "log: elbow reads 0.89 ± 0.03 of the model's gravity torque"}
+    scale = {"issue": "torque_scale", "evidence": "log: elbow reads 0.89 ± 0.03 times the model's gravity torque"}
     gains = {"issue": "guessed_gains", "evidence": "log: the drive gains are guesses"}
     record = {"telemetry": [scale, gains]}
-    assert untold_issues(record, "elbow reads 0.89 ± 0.03 of the model's gravity torque.") == [gains]
-    assert untold_issues(record, "The gap has a name: payload in elbow.") == [scale, gains]
+    assert untold_issues(record, "elbow reads 0.89 ± 0.03 times the model's gravity torque.") == [gains]
+    assert untold_issues(record, "The gap has a name: payload felt at elbow.") == [scale, gains]
+
+
+def test_what_tolerance_may_explain_is_not_said_to_be_wrong() -> None:
+    """Law: a number matters by the least that it is off within its interval, not by its likeliest value."""
+    record = healthy(1.0)
+    gain = {**figure(1.0, 0.87, 0.006), "high_with_urdf": 0.998, "change_rms_Nm": 2.0}
+    record["identified"]["elbow"]["torque_gain"] = gain
+    assert sure_change(gain) == pytest.approx(2.0 * 0.002 / 0.13)
+    assert "gain" not in told(record)
+    gain["high_with_urdf"] = 0.93
+    assert "elbow 0.870 ± 0.006 (± 0.06)." in told(record)
+
+
+def test_an_effect_of_the_whole_arm_is_in_no_joint() -> None:
+    """Law: a payload hangs at the flange: its joints are where it shows."""
+    assert place_words("payload", ["elbow"]) == " felt at elbow"
+    assert place_words("coulomb_friction", ["elbow"]) == " in elbow"
+    assert place_words("payload", ["a", "b", "c", "d"]) == ""

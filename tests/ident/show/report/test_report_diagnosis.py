@@ -179,7 +179,7 @@ def test_a_terminal_shows_brackets_and_what_a_gap_follows(capsys: pytest.Capture
     record = {**RECORD, "findings": [], "gap": gap, "reservations": [doubt]}
     print_diagnosis(Console(width=80), record, details=True)
     told = capsys.readouterr().out
-    assert ("[open]" in told, told.count("what is left depends on")) == (True, len(BLOCKS))
+    assert ("[open]" in told, told.count("What is left at")) == (True, len(BLOCKS))
     same = {**RECORD["gap"]["joint_2"], "unexplained": "state", "ceiling_rms_Nm": 0.5}
     assert "depends on" not in describe_gap("joint_2", same, 0.5)  # nothing is left to follow anything
 

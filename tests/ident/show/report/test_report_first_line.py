@@ -13,7 +13,7 @@ SCALE = {
     "issue": "torque_scale",
     "joints": ["elbow"],
     "severity": "warning",
-    "evidence": "elbow reads 1.32 ± 0.05 of the model's gravity torque",
+    "evidence": "elbow reads 1.32 ± 0.05 times the model's gravity torque",
     "remedy": "check its drive gain",
 }
 
@@ -100,7 +100,7 @@ def test_of_several_joints_off_by_a_factor_the_leading_one_is_said_first() -> No
     record = acted_on("payload", 0.97, two) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 2.0}]}
     record["provenance"] = {"sessions": ["s"]}
     line = diagnosis_headline(record)
-    assert line.startswith("The gap has a name: payload in elbow.")
+    assert line.startswith("The gap has a name: payload felt at elbow.")
     assert line.endswith("elbow reads 1.32 ± 0.05; off as well: wrist: the body may be why.")
     record |= {"verdict": "no_gap", "findings": [], "where": []}
     record["gap"] = {name: {"rms_Nm": rms, "noise_floor_Nm": 0.3} for name, rms in {"base": 0.9, "elbow": 0.5}.items()}
@@ -142,7 +142,7 @@ def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
     two = acted_on(effect, 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
     two["gap"] = {"elbow": {"rms_Nm": 0.5, "noise_floor_Nm": 0.3}}
     assert first_action(two).startswith("Do so." if effect == "payload" else "elbow reads 1.32")
-    reading = "elbow reads 1.32 ± 0.05 of the model's gravity torque; off as well: wrist"
+    reading = "elbow reads 1.32 ± 0.05 times the model's gravity torque; off as well: wrist"
     line = diagnosis_headline(two)
     assert line.endswith(f"{reading}: the body may be why.") if effect == "payload" else line.startswith(f"{reading}.")
 
@@ -204,14 +204,16 @@ def test_a_body_that_is_not_the_first_name_is_no_factor() -> None:
     """Law: a name at the joint that reads a factor, and a body behind it, do not come before its drive gain."""
     record = acted_on("load_dependent_friction", 0.97, SCALE) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
     record["findings"] += [{**one, "joints": ["wrist"]} for one in acted_on("link_inertial_error", 0.97)["findings"]]
-    assert first_action(record) == "elbow reads 1.32 ± 0.05 of the model's gravity torque: check its drive gain."
+    assert first_action(record) == "elbow reads 1.32 ± 0.05 times the model's gravity torque: check its drive gain."
 
 
 def test_headline_says_how_sure_a_name_is_that_is_less_likely_than_not() -> None:
-    assert diagnosis_headline(acted_on("payload", 0.43)) == "The gap may have a name: payload in elbow (43 %)."
+    assert diagnosis_headline(acted_on("payload", 0.43)) == "The gap may have a name: payload felt at elbow (43 %)."
     record = acted_on("payload", 0.97)
     record["findings"] += acted_on("stribeck_friction", 0.11)["findings"]
-    assert diagnosis_headline(record) == "The gap has a name: payload in elbow and Stribeck friction in elbow (11 %)."
+    assert (
+        diagnosis_headline(record) == "The gap has a name: payload felt at elbow and Stribeck friction in elbow (11 %)."
+    )
 
 
 def test_a_motion_that_parts_other_names_or_moves_another_joint_is_not_told() -> None:

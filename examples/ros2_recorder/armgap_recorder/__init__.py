@@ -1,0 +1,1 @@
+"""Writes joint states as a session that armgap reads."""
