@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import numpy as np
@@ -94,9 +95,7 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             copy.symlink_to(source)
     for folder in ("laws", "effects"):  # the others are links
         (place / "ident" / folder).unlink()
-        (place / "ident" / folder).mkdir()
-        for source in (ROOT / "ident" / folder).glob("*.*"):
-            (place / "ident" / folder / source.name).write_bytes(source.read_bytes())
+        copytree(ROOT / "ident" / folder, place / "ident" / folder)
     (place / "ident/laws/magnets.py").write_text(FILE)
     with (place / "ident/effects/effects.toml").open("a") as table:
         table.write(ROW)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.filtered_run import filter_run
 from ident.recordings.recording import Recording
@@ -24,6 +24,7 @@ from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
 
 TRANSITION_RAD_S = 0.02  # as for the sign of a torque
 STATES = ("q", "dq", "ddq", "tau")
+ROUNDING = 1e-12  # of sums, below which columns are the same
 LEAST_SQUARE = 1e-24  # [(N m)²], so that logarithms stay finite
 
 
@@ -36,6 +37,7 @@ class RunStates:
     dq: Float[Array, "T n"]
     ddq: Float[Array, "T n"]
     tau: Float[Array, "T n"]
+    moves: Bool[Array, "T n"]  # whether a joint moves, by the speed as it was read at first
 
     def halves(self) -> tuple[RunStates, RunStates]:
         """Its first and its second half."""
@@ -44,7 +46,7 @@ class RunStates:
 
     def at(self, rows: slice) -> RunStates:
         """Some of its states."""
-        return RunStates(self.name, self.q[rows], self.dq[rows], self.ddq[rows], self.tau[rows])
+        return RunStates(self.name, self.q[rows], self.dq[rows], self.ddq[rows], self.tau[rows], self.moves[rows])
 
 
 def states_of(run: Recording) -> RunStates | None:
@@ -53,7 +55,9 @@ def states_of(run: Recording) -> RunStates | None:
     if motion is None:
         return None
     step = max(1, len(motion.q) // LIMIT.states)
-    return RunStates(run.name, motion.q[::step], motion.dq[::step], motion.ddq[::step], motion.tau[::step])
+    dq = motion.dq[::step]
+    moves = np.abs(dq) > TRANSITION_RAD_S
+    return RunStates(run.name, motion.q[::step], dq, motion.ddq[::step], motion.tau[::step], moves)
 
 
 class RunTables:
@@ -78,9 +82,13 @@ class RunTables:
         return np.concatenate([regressor * self._scale, losses, beyond[:, :, None]], axis=-1)
 
     def sums(self, run: RunStates) -> Float[Array, "n c c"]:
-        """The inner products of a run's table."""
-        table = self.table(run)
-        return np.asarray(table.transpose(0, 2, 1) @ table / len(run.q))
+        """The inner products of a run's table, of each joint a mean over the states in which it moves; 0 without any.
+
+        A joint that stands is held by anything between minus and plus its dry friction, for as long as it stands.
+        """
+        table = self.table(run) * run.moves.T[:, :, None]
+        count = np.maximum(run.moves.sum(axis=0), 1)
+        return np.asarray(table.transpose(0, 2, 1) @ table / count[:, None, None])
 
     def foretell(self, run: RunStates, coefficients: Float[Array, "n p"]) -> Float[Array, "T n"]:
         """A run's torques by some coefficients [N m]."""
@@ -89,23 +97,9 @@ class RunTables:
         return np.asarray(run.tau - table[:, :, -1].T + beyond)
 
     def error_of(self, sums: Float[Array, "n c c"], others: Fit) -> Float[Array, " n"]:
-        """Logarithm of each joint's root mean square error, of which none counts below what a standing joint hides."""
-        coefficients = others.coefficients
-        hidden = self.hidden_square(sums, others)
-        return np.asarray(0.5 * np.log(np.maximum(left_square(sums, coefficients), hidden)))
-
-    def hidden_square(self, sums: Float[Array, "n c c"], others: Fit) -> Float[Array, " n"]:
-        """Mean square of what dry friction leaves open where joints stand [(N m)²].
-
-        A joint that stands is held by anything between minus and plus its friction f, of variance f²/3, and that for
-        as long as it stands. Of a joint that moves in none of the others f is not known, and may be as much as all of
-        its torque.
-        """
-        place = others.coefficients.shape[1] - self._loss_scale.shape[1]
-        size = self._loss_scale[:, 0]
-        friction_square = (others.coefficients[:, place] ** 2 + others.covariance[:, place, place]) * size**2
-        moving = sums[:, place, place] / size**2
-        return np.asarray(friction_square * np.clip(1.0 - moving, 0.0, 1.0) / 3.0)
+        """Logarithm of each joint's root mean square error; 0 of a joint that moves nowhere in the run."""
+        moves = sums[:, -1, -1] > 0.0
+        return np.where(moves, 0.5 * np.log(left_square(sums, others.coefficients)), 0.0)
 
     def errors_among(self, sums: Float[Array, "R n c c"]) -> Float[Array, "R n"]:
         """Each run's error, foretold by all the others."""
@@ -143,14 +137,22 @@ def fit(sums: Float[Array, "n c c"], runs: int) -> Fit:
     Source: the prior's weight is found as in evidence maximisation (MacKay 1992), by fixed-point steps.
     """
     count = sums.shape[-1] - 1
-    noise = sums[:, -1, -1]
+    noise = np.maximum(sums[:, -1, -1], LEAST_SQUARE)
     coefficients = np.zeros((len(sums), count))
     for _ in range(LIMIT.rounds):
         normal = sums[:, :count, :count] + (noise / LIMIT.states)[:, None, None] * np.eye(count)
-        coefficients = np.linalg.solve(normal, sums[:, :count, -1:])[..., 0]
+        coefficients = (inverse_of(normal) @ sums[:, :count, -1:])[..., 0]
         noise = np.maximum(left_square(sums, coefficients), LEAST_SQUARE)
     precision = runs * sums[:, :count, :count] / noise[:, None, None] + np.eye(count)
-    return Fit(coefficients, np.linalg.inv(precision))
+    return Fit(coefficients, inverse_of(precision))
+
+
+def inverse_of(matrices: Float[Array, "n p p"]) -> Float[Array, "n p p"]:
+    """Inverses of positive matrices, in units of their diagonals, where columns may be the same but for rounding."""
+    size = np.sqrt(matrices.diagonal(axis1=1, axis2=2))
+    units = size[:, :, None] * size[:, None, :]
+    scaled = matrices / units + ROUNDING * np.eye(matrices.shape[1])
+    return np.asarray(np.linalg.inv(scaled) / units)
 
 
 def left_square(sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]) -> Float[Array, " n"]:
