@@ -75,8 +75,7 @@ class Case:
 def case_of(name: str, arm: ArmModel, log: Log) -> Case:
     """A case, with the sizes of its torques."""
     reading = read_as(log.thinned(240), Model(arm), Hypothesis.as_it_is(arm.n))
-    _, sizes = cost_at(reading, reading.rigid)
-    return Case(name, arm, log, sizes)
+    return Case(name, arm, log, cost_at(reading, reading.rigid).plain_sizes)
 
 
 def log_of(session: Session) -> Log | None:
@@ -212,7 +211,7 @@ def residual(log: Log, model: Model, hypothesis: Hypothesis) -> Array:
     for joint, scale in hypothesis.effort_scale:
         tau[joint] /= scale
     body = 0.0 if hypothesis.body is None else reading.body @ np.array(hypothesis.body)
-    return np.asarray(tau - reading.rigid - hypothesis.mass_factor * body)
+    return np.asarray(tau - reading.rigid - body)
 
 
 def more_left(log: Log, model: Model, one: Hypothesis, other: Hypothesis) -> float:
