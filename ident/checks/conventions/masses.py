@@ -122,24 +122,36 @@ def common_factor(reading: Reading) -> float:
     return float(np.exp(weight @ logs / total))
 
 
-def end_body(reading: Reading) -> Float[Array, " 4"]:
-    """Mass and first moment at the last link that the torques ask for beside the model's.
+def end_body(reading: Reading, factor: float | None = None) -> tuple[float, Float[Array, " 4"]]:
+    """Factor of all masses, and mass and first moment at the last link that the torques ask for beside the model's.
 
     Each joint counts by what it leaves.
+
+    Args:
+        reading: A log, and the URDF's torque.
+        factor: Of all masses, where it is known.
     """
-    estimate = np.zeros(BODY_PARAMETERS)
-    fit = cost_at(reading, reading.rigid)
+    size_of_all = 1.0 if factor is None else factor
+    body = np.zeros(BODY_PARAMETERS)
     for _ in range(LIMIT.rounds):
+        fit = cost_at(reading, size_of_all * reading.rigid + reading.body @ body)
         # A joint in another unit tells nothing of a mass in kilograms.
         weight = np.where(fit.other_unit, 0.0, np.exp(-fit.costs)) / np.maximum(reading.variance, 1e-300)
-        rest = reading.tau - reading.rigid
-        normal = np.einsum("j,jtp,jtq->pq", weight, reading.body, reading.body)
-        target = np.einsum("j,jtp,jt->p", weight, reading.body, rest)
+        if factor is None:
+            table = np.concatenate([reading.body, reading.rigid[..., None]], axis=-1)
+            rest = reading.tau
+        else:
+            table = reading.body
+            rest = reading.tau - factor * reading.rigid
+        normal = np.einsum("j,jtp,jtq->pq", weight, table, table)
+        target = np.einsum("j,jtp,jt->p", weight, table, rest)
         size = np.sqrt(np.maximum(np.diagonal(normal), 1e-300))
-        scaled = normal / (size[:, None] * size[None, :]) + LIMIT.ridge * np.eye(BODY_PARAMETERS)
+        scaled = normal / (size[:, None] * size[None, :]) + LIMIT.ridge * np.eye(len(size))
         estimate = np.linalg.solve(scaled, target / size) / size
-        fit = cost_at(reading, reading.rigid + reading.body @ estimate)
-    return np.asarray(estimate)
+        body = np.asarray(estimate[:BODY_PARAMETERS])
+        if factor is None:
+            size_of_all = float(np.clip(estimate[-1], 1.0 / READING.most_size, READING.most_size))
+    return size_of_all, body
 
 
 class Variant(NamedTuple):
@@ -152,21 +164,28 @@ class Variant(NamedTuple):
 
 
 def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[Variant]:
-    """A reading alone and with one factor of all masses; both with a body at the end, too.
+    """A reading alone, with one factor of all masses, with a body at the end, and with both.
 
     Efforts of single joints in another unit are told with each of them, where they explain more than they cost.
     """
     reading = read_as(log, model, replace(hypothesis, mass_factor=1.0))
+    yield from _variants(hypothesis, cost_at(reading, reading.rigid))
     factor = common_factor(reading)
-    has_factor = abs(np.log(factor)) > np.log(LIMIT.usual_factor)
-    for size in (1.0, factor) if has_factor else (1.0,):
-        scaled = reading._replace(rigid=size * reading.rigid)
-        yield from _variants(replace(hypothesis, mass_factor=size), cost_at(scaled, scaled.rigid))
-        body = end_body(scaled)
+    if is_unusual(factor):
+        yield from _variants(replace(hypothesis, mass_factor=factor), cost_at(reading, factor * reading.rigid))
+    for given in (1.0, None):
+        size, body = end_body(reading, given)
+        if given is None and not is_unusual(size):
+            continue
         mass, x, y, z = (float(value) for value in body)
         with_body = replace(hypothesis, mass_factor=size, body=(mass, x, y, z))
-        heavy = load_price(abs(mass) / float(model.arm.inertial_parameters[::10].sum()))
-        yield from _variants(with_body, cost_at(scaled, scaled.rigid + scaled.body @ body), heavy)
+        heavy = load_price(abs(mass) / (size * float(model.arm.inertial_parameters[::10].sum())))
+        yield from _variants(with_body, cost_at(reading, size * reading.rigid + reading.body @ body), heavy)
+
+
+def is_unusual(factor: float) -> bool:
+    """Whether URDFs and gains are off by less than a common factor."""
+    return bool(abs(np.log(factor)) > np.log(LIMIT.usual_factor))
 
 
 def _variants(hypothesis: Hypothesis, fit: Fit, more: float = 0.0) -> Iterator[Variant]:

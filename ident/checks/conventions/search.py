@@ -134,9 +134,9 @@ class Search:
         return sorted(self._refined.values(), key=lambda scored: scored.cost)
 
     def _front(self, ranked: Sequence[Scored]) -> list[Scored]:
-        """The likeliest motions from which no change was sought yet.
+        """The likeliest motions from which no change was sought yet, each of another unit and order of all columns.
 
-        Where the best explains well, no other is likelier to lead to a better one.
+        Where the best explains well, no other is likelier to lead to a better one, once those were tried.
         """
         best = ranked[0]
         fresh: dict[Motion, Scored] = {}
@@ -144,10 +144,22 @@ class Search:
             key = (scored.hypothesis.motion, scored.hypothesis.body is not None)
             if key not in self._expanded:
                 fresh.setdefault(key, scored)
-        front = list(fresh.values())[: LIMIT.beam]
-        if best.explains > LIMIT.well_explained:
-            front = [scored for scored in front if scored.hypothesis.motion == best.hypothesis.motion]
-        return front
+        if self._expanded and best.explains > LIMIT.well_explained:
+            return [scored for scored in fresh.values() if scored.hypothesis.motion == best.hypothesis.motion][:1]
+        classes: dict[tuple[object, ...], Scored] = {}
+        for scored in fresh.values():
+            classes.setdefault(self._shared(scored.hypothesis), scored)
+        apart = list(classes.values())[: LIMIT.beam]
+        if not self._expanded:
+            plain = Hypothesis.as_it_is(self.n)
+            apart.append(next(scored for scored in fresh.values() if scored.hypothesis.motion == plain.motion))
+        return list(dict.fromkeys(apart))
+
+    def _shared(self, hypothesis: Hypothesis) -> tuple[object, ...]:
+        """What all columns of a reading share: a usual order, a unit."""
+        order = hypothesis.order if hypothesis.order in self.usual_orders else None
+        unit = hypothesis.unit[0] if len(set(hypothesis.unit)) == 1 else ""
+        return order, unit
 
     def starts(self) -> list[Hypothesis]:
         """The log as it is, and what all columns may share: another unit, another usual order."""

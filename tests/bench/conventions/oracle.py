@@ -100,8 +100,10 @@ def is_same(log: Log, model: Model, guess: Hypothesis, truth: Hypothesis, is_sou
     """Whether two hypotheses say the same of the masses, where they are known, and mean the same torque beside."""
     if is_sound and not _same_masses(guess, truth):
         return False
+    # A body turned with the last joint's zero is another body: then the torque is the same with the guess's own.
     alike = replace(guess, mass_factor=truth.mass_factor, effort_scale=truth.effort_scale, body=truth.body)
-    return alike == truth or more_left(log, model, alike, truth) < SAME
+    guesses = [alike, replace(guess, effort_scale=truth.effort_scale)] if is_sound else [alike]
+    return alike == truth or min(more_left(log, model, each, truth) for each in guesses) < SAME
 
 
 def _same_masses(guess: Hypothesis, truth: Hypothesis) -> bool:
@@ -111,7 +113,7 @@ def _same_masses(guess: Hypothesis, truth: Hypothesis) -> bool:
     joints = [joint for joint, _ in guess.effort_scale] == [joint for joint, _ in truth.effort_scale]
     if guess.body is None or truth.body is None:
         return bool(has_factor and near and joints and guess.body == truth.body)
-    return bool(has_factor and near and joints and guess.body[0] * truth.body[0] > 0.0)
+    return bool(has_factor and near and joints)
 
 
 def more_left(log: Log, model: Model, guess: Hypothesis, truth: Hypothesis) -> float:
