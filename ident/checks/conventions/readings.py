@@ -56,7 +56,7 @@ class Sums(NamedTuple):
     friction: Float[Array, "k n 3 m"]  # coefficient of Coulomb and viscous friction and of the rotor, by column
     spread: Float[Array, "k n 3"]  # variance of each coefficient for a residual of variance one
     variance: Float[Array, " n"]  # of each column of effort
-    beyond: Float[Array, " k"]  # joints out of their limits, or of which another unit leaves no motion
+    beyond: Float[Array, " k"]  # whether joints leave their limits, and how many another unit leaves without motion
 
 
 class Model:
@@ -83,11 +83,14 @@ class Model:
         return np.stack([*gravity, self._free.inverse_dynamics(q, dq, ddq)], axis=-1)
 
     def beyond_limits(self, q: Float[Array, "k T n"]) -> Float[Array, " k"]:
-        """How many joints leave their limits, by reading; half a joint where it does so by half the margin."""
+        """Whether joints leave their limits, by reading; half where one does so by half the margin.
+
+        A URDF's limits are the arm's or they are not: the second joint beyond them says no more.
+        """
         limits = self.arm.known_limits
         low, high = q.min(axis=1), q.max(axis=1)
         excess = np.maximum(np.maximum(limits.lower - low, high - limits.upper), 0.0)
-        return np.asarray(np.minimum(excess / LIMIT.limit_margin, 1.0).sum(axis=-1))
+        return np.asarray(np.minimum(excess / LIMIT.limit_margin, 1.0).max(axis=-1))
 
 
 def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:

@@ -14,6 +14,7 @@ from ident.checks.conventions.find import log_of
 from ident.checks.conventions.hypothesis import Hypothesis
 from ident.checks.conventions.masses import cost_at, read_as
 from ident.checks.conventions.readings import Log, Model
+from ident.checks.inspection import check_rows
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
@@ -60,9 +61,10 @@ def load_cases(folder: Path, rng: np.random.Generator) -> list[Case]:
     """Recordings of real arms below a folder, the shipped ones, and simulated arms of example-robot-data."""
     cases = []
     for source in load_sources(folder):
-        log = log_of(Session(source.name, source.runs))
+        arm = ArmModel.from_urdf(source.urdf).keeping(source.joints)
+        session, _ = check_rows(Session(source.name, source.runs), arm)  # the search sees what the checks left
+        log = log_of(session)
         if log is not None:
-            arm = ArmModel.from_urdf(source.urdf).keeping(source.joints)
             cases.append(case_of(source.name, source.arm, arm, log))
     for name in SHIPPED:
         log = log_of(load_session(data_path(f"logs/tm5_900/{name}")))

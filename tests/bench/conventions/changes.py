@@ -45,7 +45,8 @@ def draw_kinds(case: Case, rng: np.random.Generator) -> tuple[str, ...]:
             continue
         if not case.is_sound and OF_MASSES & {*kinds}:
             continue
-        if case.arm.n < 2 and OF_COLUMNS & {*kinds}:
+        # One joint alone tells neither an order, nor its torque's unit from its masses'.
+        if case.arm.n < 2 and (OF_COLUMNS | OF_MASSES) & {*kinds}:
             continue
         return kinds
 

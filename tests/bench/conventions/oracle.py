@@ -10,6 +10,7 @@ description is long.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -70,12 +71,20 @@ def evidence(log: Log, model: Model, truth: Hypothesis, other: Hypothesis) -> fl
 
 
 def is_visible(log: Log, model: Model, truth: Hypothesis) -> bool:
-    """Whether the log says more for each of the changes than that change's description is long."""
+    """Whether the log says more for the changes, each and some together, than their description is long.
+
+    Changes that undo one another are none: gravity upside down and all torques of the other sign.
+    """
     whole = description_length(truth, model.usual_orders)
-    for name in truth.changes:
-        less = without(truth, name)
-        if evidence(log, model, truth, less) < whole - description_length(less, model.usual_orders):
-            return False
+    names = truth.changes
+    for count in range(1, len(names) + 1):
+        for left_out in combinations(names, count):
+            less = truth
+            for name in left_out:
+                less = without(less, name)
+            told = evidence(log, model, truth, less)
+            if told < whole - description_length(less, model.usual_orders):
+                return False
     return True
 
 
