@@ -71,12 +71,14 @@ class Tally:
         self.counts: dict[str, Counter[str]] = {}
         self.seconds: list[float] = []
         self.surely_wrong = 0
+        self.surely_right = 0
 
     def take(self, drawn: Drawn, found: Conventions) -> tuple[bool, bool]:
         """One more case; whether the truth is first, and whether it is among the two."""
         first = drawn.is_right(found.best.hypothesis)
         among = first or (found.second is not None and drawn.is_right(found.second.hypothesis))
         self.surely_wrong += not first and is_changed(found)
+        self.surely_right += first and is_changed(found)
         for name in ("all", f"{len(drawn.kinds)} changes", f"arm {drawn.case.group}", *drawn.kinds):
             self.counts.setdefault(name, Counter()).update(cases=1, first=first, among=among)
         return first, among
@@ -91,7 +93,7 @@ class Tally:
                 shares = [counts[key] / counts["cases"] for key in ("first", "among")]
                 yield f"{name:24s} cases {counts['cases']:5d}  first {shares[0]:.3f}  among the two {shares[1]:.3f}"
         yield f"processor seconds of a search: median {np.median(self.seconds):.2f}, most {max(self.seconds):.2f}"
-        yield f"not first and said to be sure: {self.surely_wrong}"
+        yield f"said to be sure: {self.surely_right} right, {self.surely_wrong} not"
 
 
 def bench(folder: Path, count: int, seed: int) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from ident.checks.conventions.description import DESCRIPTION
 from ident.checks.conventions.hypothesis import Hypothesis
 from ident.checks.conventions.readings import Log, Model
 from ident.checks.conventions.search import LIMIT, Scored, Search
@@ -56,6 +58,12 @@ def search_conventions(log: Log, model: Model) -> Conventions:
 
 
 def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> bool:
-    """Whether log or URDF is surely to be read otherwise than it says: then what is read explains so much at least."""
-    sure = found.gain > LIMIT.sure_gain and found.best.explains >= least
-    return bool(found.best.hypothesis.changes) and sure
+    """Whether log or URDF is surely to be read otherwise than it says: then what is read explains so much at least.
+
+    A factor of all masses leaves the log as it is: it only has to be likely.
+    """
+    changes = found.best.hypothesis.changes
+    needed = LIMIT.sure_gain
+    if changes == ("mass_factor",):
+        needed = math.log(LIMIT.sure_odds) / DESCRIPTION.observations
+    return bool(changes) and found.gain > needed and found.best.explains >= least

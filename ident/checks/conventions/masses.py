@@ -112,14 +112,21 @@ def free_sizes(reading: Reading) -> tuple[Float[Array, " n"], Float[Array, " n"]
     return np.log(np.where(told, size, 1.0)), np.where(told, error / np.maximum(size, 1e-12) ** 2, np.inf)
 
 
-def common_factor(reading: Reading) -> float:
-    """The factor by which all joints' torques are off together; one where too few of them tell their sizes."""
+def common_factor(reading: Reading) -> tuple[float, float]:
+    """The factor by which all joints' torques are off together, and what their agreeing on it says for it [nats].
+
+    Sizes that scatter around one each for itself do not agree: those that lie as near together as sound URDFs' do are
+    the likelier the nearer, by the spread that they have in place of the usual one. Both centres are asked.
+    """
     logs, variance = free_sizes(reading)
     weight = 1.0 / (1.0 + variance / LIMIT.scatter**2)
     total = float(weight.sum())
     if total < LIMIT.fewest_sizes:
-        return 1.0
-    return float(np.exp(weight @ logs / total))
+        return 1.0, 0.0
+    middle = float(weight @ logs / total)
+    spreads = [float(np.sqrt(weight @ (logs - centre) ** 2 / total)) for centre in (0.0, middle)]
+    around_one, around_it = np.clip(spreads, LIMIT.scatter, DESCRIPTION.size_spread)
+    return float(np.exp(middle)), total * float(np.log(around_one / around_it))
 
 
 def end_body(reading: Reading, factor: float | None = None) -> tuple[float, Float[Array, " 4"]]:
@@ -160,7 +167,7 @@ class Variant(NamedTuple):
     hypothesis: Hypothesis
     costs: Float[Array, " n"]  # of each joint
     sizes: Float[Array, " n"]  # of each joint's torque over the model's
-    more: float = 0.0  # what a load of its mass is unlikely
+    more: float = 0.0  # what a load of its mass is unlikely, less what sizes say that agree
 
 
 def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[Variant]:
@@ -170,9 +177,10 @@ def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[Variant
     """
     reading = read_as(log, model, replace(hypothesis, mass_factor=1.0))
     yield from _variants(hypothesis, cost_at(reading, reading.rigid))
-    factor = common_factor(reading)
+    factor, agreement = common_factor(reading)
     if is_unusual(factor):
-        yield from _variants(replace(hypothesis, mass_factor=factor), cost_at(reading, factor * reading.rigid))
+        scaled = cost_at(reading, factor * reading.rigid)
+        yield from _variants(replace(hypothesis, mass_factor=factor), scaled, -agreement / DESCRIPTION.observations)
     for given in (1.0, None):
         size, body = end_body(reading, given)
         if given is None and not is_unusual(size):

@@ -227,3 +227,9 @@ def telling(log: Log) -> Bool[Array, " n"]:
     """Columns of effort that change at all."""
     spread = log.tau.std(axis=0)
     return np.asarray(spread > 1e-6 * max(float(np.abs(log.tau).max()), 1e-300))
+
+
+def evidence_of_columns(log: Log) -> Float[Array, " n"]:
+    """What each column of effort is worth beside one whose joint moves: friction holds what stands."""
+    moves = np.ptp(log.q, axis=0) > LIMIT.least_travel
+    return np.where(telling(log), np.where(moves, 1.0, LIMIT.rest_weight**2), 0.0)

@@ -37,6 +37,7 @@ from ident.checks.conventions.readings import (
     Model,
     Sums,
     common_size,
+    evidence_of_columns,
     likeliest_gravity,
     read,
     telling,
@@ -87,6 +88,7 @@ class Search:
         self.log = log.thinned(LIMIT.states)
         self.coarse = self.log.thinned(LIMIT.screened)
         self.alive = telling(self.log)
+        self.weights = evidence_of_columns(self.log)
         self.n = self.log.q.shape[1]
         self.usual_orders = model.usual_orders
         self.gravities, self.vectors = self._gravities()
@@ -221,8 +223,10 @@ class Search:
             self.model.beyond_limits(hypothesis.angles(self.log.q, self.model.sliding)[None])[0]
         )
         for variant in variants(hypothesis, self.log, self.model):
-            costs = np.where(self.alive[list(hypothesis.effort_order)], variant.costs, 0.0)
-            cost = float(costs.sum()) + limits + variant.more + price(variant.hypothesis, self.usual_orders)
+            columns = list(hypothesis.effort_order)
+            costs = np.where(self.alive[columns], variant.costs, 0.0)
+            told = self._weighed(variant.costs, columns).sum()
+            cost = float(told) + limits + variant.more + price(variant.hypothesis, self.usual_orders)
             scored = Scored(variant.hypothesis, cost, tuple(costs.tolist()), tuple(variant.sizes.tolist()))
             self._refined[variant.hypothesis] = scored
 
@@ -242,6 +246,10 @@ class Search:
             return None
         x, y, z = (float(value) for value in GRAVITY / length * vector)
         return replace(hypothesis, gravity=(x, y, z))
+
+    def _weighed(self, costs: Array, columns: Sequence[int] | slice = slice(None)) -> Array:
+        """Costs by column of effort, last axis: of a joint that stands little speaks for a reading, all against it."""
+        return np.asarray(np.where(costs < 0.0, self.weights[columns] * costs, self.alive[columns] * costs))
 
     def is_apart(self, vector: Float[Array, " 3"]) -> bool:
         """Whether a direction is none of those that are tried anyway."""
@@ -266,7 +274,7 @@ class Search:
         tables = []
         for scale in scales:
             costs, sizes = unexplained(sums, vectors, scale)
-            costs = np.where(self.alive[:, None], costs, 0.0)  # reading, joint, gravity, column of effort, sign
+            costs = self._weighed(costs.swapaxes(-1, -2)).swapaxes(-1, -2)  # reading, joint, gravity, column, sign
             turned = backwards[..., None, None, None]
             tables.append([np.where(turned, values[..., ::-1], values) for values in (costs, sizes)])
         costs, sizes = (np.stack(each) for each in zip(*tables, strict=True))

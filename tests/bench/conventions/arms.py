@@ -26,7 +26,7 @@ SIMULATED = ("panda", "ur3", "ur5", "ur10", "z1", "xarm7", "kinova", "baxter:lef
 # States that the search sees at most; of more, evenly spread ones are kept here.
 MOST_STATES = 480
 # States of a stretch of a recording, at least.
-LEAST_STATES = 200
+LEAST_STATES = 150
 # Factor by which a sound URDF's torques are off at most: only then a change of its masses is known.
 SOUND = 1.25
 # A simulated arm: states, seconds from one to the next, sinusoids a joint, and its noise over its gravity torque.
