@@ -36,7 +36,7 @@ STARTS = (DESCRIPTION.observations, DESCRIPTION.size_spread, DESCRIPTION.observa
 
 
 def features(drawn: Drawn, scored: Scored) -> tuple[float, float, float, float]:
-    """Sum of the logarithms of what is left, half the squared logarithms of sizes, joints out of limits, description."""
+    """Logarithms of what is left, half the squares of those of sizes, joints out of limits, description: sums."""
     hypothesis = scored.hypothesis
     scaled = {joint for joint, _ in hypothesis.effort_scale}
     usual = [j for j in range(len(scored.costs)) if j not in scaled]
@@ -116,7 +116,9 @@ def fit(file: Path) -> None:
         others = fit_numbers(rows[~out], marks[~out], cases[~out])
         held = (rows[out], marks[out], cases[out])
         shares.append((misfit(others, *held), misfit(np.array(STARTS), *held), share_first(others, *held)))
-        print(f"without {', '.join(arms[k::FOLDS])}: {others}, misfit there {shares[-1][0]:.3f}, now {shares[-1][1]:.3f}")
+        print(
+            f"without {', '.join(arms[k::FOLDS])}: {others}, misfit there {shares[-1][0]:.3f}, now {shares[-1][1]:.3f}"
+        )
     mean = np.mean(shares, axis=0)
     print(f"arms left out: misfit {mean[0]:.3f}, with today's numbers {mean[1]:.3f}; first {mean[2]:.3f}")
 

@@ -4,7 +4,8 @@ A reading costs, over the joints, the logarithm of the share of torque that it l
 their description. Signs of torques, the order of their columns, gravity and efforts in another unit follow from the
 sums of a reading's motion; order, direction, zero and unit make another motion, and are tried one by one, from the log
 as it is and from what all columns may share: another unit, another usual order. Few states tell which readings are
-worth more: those are compared by more states, with masses and bodies, and the next changes are sought from the likeliest.
+worth more: those are compared by more states, with masses and bodies, and the next changes are sought from the
+likeliest.
 """
 
 from __future__ import annotations
@@ -182,9 +183,9 @@ class Search:
         for i, j in combinations(range(self.n), 2):
             order = list(reading.order)
             order[i], order[j] = order[j], order[i]
-            yield replace(reading, order=tuple(order))
+            yield reordered(reading, tuple(order))
         for columns in (tuple(range(self.n)), *self.usual_orders):
-            yield replace(reading, order=columns)
+            yield reordered(reading, columns)
         for unit in (*UNITS, ""):
             yield replace(reading, unit=(unit,) * self.n)
         for j in turning:
@@ -339,6 +340,12 @@ def with_body(arm: ArmModel, hypothesis: Hypothesis) -> ArmModel:
     parameters = np.array(arm.inertial_parameters)
     parameters[-10 : BODY_PARAMETERS - 10] += np.array(hypothesis.body)
     return arm.with_inertial_parameters(parameters)
+
+
+def reordered(reading: Hypothesis, order: tuple[int, ...]) -> Hypothesis:
+    """The reading with columns in another order, each in the unit that it has."""
+    unit_of_column = dict(zip(reading.order, reading.unit, strict=True))
+    return replace(reading, order=order, unit=tuple(unit_of_column[column] for column in order))
 
 
 def motion_of(hypothesis: Hypothesis) -> Hypothesis:
