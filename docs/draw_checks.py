@@ -20,7 +20,8 @@ HEAD = """# The order of the telemetry checks
 
 Each check sees the rows and columns that the ones above it left standing, and what it condemns or mends is gone for
 those below. Log and URDF are read by one search over their conventions before anything is held against the model; the
-torque is judged last. This page is written by `python docs/draw_checks.py` from the calls in `ident/checks/inspection.py`.
+torque is judged last. This page is written by `python docs/draw_checks.py` from the calls in
+`ident/checks/inspection.py`.
 """
 
 

@@ -1,8 +1,9 @@
-"""How far long work has come: stage, share of all, seconds left; for whoever listens, and for nobody else.
+"""How far long work has come: stage, share of all, seconds left; for whoever listens, and for
+nobody else.
 
-Seconds are those of the clock on the wall, whatever a budget of the work is counted in. They are foretold by the slower
-of two paces, that since the work began and that of the latter half of its time: work that slows down is not soon done,
-and of work that stands still no end is foretold.
+Seconds are those of the clock on the wall, whatever a budget of the work is counted in. They are
+foretold by the slower of two paces, that since the work began and that of the latter half of its
+time: work that slows down is not soon done, and of work that stands still no end is foretold.
 
 with listening(print):
     diagnose("my_session", "my_arm.urdf")
@@ -18,7 +19,9 @@ from contextvars import ContextVar
 from operator import itemgetter
 
 Listener = Callable[[str, float, float | None], None]
-"""Gets the stage in words, the share of all work that is done, and the seconds left (None where they are not known)."""
+"""Gets the stage in words, the share of all work that is done, and the seconds left (None where
+they are not known).
+"""
 
 # Of a smaller share no time can be foretold.
 LEAST_SHARE = 0.05
@@ -45,7 +48,8 @@ class _Work:
         self.tell(known=True)
 
     def go_on(self, done: float) -> None:
-        # Steps that are gone through again, as on finer grids, take nothing back; how often they are nobody knows.
+        # Steps that are gone through again, as on finer grids, take nothing back; how often they
+        # are nobody knows.
         reached, before = self.low + (self.high - self.low) * done, self.share
         self.share = max(before, reached)
         self.tell(known=reached > before)
@@ -58,7 +62,9 @@ class _Work:
         self.listener(self.words, self.share, left)
 
     def foretell(self, now: float) -> float | None:
-        """Seconds left by the slower of both paces; None where nothing was done in the latter half of the time."""
+        """Seconds left by the slower of both paces; None where nothing was done in the latter half
+        of the time.
+        """
         spent = now - self.began
         middle = self.began + spent / 2.0
         before = self.marks[bisect_right(self.marks, middle, key=itemgetter(0)) - 1][1]
@@ -97,6 +103,8 @@ def stage(words: str, low: float = 0.0, high: float = 1.0) -> None:
 
 
 def step(done: int, total: int, error: float | None = None) -> None:
-    """So many of a stage's equal steps are done; the error that a search or a training has come to is not shown."""
+    """So many of a stage's equal steps are done; the error that a search or a training has come to
+    is not shown.
+    """
     if (work := _WORK.get()) is not None:
         work.go_on(done / max(total, 1))

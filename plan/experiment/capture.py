@@ -1,10 +1,12 @@
-"""An excitation as it is recorded at a cell: a folder of motions a step, as the arm's controller takes them.
+"""An excitation as it is recorded at a cell: a folder of motions a step, as the arm's controller
+takes them.
 
-In: the runs of `plan excite`, a controller. Out: a folder a step (a slow test, the warm-up, the runs to record,
-held-out runs for another session), and `capture.json` with what to do at each, and size and digest of each file.
+In: the runs of `plan excite`, a controller. Out: a folder a step (a slow test, the warm-up, the
+runs to record, held-out runs for another session), and `capture.json` with what to do at each, and
+size and digest of each file.
 
-The held-out runs are recorded ones backwards: at the same places, at the same speeds, friction the other way. They keep
-whatever bounds of place, speed and acceleration their originals keep.
+The held-out runs are recorded ones backwards: at the same places, at the same speeds, friction the
+other way. They keep whatever bounds of place, speed and acceleration their originals keep.
 """
 
 from __future__ import annotations
@@ -114,7 +116,9 @@ def execution_of(
     joints: Sequence[str],
     controller: Controller | None,
 ) -> tuple[Execution, float]:
-    """A motion as a controller is sent it, and how far what it makes of that strays from the motion [rad]."""
+    """A motion as a controller is sent it, and how far what it makes of that strays from the motion
+    [rad].
+    """
     curve = _curve(motion)
     if controller is None:
         count = max(round(motion.duration / SAMPLE_S), 1)
@@ -135,7 +139,8 @@ def execution_of(
 
 
 def write_capture(excitation: Excitation, folder: str | Path, controller: Controller | None) -> dict[str, object]:
-    """Writes the motion as `Excitation.write` does, and a folder a step beside it; whole or not at all.
+    """Writes the motion as `Excitation.write` does, and a folder a step beside it; whole or not at
+    all.
 
     Returns:
         The record of `capture.json`.

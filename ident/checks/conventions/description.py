@@ -1,8 +1,9 @@
 """How unlikely a reading is before the log is seen: the length of its description.
 
-A change is told by its kind and by which of the alternatives of that kind it is; each costs the logarithm of its
-number. What is told by a number costs the logarithm of how many values can be told apart. Evidence and description are
-brought together by `observations`: how many independent observations a joint's torque is worth, halved.
+A change is told by its kind and by which of the alternatives of that kind it is; each costs the
+logarithm of its number. What is told by a number costs the logarithm of how many values can be told
+apart. Evidence and description are brought together by `observations`: how many independent
+observations a joint's torque is worth, halved.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ READING = read_group(__file__, "readings")
 MASSES = read_group(__file__, "masses")
 SEARCH = read_group(__file__, "search")
 
-# The kinds of change: order, effort order, direction, zero, unit, sign, mount, compensation, factor, scale, body.
+# The kinds of change: order, effort order, direction, zero, unit, sign, mount, compensation,
+# factor, scale, body.
 KIND = math.log(11.0)
 BODY_PARAMETERS = 4
 OTHER_ZEROS = len(ZEROS) - 1

@@ -26,12 +26,16 @@ class Conventions:
 
     @property
     def gain(self) -> float:
-        """By how much the best explains more than log and URDF as they say, its changes' costs taken off [nats]."""
+        """By how much the best explains more than log and URDF as they say, its changes' costs
+        taken off [nats].
+        """
         return self.as_it_is.cost - self.best.cost
 
 
 def log_of(session: Session) -> Log | None:
-    """The filtered states of a session, its joints in the robot's order; None where every run is too short."""
+    """The filtered states of a session, its joints in the robot's order; None where every run is
+    too short.
+    """
     motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
     if not motions:
         return None
@@ -50,7 +54,8 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     plain = Hypothesis.as_it_is(log.q.shape[1])
     as_it_is = next(scored for scored in ranked if scored.hypothesis == plain)
     best = ranked[0]
-    # What changes more than the best explains the same for more: a rival leaves some of its changes out.
+    # What changes more than the best explains the same for more: a rival leaves some of its changes
+    # out.
     changes = set(best.hypothesis.changes)
     rivals = [scored for scored in ranked[1:] if not changes or not changes <= set(scored.hypothesis.changes)]
     second = next((rival for rival in rivals if rival.hypothesis.changes != best.hypothesis.changes), None)
@@ -58,7 +63,8 @@ def search_conventions(log: Log, model: Model) -> Conventions:
 
 
 def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> bool:
-    """Whether log or URDF is surely to be read otherwise than it says: then what is read explains so much at least.
+    """Whether log or URDF is surely to be read otherwise than it says: then what is read explains
+    so much at least.
 
     A factor of all masses leaves the log as it is: it only has to be likely.
     """

@@ -1,8 +1,10 @@
-"""What is left to the URDF's masses and the torque's unit once a log is read: one factor, one joint's, or one body.
+"""What is left to the URDF's masses and the torque's unit once a log is read: one factor, one
+joint's, or one body.
 
-All masses by one factor are seen by sizes that agree among the joints better than with one; the effort of one joint in
-another unit by its size; a body at the end of the arm that the URDF lacks, or has too much, by what all joints carry of
-it: mass and first moment in the last link's frame, to which every joint's torque is linear.
+All masses by one factor are seen by sizes that agree among the joints better than with one; the
+effort of one joint in another unit by its size; a body at the end of the arm that the URDF lacks,
+or has too much, by what all joints carry of it: mass and first moment in the last link's frame, to
+which every joint's torque is linear.
 """
 
 from __future__ import annotations
@@ -30,7 +32,9 @@ LIMIT = read_group(__file__, "masses")
 
 
 class Reading(NamedTuple):
-    """A log under a hypothesis: what each joint's torque is held against, friction, rotor and offset projected out."""
+    """A log under a hypothesis: what each joint's torque is held against, friction, rotor and
+    offset projected out.
+    """
 
     tau: Float[Array, "n T"]
     rigid: Float[Array, "n T"]
@@ -71,7 +75,7 @@ def read_as(log: Log, model: Model, hypothesis: Hypothesis) -> Reading:
     return Reading(wanted[..., 0], wanted[..., 1], wanted[..., 2:], log.tau.var(axis=0)[columns])
 
 
-class Fit(NamedTuple):
+class SizedTorque(NamedTuple):
     """What each joint costs with a rigid torque, its size chosen."""
 
     plain_costs: Float[Array, " n"]  # all joints in one unit
@@ -81,7 +85,7 @@ class Fit(NamedTuple):
     other_unit: Bool[Array, " n"]  # whether the size is another unit's
 
 
-def cost_at(reading: Reading, rigid: Float[Array, "n T"]) -> Fit:
+def cost_at(reading: Reading, rigid: Float[Array, "n T"]) -> SizedTorque:
     """What each joint costs with a rigid torque (see `readings.unexplained`)."""
     square = np.maximum((rigid**2).mean(axis=1), 1e-12)
     along = (reading.tau * rigid).mean(axis=1)
@@ -97,11 +101,13 @@ def cost_at(reading: Reading, rigid: Float[Array, "n T"]) -> Fit:
     costs, sizes = cost[chosen, joints], tried[chosen, joints]
     price_of_unit = scale_length(len(best)) / DESCRIPTION.observations
     other = is_told(free, own, square) & is_other_unit(best) & (explained[-1] + price_of_unit < costs)
-    return Fit(costs, sizes, np.where(other, explained[-1], costs), np.where(other, best, sizes), other)
+    return SizedTorque(costs, sizes, np.where(other, explained[-1], costs), np.where(other, best, sizes), other)
 
 
 def free_sizes(reading: Reading) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Logarithm of each joint's size over the model's, and its variance; infinite where nothing tells it."""
+    """Logarithm of each joint's size over the model's, and its variance; infinite where nothing
+    tells it.
+    """
     square = (reading.rigid**2).mean(axis=1)
     along = (reading.tau * reading.rigid).mean(axis=1)
     size = along / np.maximum(square, 1e-12)
@@ -113,10 +119,12 @@ def free_sizes(reading: Reading) -> tuple[Float[Array, " n"], Float[Array, " n"]
 
 
 def common_factor(reading: Reading) -> tuple[float, float]:
-    """The factor by which all joints' torques are off together, and what their agreeing on it says for it [nats].
+    """The factor by which all joints' torques are off together, and what their agreeing on it says
+    for it [nats].
 
-    Sizes that scatter around one each for itself do not agree: those that lie as near together as sound URDFs' do are
-    the likelier the nearer, by the spread that they have in place of the usual one. Both centres are asked.
+    Sizes that scatter around one each for itself do not agree: those that lie as near together as
+    sound URDFs' do are the likelier the nearer, by the spread that they have in place of the usual
+    one. Both centres are asked.
     """
     logs, variance = free_sizes(reading)
     weight = 1.0 / (1.0 + variance / LIMIT.scatter**2)
@@ -130,7 +138,8 @@ def common_factor(reading: Reading) -> tuple[float, float]:
 
 
 def end_body(reading: Reading, factor: float | None = None) -> tuple[float, Float[Array, " 4"]]:
-    """Factor of all masses, and mass and first moment at the last link that the torques ask for beside the model's.
+    """Factor of all masses, and mass and first moment at the last link that the torques ask for
+    beside the model's.
 
     Each joint counts by what it leaves.
 
@@ -173,7 +182,8 @@ class Variant(NamedTuple):
 def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[Variant]:
     """A reading alone, with one factor of all masses, with a body at the end, and with both.
 
-    Efforts of single joints in another unit are told with each of them, where they explain more than they cost.
+    Efforts of single joints in another unit are told with each of them, where they explain more
+    than they cost.
     """
     reading = read_as(log, model, replace(hypothesis, mass_factor=1.0))
     yield from _variants(hypothesis, cost_at(reading, reading.rigid))
@@ -196,7 +206,7 @@ def is_unusual(factor: float) -> bool:
     return bool(abs(np.log(factor)) > np.log(LIMIT.usual_factor))
 
 
-def _variants(hypothesis: Hypothesis, fit: Fit, more: float = 0.0) -> Iterator[Variant]:
+def _variants(hypothesis: Hypothesis, fit: SizedTorque, more: float = 0.0) -> Iterator[Variant]:
     """A reading, and with the joints that are in another unit where there are any."""
     yield Variant(hypothesis, fit.plain_costs, fit.plain_sizes, more)
     scales = tuple((int(j), float(fit.sizes[j])) for j in np.flatnonzero(fit.other_unit))

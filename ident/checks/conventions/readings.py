@@ -1,15 +1,18 @@
-"""What each reading of the motion makes of the model: sums from which every reading of the torque follows.
+"""What each reading of the motion makes of the model: sums from which every reading of the torque
+follows.
 
 Beside a rigid torque r, each joint's torque holds friction, its rotor and an offset,
 
     tau_j = s_j r_j + b tanh(dq_j / eps) + c dq_j + d ddq_j + o_j,    b, c, d >= 0,
 
-with a size s_j near one for masses and gains that are off. r is linear in gravity's vector. Of each joint and reading
-of the motion a matrix of inner products is kept, from which friction, rotor and offset are projected out: what is left
-of any column of torque, of either sign, under any gravity, is a quadratic form in it.
+with a size s_j near one for masses and gains that are off. r is linear in gravity's vector. Of each
+joint and reading of the motion a matrix of inner products is kept, from which friction, rotor and
+offset are projected out: what is left of any column of torque, of either sign, under any gravity,
+is a quadratic form in it.
 
-An offset is held to what a drive can have: a share of its square counts as unexplained. Where a joint stands, friction
-holds it with an unknown part of its level: such rows count less, but they count.
+An offset is held to what a drive can have: a share of its square counts as unexplained. Where a
+joint stands, friction holds it with an unknown part of its level: such rows count less, but they
+count.
 """
 
 from __future__ import annotations
@@ -126,15 +129,17 @@ def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
 def unexplained(
     sums: Sums, gravity: Float[Array, "k g 3"], size: Float[Array, "k g"]
 ) -> tuple[Float[Array, "k n g n 2"], Float[Array, "k n g n 2"]]:
-    """What each column of effort costs as each joint's, under each gravity, with either sign; and at which size.
+    """What each column of effort costs as each joint's, under each gravity, with either sign; and
+    at which size.
 
-    The cost is the logarithm of the share of its variance that is left, and what a size other than the usual one is
-    unlikely: as a URDF's masses are off, or, where the size is told, as an effort is in another unit. Friction that
-    drives instead of braking is left in.
+    The cost is the logarithm of the share of its variance that is left, and what a size other than
+    the usual one is unlikely: as a URDF's masses are off, or, where the size is told, as an effort
+    is in another unit. Friction that drives instead of braking is left in.
 
     Args:
         sums: Of k readings of the motion.
-        gravity: Vectors in the base's frame, by reading; zero where gravity is not in the effort [m/s²].
+        gravity: Vectors in the base's frame, by reading; zero where gravity is not in the effort
+            [m/s²].
         size: The usual size of the joints' torques, the model's being one.
     """
     usual = size[:, None, :, None]
@@ -168,7 +173,8 @@ def unexplained(
 
 
 def is_told(size: Array, own: Array, square: Array) -> Bool[Array, ...]:
-    """Whether a torque of mean square `own` tells its size over a rigid one of mean square `square`.
+    """Whether a torque of mean square `own` tells its size over a rigid one of mean square
+    `square`.
 
     The error of its logarithm is what is left over so many independent states.
     """
@@ -178,12 +184,15 @@ def is_told(size: Array, own: Array, square: Array) -> Bool[Array, ...]:
 
 
 def is_other_unit(factor: Array) -> Bool[Array, ...]:
-    """Whether a size over the usual one lies where rather another unit than masses that are off makes it."""
+    """Whether a size over the usual one lies where rather another unit than masses that are off
+    makes it.
+    """
     return np.asarray(np.abs(np.log(factor)) > np.log(MASSES.other_unit))
 
 
 def common_size(sums: Sums, gravity: Float[Array, "k g 3"], columns: Array) -> Float[Array, "k g"]:
-    """The size that the joints' torques have together, each by how much of its torque the rigid one explains.
+    """The size that the joints' torques have together, each by how much of its torque the rigid one
+    explains.
 
     Args:
         sums: Of k readings of the motion.
@@ -209,7 +218,8 @@ def likeliest_gravity(
 
     Args:
         sums: Of one reading of the motion.
-        columns, signs, sizes: Column of effort of each joint, its sign, and its size over the model's.
+        columns, signs, sizes: Column of effort of each joint, its sign, and its size over the
+            model's.
         left: Variance of each joint's torque that is left [(N m)²].
     """
     rows = np.arange(len(columns))

@@ -1,11 +1,11 @@
 """The search: from the log as it is, change after change, the likeliest readings first.
 
-A reading costs, over the joints, the logarithm of the share of torque that it leaves, and its changes the length of
-their description. Signs of torques, the order of their columns, gravity and efforts in another unit follow from the
-sums of a reading's motion; order, direction, zero and unit make another motion, and are tried one by one, from the log
-as it is and from what all columns may share: another unit, another usual order. Few states tell which readings are
-worth more: those are compared by more states, with masses and bodies, and the next changes are sought from the
-likeliest.
+A reading costs, over the joints, the logarithm of the share of torque that it leaves, and its
+changes the length of their description. Signs of torques, the order of their columns, gravity and
+efforts in another unit follow from the sums of a reading's motion; order, direction, zero and unit
+make another motion, and are tried one by one, from the log as it is and from what all columns may
+share: another unit, another usual order. Few states tell which readings are worth more: those are
+compared by more states, with masses and bodies, and the next changes are sought from the likeliest.
 """
 
 from __future__ import annotations
@@ -67,7 +67,9 @@ class Scored:
 
     @property
     def explains(self) -> float:
-        """Share of the torque that is explained, the geometric mean over the joints' shares that are left."""
+        """Share of the torque that is explained, the geometric mean over the joints' shares that
+        are left.
+        """
         return float(1.0 - np.exp(min(float(np.mean(self.costs)), 0.0)))
 
 
@@ -137,9 +139,11 @@ class Search:
         return sorted(self._refined.values(), key=lambda scored: scored.cost)
 
     def _front(self, ranked: Sequence[Scored]) -> list[Scored]:
-        """The likeliest motions from which no change was sought yet, each of another unit and order of all columns.
+        """The likeliest motions from which no change was sought yet, each of another unit and order
+        of all columns.
 
-        Where the best explains well, no other is likelier to lead to a better one, once those were tried.
+        Where the best explains well, no other is likelier to lead to a better one, once those were
+        tried.
         """
         best = ranked[0]
         fresh: dict[Motion, Scored] = {}
@@ -194,7 +198,9 @@ class Search:
                     yield reading.with_entry("unit", j, unit)
 
     def screen(self, readings: Sequence[Hypothesis], model: Model, has_body: bool) -> None:
-        """Scores some readings of the motion that were not asked for yet, with the likeliest readings of the torque."""
+        """Scores some readings of the motion that were not asked for yet, with the likeliest
+        readings of the torque.
+        """
         motions = dict.fromkeys(motion_of(reading) for reading in readings)
         fresh = [reading for reading in motions if (reading.motion, has_body) not in self._seen]
         self._seen.update((reading.motion, has_body) for reading in fresh)
@@ -205,7 +211,9 @@ class Search:
             self._screened[reading.motion, has_body] = scored
 
     def refine(self, count: int) -> None:
-        """Looks closely at so many of the likeliest readings: all states, masses and bodies, any gravity."""
+        """Looks closely at so many of the likeliest readings: all states, masses and bodies, any
+        gravity.
+        """
         waiting = sorted(self._screened, key=lambda motion: min(each.cost for each in self._screened[motion]))
         self._refine(Hypothesis.as_it_is(self.n))
         for motion in waiting[:count]:
@@ -232,7 +240,9 @@ class Search:
             self._refined[variant.hypothesis] = scored
 
     def _turned(self, scored: Scored) -> Hypothesis | None:
-        """The reading with gravity where its torques have it, if that is apart from where it was sought."""
+        """The reading with gravity where its torques have it, if that is apart from where it was
+        sought.
+        """
         hypothesis = scored.hypothesis
         if hypothesis.gravity == COMPENSATED:
             return None
@@ -249,7 +259,9 @@ class Search:
         return replace(hypothesis, gravity=(x, y, z))
 
     def _weighed(self, costs: Array, columns: Sequence[int] | slice = slice(None)) -> Array:
-        """Costs by column of effort, last axis: of a joint that stands little speaks for a reading, all against it."""
+        """Costs by column of effort, last axis: of a joint that stands little speaks for a reading,
+        all against it.
+        """
         return np.asarray(np.where(costs < 0.0, self.weights[columns] * costs, self.alive[columns] * costs))
 
     def is_apart(self, vector: Float[Array, " 3"]) -> bool:
@@ -263,8 +275,9 @@ class Search:
     def _of_torque(self, sums: Sums, readings: Sequence[Hypothesis]) -> Iterator[list[Scored]]:
         """The likeliest readings of the torque under some readings of the motion.
 
-        The torque as it stands, all of it of the other sign, and joints of the other sign, under each gravity, with the
-        URDF's masses or all of them by one factor; where other columns of effort would explain more, those.
+        The torque as it stands, all of it of the other sign, and joints of the other sign, under
+        each gravity, with the URDF's masses or all of them by one factor; where other columns of
+        effort would explain more, those.
         """
         vectors = np.broadcast_to(self.vectors, (len(readings), *self.vectors.shape))
         orders = np.array([reading.order for reading in readings])

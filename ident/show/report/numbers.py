@@ -1,7 +1,9 @@
-"""What the URDF says beside what the recordings say, in words and as a table: `identified` of a diagnosis's record.
+"""What the URDF says beside what the recordings say, in words and as a table: `identified` of a
+diagnosis's record.
 
-A number is said to differ where the URDF's lies outside of its interval with the URDF's tolerance. It is worth a
-sentence where, besides, even the least difference within that interval makes more torque than the joint's noise floor.
+A number is said to differ where the URDF's lies outside of its interval with the URDF's tolerance.
+It is worth a sentence where, besides, even the least difference within that interval makes more
+torque than the joint's noise floor.
 """
 
 from __future__ import annotations
@@ -91,7 +93,8 @@ def lies_outside(figure: Figure, unstated: float | None = None) -> bool:
 
     Args:
         figure: The number's record.
-        unstated: What a simulator takes where the URDF says nothing; None where no simulator can know.
+        unstated: What a simulator takes where the URDF says nothing; None where no simulator can
+            know.
     """
     nominal, low, high = (figure[key] for key in ("nominal", "low_with_urdf", "high_with_urdf"))
     nominal = unstated if nominal is None else nominal
@@ -101,11 +104,13 @@ def lies_outside(figure: Figure, unstated: float | None = None) -> bool:
 
 
 def sure_change(figure: Figure, unstated: float | None = None) -> float:
-    """Torque that the difference from the URDF makes at least, anywhere in the interval with its tolerance [N m].
+    """Torque that the difference from the URDF makes at least, anywhere in the interval with its
+    tolerance [N m].
 
     Args:
         figure: The number's record.
-        unstated: What a simulator takes where the URDF says nothing; None where no simulator can know.
+        unstated: What a simulator takes where the URDF says nothing; None where no simulator can
+            know.
     """
     nominal = unstated if figure["nominal"] is None else figure["nominal"]
     change = float(figure.get("change_rms_Nm", 0.0))
@@ -130,7 +135,9 @@ def one_digit(size: float) -> str:
 
 
 def with_error(figure: Figure) -> str:
-    """A value with its interval, given the URDF's other numbers: `12.00 ± 0.03`; a dash without number."""
+    """A value with its interval, given the URDF's other numbers: `12.00 ± 0.03`; a dash without
+    number.
+    """
     value, half = figure["value"], half_width(figure)
     if value is None:
         return DASH
@@ -186,7 +193,9 @@ def states_friction(record: Mapping[str, Any]) -> bool:
 
 
 def common_factor(record: Mapping[str, Any], wrong: Sequence[Number]) -> str:
-    """The factor by which all of a URDF's friction is off, if it is the same everywhere to the digits shown."""
+    """The factor by which all of a URDF's friction is off, if it is the same everywhere to the
+    digits shown.
+    """
     joints = {number.joint for number in wrong}
     friction = [number for number in numbers_of(record) if number.joint in joints and number.key in STATED]
     friction = [number for number in friction if number.figure["nominal"]]
@@ -208,7 +217,9 @@ def _where(record: Mapping[str, Any], joints: Sequence[str]) -> str:
 
 
 def describe_readings(record: Mapping[str, Any]) -> list[str]:
-    """Offsets and gains that are not those of a true reading and make more torque than noise, a line each kind."""
+    """Offsets and gains that are not those of a true reading and make more torque than noise, a
+    line each kind.
+    """
     lines = []
     for key, (name, _) in READINGS.items():
         wrong = [number for number in numbers_of(record) if number.key == key and number.matters]
@@ -219,13 +230,17 @@ def describe_readings(record: Mapping[str, Any]) -> list[str]:
 
 
 def _with_tolerance(number: Number) -> str:
-    """A joint's number with its interval, and that with the URDF's tolerance where it is much wider."""
+    """A joint's number with its interval, and that with the URDF's tolerance where it is much
+    wider.
+    """
     wider = f" ({number.tolerant})" if number.tolerant else ""
     return f"{number.joint} {number.value}{wider} {number.unit}".rstrip()
 
 
 def describe_links(record: Mapping[str, Any]) -> list[str]:
-    """Links whose mass is known and differs from the URDF's by more than its tolerance, a line each."""
+    """Links whose mass is known and differs from the URDF's by more than its tolerance, a line
+    each.
+    """
     lines = []
     for name, link in record.get("identified", {}).get("links", {}).items():
         mass = link["mass_kg"]
