@@ -23,6 +23,7 @@ class Conventions:
     as_it_is: Scored  # log and URDF as they say
     best: Scored
     second: Scored | None
+    gain_of_moving: float  # what of the gain the joints that move tell, all costs taken off [nats]
 
     @property
     def gain(self) -> float:
@@ -50,7 +51,8 @@ def find_conventions(session: Session, arm: ArmModel) -> Conventions | None:
 
 def search_conventions(log: Log, model: Model) -> Conventions:
     """Searches the conventions of some states."""
-    ranked = Search(log, model).run()
+    search = Search(log, model)
+    ranked = search.run()
     plain = Hypothesis.as_it_is(log.q.shape[1])
     as_it_is = next(scored for scored in ranked if scored.hypothesis == plain)
     best = ranked[0]
@@ -59,17 +61,20 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     changes = set(best.hypothesis.changes)
     rivals = [scored for scored in ranked[1:] if not changes or not changes <= set(scored.hypothesis.changes)]
     second = next((rival for rival in rivals if rival.hypothesis.changes != best.hypothesis.changes), None)
-    return Conventions(as_it_is, best, second)
+    moving = search.cost_of_moving(as_it_is) - search.cost_of_moving(best)
+    return Conventions(as_it_is, best, second, moving)
 
 
 def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> bool:
     """Whether log or URDF is surely to be read otherwise than it says: then what is read explains
     so much at least.
 
-    A factor of all masses leaves the log as it is: it only has to be likely.
+    Joints that stand are held by friction at a level that nobody knows: those that move must say as
+    much alone. A factor of all masses leaves the log as it is: it only has to be likely.
     """
     changes = found.best.hypothesis.changes
     needed = LIMIT.sure_gain
     if changes == ("mass_factor",):
         needed = math.log(LIMIT.sure_odds) / DESCRIPTION.observations
-    return bool(changes) and found.gain > needed and found.best.explains >= least
+    gain = min(found.gain, found.gain_of_moving)
+    return bool(changes) and gain > needed and found.best.explains >= least

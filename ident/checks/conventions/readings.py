@@ -239,7 +239,11 @@ def telling(log: Log) -> Bool[Array, " n"]:
     return np.asarray(spread > 1e-6 * max(float(np.abs(log.tau).max()), 1e-300))
 
 
+def moving(log: Log) -> Bool[Array, " n"]:
+    """Whether each joint moves at all."""
+    return np.asarray(np.ptp(log.q, axis=0) > LIMIT.least_travel)
+
+
 def evidence_of_columns(log: Log) -> Float[Array, " n"]:
     """What each column of effort is worth beside one whose joint moves: friction holds what stands."""
-    moves = np.ptp(log.q, axis=0) > LIMIT.least_travel
-    return np.where(telling(log), np.where(moves, 1.0, LIMIT.rest_weight**2), 0.0)
+    return np.where(telling(log), np.where(moving(log), 1.0, LIMIT.rest_weight**2), 0.0)

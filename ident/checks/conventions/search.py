@@ -40,6 +40,7 @@ from ident.checks.conventions.readings import (
     common_size,
     evidence_of_columns,
     likeliest_gravity,
+    moving,
     read,
     telling,
     unexplained,
@@ -91,6 +92,7 @@ class Search:
         self.log = log.thinned(LIMIT.states)
         self.coarse = self.log.thinned(LIMIT.screened)
         self.alive = telling(self.log)
+        self.moves = moving(self.log)
         self.weights = evidence_of_columns(self.log)
         self.n = self.log.q.shape[1]
         self.usual_orders = model.usual_orders
@@ -263,6 +265,12 @@ class Search:
         all against it.
         """
         return np.asarray(np.where(costs < 0.0, self.weights[columns] * costs, self.alive[columns] * costs))
+
+    def cost_of_moving(self, scored: Scored) -> float:
+        """What a reading costs with the joints that move alone, its changes among it."""
+        columns = list(scored.hypothesis.effort_order)
+        told = np.where(self.moves[columns], np.array(scored.costs), 0.0).sum()
+        return float(told) + price(scored.hypothesis, self.usual_orders)
 
     def is_apart(self, vector: Float[Array, " 3"]) -> bool:
         """Whether a direction is none of those that are tried anyway."""
