@@ -267,10 +267,12 @@ class Search:
         return np.asarray(np.where(costs < 0.0, self.weights[columns] * costs, self.alive[columns] * costs))
 
     def cost_of_moving(self, scored: Scored) -> float:
-        """What a reading costs with the joints that move alone, its changes among it."""
+        """What a reading costs with the joints that move alone, its changes and limits among it."""
         columns = list(scored.hypothesis.effort_order)
-        told = np.where(self.moves[columns], np.array(scored.costs), 0.0).sum()
-        return float(told) + price(scored.hypothesis, self.usual_orders)
+        costs = np.array(scored.costs)
+        told_by_all = float(self._weighed(costs, columns).sum())
+        told_by_moving = float(np.where(self.moves[columns], costs, 0.0).sum())
+        return scored.cost - told_by_all + told_by_moving
 
     def is_apart(self, vector: Float[Array, " 3"]) -> bool:
         """Whether a direction is none of those that are tried anyway."""
