@@ -160,7 +160,7 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_an_effect_is_found_and_patched(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     find_and_patch_an_effect.main(tmp_path)
-    assert "spring_torque" in capsys.readouterr().out
+    assert "spring torque in joint_3" in capsys.readouterr().out
     assert (tmp_path / "patch" / "robot.urdf").is_file()
     assert (tmp_path / "patch.png").stat().st_size > 1000
 

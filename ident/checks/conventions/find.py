@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from ident.checks.conventions.description import DESCRIPTION
 from ident.checks.conventions.hypothesis import Hypothesis
-from ident.checks.conventions.masses import variants
 from ident.checks.conventions.readings import Log, Model
 from ident.checks.conventions.search import LIMIT, Scored, Search
 from ident.checks.filtered_run import USUAL_EFFORT, filter_run
@@ -23,15 +23,20 @@ class Conventions:
     as_it_is: Scored  # log and URDF as they say
     best: Scored
     second: Scored | None
+    gain_of_moving: float  # what of the gain the joints that move tell, all costs taken off [nats]
 
     @property
     def gain(self) -> float:
-        """By how much the best explains more than log and URDF as they say, its changes' costs taken off [nats]."""
+        """By how much the best explains more than log and URDF as they say, its changes' costs
+        taken off [nats].
+        """
         return self.as_it_is.cost - self.best.cost
 
 
 def log_of(session: Session) -> Log | None:
-    """The filtered states of a session, its joints in the robot's order; None where every run is too short."""
+    """The filtered states of a session, its joints in the robot's order; None where every run is
+    too short.
+    """
     motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
     if not motions:
         return None
@@ -47,32 +52,29 @@ def find_conventions(session: Session, arm: ArmModel) -> Conventions | None:
 def search_conventions(log: Log, model: Model) -> Conventions:
     """Searches the conventions of some states."""
     search = Search(log, model)
-    scored = search.run()
-    ranked = sorted(_refined(search, scored), key=lambda one: one.cost)
-    plain = Hypothesis.as_it_is(search.n)
-    as_it_is = next(one for one in scored if one.hypothesis == plain)
+    ranked = search.run()
+    plain = Hypothesis.as_it_is(log.q.shape[1])
+    as_it_is = next(scored for scored in ranked if scored.hypothesis == plain)
     best = ranked[0]
-    # What changes more than the best explains the same for more: a rival leaves some of its changes out.
-    own = set(best.hypothesis.changes)
-    rivals = [one for one in ranked[1:] if not own or not own <= set(one.hypothesis.changes)]
-    second = next((one for one in rivals if one.hypothesis.changes != best.hypothesis.changes), None)
-    return Conventions(as_it_is, best, second)
-
-
-def _refined(search: Search, scored: Sequence[Scored]) -> list[Scored]:
-    """The best few readings with what may be said of the masses beside; as it is among them."""
-    plain = Hypothesis.as_it_is(search.n)
-    refined = []
-    few = [one for one in scored if one.hypothesis == plain] + list(scored[: LIMIT.refined])
-    for one in dict.fromkeys(few):
-        for variant in variants(one.hypothesis, search.log, search.model):
-            costs, sizes = tuple(variant.costs.tolist()), tuple(variant.sizes.tolist())
-            cost = one.cost + variant.more
-            refined.append(Scored(variant.hypothesis, cost, costs, sizes))
-    return refined
+    # What changes more than the best explains the same for more: a rival leaves some of its changes
+    # out.
+    changes = set(best.hypothesis.changes)
+    rivals = [scored for scored in ranked[1:] if not changes or not changes <= set(scored.hypothesis.changes)]
+    second = next((rival for rival in rivals if rival.hypothesis.changes != best.hypothesis.changes), None)
+    moving = search.cost_of_moving(as_it_is) - search.cost_of_moving(best)
+    return Conventions(as_it_is, best, second, moving)
 
 
 def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> bool:
-    """Whether log or URDF is surely to be read otherwise than it says: then what is read explains so much at least."""
-    sure = found.gain > LIMIT.sure_gain and found.best.explains >= least
-    return bool(found.best.hypothesis.changes) and sure
+    """Whether log or URDF is surely to be read otherwise than it says: then what is read explains
+    so much at least.
+
+    Joints that stand are held by friction at a level that nobody knows: those that move must say as
+    much alone. A factor of all masses leaves the log as it is: it only has to be likely.
+    """
+    changes = found.best.hypothesis.changes
+    needed = LIMIT.sure_gain
+    if changes == ("mass_factor",):
+        needed = math.log(LIMIT.sure_odds) / DESCRIPTION.observations
+    gain = min(found.gain, found.gain_of_moving)
+    return bool(changes) and gain > needed and found.best.explains >= least

@@ -1,8 +1,10 @@
-"""What is left to the URDF's masses and the torque's unit once a log is read: one factor, one joint's, or one body.
+"""What is left to the URDF's masses and the torque's unit once a log is read: one factor, one
+joint's, or one body.
 
-All masses by one factor are seen by sizes that agree among the joints better than with one; the effort of one joint in
-another unit by its size; a body at the end of the arm that the URDF lacks, or has too much, by what all joints carry of
-it: mass and first moment in the last link's frame, to which every joint's torque is linear.
+All masses by one factor are seen by sizes that agree among the joints better than with one; the
+effort of one joint in another unit by its size; a body at the end of the arm that the URDF lacks,
+or has too much, by what all joints carry of it: mass and first moment in the last link's frame, to
+which every joint's torque is linear.
 """
 
 from __future__ import annotations
@@ -13,19 +15,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
+from ident.checks.conventions.description import (
+    BODY_PARAMETERS,
+    DESCRIPTION,
+    load_price,
+    scale_length,
+    size_price,
+)
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, Hypothesis
 from ident.checks.conventions.readings import LIMIT as READING
-from ident.checks.conventions.readings import Log, Model
+from ident.checks.conventions.readings import Log, Model, is_other_unit, is_told
 from ident.records import read_group
 
 LIMIT = read_group(__file__, "masses")
 
-BODY_PARAMETERS = 4  # mass and first moment
-
 
 class Reading(NamedTuple):
-    """A log under a hypothesis: what each joint's torque is held against, friction, rotor and offset projected out."""
+    """A log under a hypothesis: what each joint's torque is held against, friction, rotor and
+    offset projected out.
+    """
 
     tau: Float[Array, "n T"]
     rigid: Float[Array, "n T"]
@@ -53,40 +62,52 @@ def read_as(log: Log, model: Model, hypothesis: Hypothesis) -> Reading:
     rigid = hypothesis.mass_factor * arm.inverse_dynamics(q, dq, ddq)
     first = 10 * (n - 1)
     table = arm.regressor(q, dq, ddq, range(first, first + BODY_PARAMETERS))
-    taus, rigids, bodies = [], [], []
-    for j in range(n):
-        weight = np.where(np.abs(dq[:, j]) > READING.standing, 1.0, READING.rest_weight)
-        weight = weight / np.sqrt(np.mean(weight**2))
-        held = np.column_stack([np.tanh(dq[:, j] / READING.transition), dq[:, j], ddq[:, j], np.ones(len(q))])
-        # The offset's cost is a row more, in which nothing is measured.
-        price = np.zeros((1, 4))
-        price[0, 3] = np.sqrt(READING.offset_cost * len(q))
-        beside, _ = np.linalg.qr(np.concatenate([held * weight[:, None], price]))
-        wanted = np.column_stack([tau[:, j], rigid[:, j], table[:, j]]) * weight[:, None]
-        wanted = np.concatenate([wanted, np.zeros((1, wanted.shape[1]))])
-        wanted = wanted - beside @ (beside.T @ wanted)
-        taus.append(wanted[:, 0])
-        rigids.append(wanted[:, 1])
-        bodies.append(wanted[:, 2:])
-    return Reading(np.array(taus), np.array(rigids), np.array(bodies), log.tau.var(axis=0)[columns])
+    weight = np.where(np.abs(dq) > READING.standing, 1.0, READING.rest_weight)
+    weight = (weight / np.sqrt(np.mean(weight**2, axis=0))).T[..., None]  # n T 1
+    held = np.stack([np.tanh(dq / READING.transition), dq, ddq, np.ones_like(dq)]).transpose(2, 1, 0)
+    wanted = np.concatenate([np.stack([tau, rigid], axis=-1), table], axis=-1).transpose(1, 0, 2)
+    # The offset's cost is a row more, in which nothing is measured.
+    offset = np.zeros((n, 1, held.shape[-1]))
+    offset[..., -1] = np.sqrt(READING.offset_cost * len(q))
+    beside, _ = np.linalg.qr(np.concatenate([held * weight, offset], axis=1))
+    wanted = np.concatenate([wanted * weight, np.zeros((n, 1, wanted.shape[-1]))], axis=1)
+    wanted = wanted - beside @ (beside.transpose(0, 2, 1) @ wanted)
+    return Reading(wanted[..., 0], wanted[..., 1], wanted[..., 2:], log.tau.var(axis=0)[columns])
 
 
-def cost_at(reading: Reading, rigid: Float[Array, "n T"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """What each joint costs with a rigid torque, its size chosen, and that size (see `readings.unexplained`)."""
+class SizedTorque(NamedTuple):
+    """What each joint costs with a rigid torque, its size chosen."""
+
+    plain_costs: Float[Array, " n"]  # all joints in one unit
+    plain_sizes: Float[Array, " n"]  # of each joint's torque over the model's
+    costs: Float[Array, " n"]  # some in another unit, without what that is unlikely
+    sizes: Float[Array, " n"]
+    other_unit: Bool[Array, " n"]  # whether the size is another unit's
+
+
+def cost_at(reading: Reading, rigid: Float[Array, "n T"]) -> SizedTorque:
+    """What each joint costs with a rigid torque (see `readings.unexplained`)."""
     square = np.maximum((rigid**2).mean(axis=1), 1e-12)
     along = (reading.tau * rigid).mean(axis=1)
     own = (reading.tau**2).mean(axis=1)
-    best = np.clip(along / square, 1.0 / READING.most_size, READING.most_size)
+    free = along / square
+    best = np.clip(free, 1.0 / READING.most_size, READING.most_size)
     tried = best[None] ** np.array(READING.shares)[:, None]
     left = np.maximum(own - 2.0 * tried * along + tried**2 * square, 0.0) / np.maximum(reading.variance, 1e-300)
-    cost = np.log(left + READING.floor) + READING.size_cost * np.log(tried) ** 2
+    explained = np.log(left + READING.floor)
+    cost = explained + size_price(np.log(tried))
     chosen = np.argmin(cost, axis=0)
     joints = np.arange(len(best))
-    return cost[chosen, joints], tried[chosen, joints]
+    costs, sizes = cost[chosen, joints], tried[chosen, joints]
+    price_of_unit = scale_length(len(best)) / DESCRIPTION.observations
+    other = is_told(free, own, square) & is_other_unit(best) & (explained[-1] + price_of_unit < costs)
+    return SizedTorque(costs, sizes, np.where(other, explained[-1], costs), np.where(other, best, sizes), other)
 
 
 def free_sizes(reading: Reading) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Logarithm of each joint's size over the model's, and its variance; infinite where nothing tells it."""
+    """Logarithm of each joint's size over the model's, and its variance; infinite where nothing
+    tells it.
+    """
     square = (reading.rigid**2).mean(axis=1)
     along = (reading.tau * reading.rigid).mean(axis=1)
     size = along / np.maximum(square, 1e-12)
@@ -98,9 +119,12 @@ def free_sizes(reading: Reading) -> tuple[Float[Array, " n"], Float[Array, " n"]
 
 
 def common_factor(reading: Reading) -> tuple[float, float]:
-    """The factor by which all joints' torques are off together, and what it explains [nats].
+    """The factor by which all joints' torques are off together, and what their agreeing on it says
+    for it [nats].
 
-    Sizes scatter around it as those of a URDF that is off do around one, by an unknown spread.
+    Sizes that scatter around one each for itself do not agree: those that lie as near together as
+    sound URDFs' do are the likelier the nearer, by the spread that they have in place of the usual
+    one. Both centres are asked.
     """
     logs, variance = free_sizes(reading)
     weight = 1.0 / (1.0 + variance / LIMIT.scatter**2)
@@ -108,62 +132,83 @@ def common_factor(reading: Reading) -> tuple[float, float]:
     if total < LIMIT.fewest_sizes:
         return 1.0, 0.0
     middle = float(weight @ logs / total)
-    least = total * LIMIT.scatter**2
-    around_one, around_it = (float(weight @ (logs - centre) ** 2) + least for centre in (0.0, middle))
-    return float(np.exp(middle)), 0.5 * total * float(np.log(around_one / around_it))
+    spreads = [float(np.sqrt(weight @ (logs - centre) ** 2 / total)) for centre in (0.0, middle)]
+    around_one, around_it = np.clip(spreads, LIMIT.scatter, DESCRIPTION.size_spread)
+    return float(np.exp(middle)), total * float(np.log(around_one / around_it))
 
 
-def end_body(reading: Reading) -> Float[Array, " 4"]:
-    """Mass and first moment at the last link that the torques ask for beside the model's.
+def end_body(reading: Reading, factor: float | None = None) -> tuple[float, Float[Array, " 4"]]:
+    """Factor of all masses, and mass and first moment at the last link that the torques ask for
+    beside the model's.
 
     Each joint counts by what it leaves.
+
+    Args:
+        reading: A log, and the URDF's torque.
+        factor: Of all masses, where it is known.
     """
-    found = np.zeros(BODY_PARAMETERS)
-    costs, _ = cost_at(reading, reading.rigid)
+    size_of_all = 1.0 if factor is None else factor
+    body = np.zeros(BODY_PARAMETERS)
     for _ in range(LIMIT.rounds):
-        left = np.exp(costs) * np.maximum(reading.variance, 1e-300)
-        weight = 1.0 / left
-        rest = reading.tau - reading.rigid
-        normal = np.einsum("j,jtp,jtq->pq", weight, reading.body, reading.body)
-        target = np.einsum("j,jtp,jt->p", weight, reading.body, rest)
+        fit = cost_at(reading, size_of_all * reading.rigid + reading.body @ body)
+        # A joint in another unit tells nothing of a mass in kilograms.
+        weight = np.where(fit.other_unit, 0.0, np.exp(-fit.costs)) / np.maximum(reading.variance, 1e-300)
+        if factor is None:
+            table = np.concatenate([reading.body, reading.rigid[..., None]], axis=-1)
+            rest = reading.tau
+        else:
+            table = reading.body
+            rest = reading.tau - factor * reading.rigid
+        normal = np.einsum("j,jtp,jtq->pq", weight, table, table)
+        target = np.einsum("j,jtp,jt->p", weight, table, rest)
         size = np.sqrt(np.maximum(np.diagonal(normal), 1e-300))
-        scaled = normal / (size[:, None] * size[None, :]) + LIMIT.ridge * np.eye(BODY_PARAMETERS)
-        found = np.linalg.solve(scaled, target / size) / size
-        costs, _ = cost_at(reading, reading.rigid + reading.body @ found)
-    return np.asarray(found)
+        scaled = normal / (size[:, None] * size[None, :]) + LIMIT.ridge * np.eye(len(size))
+        estimate = np.linalg.solve(scaled, target / size) / size
+        body = np.asarray(estimate[:BODY_PARAMETERS])
+        if factor is None:
+            size_of_all = float(np.clip(estimate[-1], 1.0 / READING.most_size, READING.most_size))
+    return size_of_all, body
 
 
 class Variant(NamedTuple):
     """A reading with what may be said of the masses beside it."""
 
     hypothesis: Hypothesis
-    more: float  # what it costs more, or less, than the reading alone [nats]
     costs: Float[Array, " n"]  # of each joint
     sizes: Float[Array, " n"]  # of each joint's torque over the model's
+    more: float = 0.0  # what a load of its mass is unlikely, less what sizes say that agree
 
 
 def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[Variant]:
-    """A reading alone; with one factor of all masses; with other units of single efforts; with a body at the end."""
-    reading = read_as(log, model, hypothesis)
-    costs, sizes = cost_at(reading, reading.rigid)
-    yield Variant(hypothesis, 0.0, costs, sizes)
-    factor, gain = common_factor(reading)
-    if abs(np.log(factor)) > np.log(LIMIT.usual_factor) and hypothesis.mass_factor == 1.0:
-        at_factor, sizes_then = cost_at(reading, factor * reading.rigid)
-        yield Variant(replace(hypothesis, mass_factor=factor), LIMIT.factor_cost - gain, at_factor, sizes_then)
-    logs, variance = free_sizes(reading)
-    off = (np.abs(logs) > np.log(LIMIT.other_unit)) & (variance < LIMIT.scatter)
-    if off.any():
-        rest = reading.tau - np.exp(logs)[:, None] * reading.rigid
-        free = np.log((rest**2).mean(axis=1) / np.maximum(reading.variance, 1e-300) + READING.floor)
-        at_scale = np.where(off, free, costs)
-        scales = tuple((int(j), float(np.exp(logs[j]))) for j in np.flatnonzero(off))
-        more = LIMIT.scale_cost * len(scales) + float((at_scale - costs).sum())
-        yield Variant(replace(hypothesis, effort_scale=scales), more, at_scale, sizes)
-    body = end_body(reading)
-    with_body, sizes_then = cost_at(reading, reading.rigid + reading.body @ body)
-    mass, x, y, z = (float(value) for value in body)
-    # Arms carry less than they weigh.
-    heavy = LIMIT.heavy_cost * float(np.log1p(abs(mass) / model.arm.inertial_parameters[::10].sum())) ** 2
-    more = LIMIT.body_cost + heavy + float((with_body - costs).sum())
-    yield Variant(replace(hypothesis, body=(mass, x, y, z)), more, with_body, sizes_then)
+    """A reading alone, with one factor of all masses, with a body at the end, and with both.
+
+    Efforts of single joints in another unit are told with each of them, where they explain more
+    than they cost.
+    """
+    reading = read_as(log, model, replace(hypothesis, mass_factor=1.0))
+    yield from _variants(hypothesis, cost_at(reading, reading.rigid))
+    factor, agreement = common_factor(reading)
+    if is_unusual(factor):
+        scaled = cost_at(reading, factor * reading.rigid)
+        yield from _variants(replace(hypothesis, mass_factor=factor), scaled, -agreement / DESCRIPTION.observations)
+    for given in (1.0, None):
+        size, body = end_body(reading, given)
+        if given is None and not is_unusual(size):
+            continue
+        mass, x, y, z = (float(value) for value in body)
+        with_body = replace(hypothesis, mass_factor=size, body=(mass, x, y, z))
+        heavy = load_price(abs(mass) / (size * float(model.arm.inertial_parameters[::10].sum())))
+        yield from _variants(with_body, cost_at(reading, size * reading.rigid + reading.body @ body), heavy)
+
+
+def is_unusual(factor: float) -> bool:
+    """Whether URDFs and gains are off by less than a common factor."""
+    return bool(abs(np.log(factor)) > np.log(LIMIT.usual_factor))
+
+
+def _variants(hypothesis: Hypothesis, fit: SizedTorque, more: float = 0.0) -> Iterator[Variant]:
+    """A reading, and with the joints that are in another unit where there are any."""
+    yield Variant(hypothesis, fit.plain_costs, fit.plain_sizes, more)
+    scales = tuple((int(j), float(fit.sizes[j])) for j in np.flatnonzero(fit.other_unit))
+    if scales:
+        yield Variant(replace(hypothesis, effort_scale=scales), fit.costs, fit.sizes, more)

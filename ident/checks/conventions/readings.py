@@ -1,15 +1,18 @@
-"""What each reading of the motion makes of the model: sums from which every reading of the torque follows.
+"""What each reading of the motion makes of the model: sums from which every reading of the torque
+follows.
 
 Beside a rigid torque r, each joint's torque holds friction, its rotor and an offset,
 
     tau_j = s_j r_j + b tanh(dq_j / eps) + c dq_j + d ddq_j + o_j,    b, c, d >= 0,
 
-with a size s_j near one for masses and gains that are off. r is linear in gravity's vector. Of each joint and reading
-of the motion a matrix of inner products is kept, from which friction, rotor and offset are projected out: what is left
-of any column of torque, of either sign, under any gravity, is a quadratic form in it.
+with a size s_j near one for masses and gains that are off. r is linear in gravity's vector. Of each
+joint and reading of the motion a matrix of inner products is kept, from which friction, rotor and
+offset are projected out: what is left of any column of torque, of either sign, under any gravity,
+is a quadratic form in it.
 
-An offset is held to what a drive can have: a share of its square counts as unexplained. Where a joint stands, friction
-holds it with an unknown part of its level: such rows count less, but they count.
+An offset is held to what a drive can have: a share of its square counts as unexplained. Where a
+joint stands, friction holds it with an unknown part of its level: such rows count less, but they
+count.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
+from ident.checks.conventions.description import DESCRIPTION, MASSES, scale_length, size_price
 from ident.checks.conventions.hypothesis import Hypothesis
 from ident.records import read_group
 from ident.robot.arm import ArmModel
@@ -41,7 +45,7 @@ class Log:
 
     def thinned(self, count: int) -> Log:
         """So many of the states at most, evenly."""
-        step = max(1, len(self.q) // count)
+        step = max(1, -(-len(self.q) // count))
         return Log(self.q[::step], self.dq[::step], self.ddq[::step], self.tau[::step])
 
 
@@ -55,7 +59,7 @@ class Sums(NamedTuple):
     friction: Float[Array, "k n 3 m"]  # coefficient of Coulomb and viscous friction and of the rotor, by column
     spread: Float[Array, "k n 3"]  # variance of each coefficient for a residual of variance one
     variance: Float[Array, " n"]  # of each column of effort
-    beyond: Float[Array, " k"]  # joints out of their limits, or of which another unit leaves no motion
+    beyond: Float[Array, " k"]  # whether joints leave their limits, and how many another unit leaves without motion
 
 
 class Model:
@@ -68,17 +72,28 @@ class Model:
         self._free = arm.with_gravity(np.zeros(3))
         self._along = [arm.with_gravity(axis) for axis in AXES]
 
+    @property
+    def usual_orders(self) -> tuple[tuple[int, ...], ...]:
+        """Orders in which logs have all columns otherwise: alphabetical, and from the tip on."""
+        names = self.arm.joint_names
+        alphabetical = tuple(sorted(names).index(name) for name in names)
+        plain = tuple(range(len(names)))
+        return tuple(order for order in (alphabetical, plain[::-1]) if order != plain)
+
     def parts(self, q: Array, dq: Array, ddq: Array) -> Float[Array, "T n 4"]:
         """Gravity torque along each axis of the base for 1 m/s², and the inertial torque [N m]."""
         gravity = [along.gravity(q) for along in self._along]
         return np.stack([*gravity, self._free.inverse_dynamics(q, dq, ddq)], axis=-1)
 
     def beyond_limits(self, q: Float[Array, "k T n"]) -> Float[Array, " k"]:
-        """How many joints leave their limits, by reading; half a joint where it does so by half the margin."""
+        """Whether joints leave their limits, by reading; half where one does so by half the margin.
+
+        A URDF's limits are the arm's or they are not: the second joint beyond them says no more.
+        """
         limits = self.arm.known_limits
         low, high = q.min(axis=1), q.max(axis=1)
         excess = np.maximum(np.maximum(limits.lower - low, high - limits.upper), 0.0)
-        return np.asarray(np.minimum(excess / LIMIT.limit_margin, 1.0).sum(axis=-1))
+        return np.asarray(np.minimum(excess / LIMIT.limit_margin, 1.0).max(axis=-1))
 
 
 def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
@@ -114,34 +129,42 @@ def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
 def unexplained(
     sums: Sums, gravity: Float[Array, "k g 3"], size: Float[Array, "k g"]
 ) -> tuple[Float[Array, "k n g n 2"], Float[Array, "k n g n 2"]]:
-    """What each column of effort costs as each joint's, under each gravity, with either sign; and at which size.
+    """What each column of effort costs as each joint's, under each gravity, with either sign; and
+    at which size.
 
-    The cost is the logarithm of the share of its variance that is left, and what a size other than the usual one is
-    unlikely; friction that drives instead of braking is left in.
+    The cost is the logarithm of the share of its variance that is left, and what a size other than
+    the usual one is unlikely: as a URDF's masses are off, or, where the size is told, as an effort
+    is in another unit. Friction that drives instead of braking is left in.
 
     Args:
         sums: Of k readings of the motion.
-        gravity: Vectors in the base's frame, by reading; zero where gravity is not in the effort [m/s²].
+        gravity: Vectors in the base's frame, by reading; zero where gravity is not in the effort
+            [m/s²].
         size: The usual size of the joints' torques, the model's being one.
     """
     usual = size[:, None, :, None]
+    other_unit = scale_length(sums.left.shape[1]) / DESCRIPTION.observations
     vectors = np.concatenate([gravity, np.ones_like(gravity[..., :1])], axis=-1)  # of the rigid torque's columns
     rigid, mixed = sums.left[:, :, :4, :4], sums.left[:, :, :4, 4:]
-    square = np.einsum("kgi,knij,kgj->kng", vectors, rigid, vectors)
+    square = np.einsum("kgi,knij,kgj->kng", vectors, rigid, vectors)[..., None]
+    square = np.maximum(square, 1e-12)
     along = np.einsum("kgi,knit->kngt", vectors, mixed)
     own = np.diagonal(sums.left[:, :, 4:, 4:], axis1=2, axis2=3)[:, :, None, :]
     by_rigid = np.einsum("kgi,knci->kngc", vectors, sums.friction[..., :4])
     by_effort = sums.friction[..., 4:].transpose(0, 1, 3, 2)[:, :, None]  # k n 1 t 3
+    variance = np.maximum(sums.variance, 1e-300)
     costs, sizes = [], []
     for sign in (1.0, -1.0):
-        best = sign * along / np.maximum(square, 1e-12)[..., None]
-        best = np.clip(best, usual / LIMIT.most_size, usual * LIMIT.most_size)
+        free = sign * along / square
+        best = np.clip(free, usual / LIMIT.most_size, usual * LIMIT.most_size)
         tried = np.stack([usual * (best / usual) ** share for share in LIMIT.shares])
-        rest = own - 2.0 * tried * sign * along + tried**2 * square[..., None]
+        rest = own - 2.0 * tried * sign * along + tried**2 * square
         friction = sign * by_effort - tried[..., None] * by_rigid[..., None, :]
         wrong = np.minimum(friction, 0.0) ** 2 / sums.spread[:, :, None, None, :]
-        share_left = (np.maximum(rest, 0.0) + wrong.sum(axis=-1)) / np.maximum(sums.variance, 1e-300)
-        unlikely = LIMIT.size_cost * np.log(tried / usual) ** 2
+        share_left = (np.maximum(rest, 0.0) + wrong.sum(axis=-1)) / variance
+        unlikely = size_price(np.log(tried / usual))
+        told = is_told(free, own, square) & is_other_unit(best / usual)
+        unlikely[-1] = np.where(told, np.minimum(unlikely[-1], other_unit), unlikely[-1])
         cost = np.log(share_left + LIMIT.floor) + unlikely
         chosen = np.argmin(cost, axis=0)[None]
         costs.append(np.take_along_axis(cost, chosen, axis=0)[0])
@@ -149,8 +172,27 @@ def unexplained(
     return np.stack(costs, axis=-1), np.stack(sizes, axis=-1)
 
 
+def is_told(size: Array, own: Array, square: Array) -> Bool[Array, ...]:
+    """Whether a torque of mean square `own` tells its size over a rigid one of mean square
+    `square`.
+
+    The error of its logarithm is what is left over so many independent states.
+    """
+    left = np.maximum(own - size**2 * square, 0.0)
+    error = left / square / MASSES.independent / np.maximum(size, 1e-12) ** 2
+    return np.asarray((size > 0.0) & (error < DESCRIPTION.size_spread**2))
+
+
+def is_other_unit(factor: Array) -> Bool[Array, ...]:
+    """Whether a size over the usual one lies where rather another unit than masses that are off
+    makes it.
+    """
+    return np.asarray(np.abs(np.log(factor)) > np.log(MASSES.other_unit))
+
+
 def common_size(sums: Sums, gravity: Float[Array, "k g 3"], columns: Array) -> Float[Array, "k g"]:
-    """The size that the joints' torques have together, each by how much of its torque the rigid one explains.
+    """The size that the joints' torques have together, each by how much of its torque the rigid one
+    explains.
 
     Args:
         sums: Of k readings of the motion.
@@ -176,7 +218,8 @@ def likeliest_gravity(
 
     Args:
         sums: Of one reading of the motion.
-        columns, signs, sizes: Column of effort of each joint, its sign, and its size over the model's.
+        columns, signs, sizes: Column of effort of each joint, its sign, and its size over the
+            model's.
         left: Variance of each joint's torque that is left [(N m)²].
     """
     rows = np.arange(len(columns))
@@ -194,3 +237,13 @@ def telling(log: Log) -> Bool[Array, " n"]:
     """Columns of effort that change at all."""
     spread = log.tau.std(axis=0)
     return np.asarray(spread > 1e-6 * max(float(np.abs(log.tau).max()), 1e-300))
+
+
+def moving(log: Log) -> Bool[Array, " n"]:
+    """Whether each joint moves at all."""
+    return np.asarray(np.ptp(log.q, axis=0) > LIMIT.least_travel)
+
+
+def evidence_of_columns(log: Log) -> Float[Array, " n"]:
+    """What each column of effort is worth beside one whose joint moves: friction holds what stands."""
+    return np.where(telling(log), np.where(moving(log), 1.0, LIMIT.rest_weight**2), 0.0)

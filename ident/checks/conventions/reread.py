@@ -10,9 +10,10 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
+from ident.checks.conventions.description import MASSES
 from ident.checks.conventions.find import Conventions, find_conventions, is_changed
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
-from ident.checks.conventions.search import LIMIT, MASSES, Scored
+from ident.checks.conventions.search import LIMIT, Scored
 from ident.checks.effort import collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
 from ident.checks.report import WORDS, issue_of

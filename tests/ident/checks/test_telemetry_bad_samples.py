@@ -196,8 +196,8 @@ def test_recordings_of_one_sinusoid_are_refused(two_joints: ArmModel, noise: flo
 def test_an_answer_that_rests_on_one_recording_is_refused(two_joints: ArmModel) -> None:
     """Law: two the same and another one are one sinusoid wherever the other is held out."""
     (found,) = issues(two_joints, motion(ONE, ONE), motion(ONE, ONE, seed=2), motion(OTHER, OTHER, seed=1))
-    assert (found.severity, ": without one recording, " in found.evidence) == ("fatal", True)
-    assert ": without a fifth of the recording, " in issues(two_joints, motion(ONE, ONE))[0].evidence
+    assert (found.severity, ": with one recording left out, " in found.evidence) == ("fatal", True)
+    assert ": with a fifth of the recording left out, " in issues(two_joints, motion(ONE, ONE))[0].evidence
 
 
 def test_a_direction_that_is_shown_once_is_told(two_joints: ArmModel) -> None:

@@ -1,0 +1,141 @@
+"""How unlikely a reading is before the log is seen: the length of its description.
+
+A change is told by its kind and by which of the alternatives of that kind it is; each costs the
+logarithm of its number. What is told by a number costs the logarithm of how many values can be told
+apart. Evidence and description are brought together by `observations`: how many independent
+observations a joint's torque is worth, halved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+
+import numpy as np
+
+from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
+from ident.records import read_group
+
+DESCRIPTION = read_group(__file__, "description")
+READING = read_group(__file__, "readings")
+MASSES = read_group(__file__, "masses")
+SEARCH = read_group(__file__, "search")
+
+# The kinds of change: order, effort order, direction, zero, unit, sign, mount, compensation,
+# factor, scale, body.
+KIND = math.log(11.0)
+BODY_PARAMETERS = 4
+OTHER_ZEROS = len(ZEROS) - 1
+AXES = 6
+# A vector along an axis of the base has no other component of more than this share of its length.
+ALONG_AXIS = 0.999
+
+
+Orders = Collection[tuple[int, ...]]
+
+
+def price(hypothesis: Hypothesis, usual_orders: Orders = ()) -> float:
+    """What the changes of a reading cost together, as a joint's logarithm of what it leaves."""
+    return description_length(hypothesis, usual_orders) / float(DESCRIPTION.observations)
+
+
+def description_length(hypothesis: Hypothesis, usual_orders: Orders = ()) -> float:
+    """Length of the description of all that a reading changes [nats].
+
+    Args:
+        hypothesis: The reading.
+        usual_orders: Orders in which logs have all columns otherwise than the robot has its joints.
+    """
+    count = len(hypothesis.order)
+    if hypothesis.order in usual_orders:
+        length = KIND + math.log(len(usual_orders))
+    else:
+        length = _order(hypothesis.order, tuple(range(count)))
+    length += _order(hypothesis.effort_order, hypothesis.order)
+    length += (KIND + math.log(count)) * sum(sign < 0 for sign in hypothesis.direction)
+    length += (KIND + math.log(OTHER_ZEROS * count)) * sum(map(bool, hypothesis.quarters))
+    length += _units(hypothesis) + _signs(hypothesis) + gravity_length(hypothesis.gravity)
+    if hypothesis.mass_factor != 1.0:
+        length += KIND + sizes_told_apart()
+    length += len(hypothesis.effort_scale) * scale_length(count)
+    if hypothesis.body is not None:
+        length += KIND + 0.5 * BODY_PARAMETERS * math.log(MASSES.independent)
+    return length
+
+
+def sizes_told_apart() -> float:
+    """Logarithm of how many sizes of a torque are told apart, over all that are tried."""
+    return math.log(2.0 * math.log(READING.most_size) / DESCRIPTION.size_spread)
+
+
+def scale_length(count: int) -> float:
+    """That one of so many joints has its effort in another unit [nats]."""
+    return KIND + math.log(count) + sizes_told_apart()
+
+
+def gravity_length(gravity: str | tuple[float, float, float]) -> float:
+    """Where gravity lies [nats]."""
+    if gravity == AS_STATED:
+        return 0.0
+    if gravity == COMPENSATED:
+        return KIND
+    vector = np.abs(np.array(gravity, dtype=float))
+    if vector.max() > ALONG_AXIS * np.linalg.norm(vector):
+        return KIND + math.log(AXES - 1)
+    cap = 0.5 * (1.0 - math.cos(math.radians(SEARCH.snap_deg)))  # share of the sphere around one direction
+    return KIND + math.log(1.0 / cap)
+
+
+def sign_lengths(count: int) -> tuple[float, float]:
+    """That all torques have the other sign; that one of them has [nats]."""
+    return KIND, KIND + math.log(count)
+
+
+def column_length(count: int) -> float:
+    """About what each column that stands elsewhere adds, two of them being exchanged [nats]."""
+    return 0.5 * (KIND + math.log(max(count * (count - 1) / 2, 1.0)))
+
+
+def size_price(log_size: np.ndarray) -> np.ndarray:
+    """What a joint's torque of another size costs: sizes scatter normally in their logarithm."""
+    return np.asarray(0.5 * (log_size / DESCRIPTION.size_spread) ** 2 / DESCRIPTION.observations)
+
+
+def load_price(share: float) -> float:
+    """What a body costs by its mass, as a share of the moving links': rated loads scatter so."""
+    return float(0.5 * (math.log1p(share) / DESCRIPTION.load_spread) ** 2 / DESCRIPTION.observations)
+
+
+def _order(order: tuple[int, ...], usual: tuple[int, ...]) -> float:
+    """Of columns of which some stand in another order than the usual one [nats]."""
+    count = len(order)
+    moved = sum(column != place for column, place in zip(order, usual, strict=True))
+    if not moved:
+        return 0.0
+    return KIND + math.log(math.comb(count, moved) * _derangements(moved))
+
+
+def _derangements(count: int) -> int:
+    """Orders of so many of which none stands where it did."""
+    before, now = 1, 0
+    for k in range(2, count + 1):
+        before, now = now, (k - 1) * (before + now)
+    return now if count else before
+
+
+def _units(hypothesis: Hypothesis) -> float:
+    """Of positions' units: all of them one, or single joints' own [nats]."""
+    named = [unit for unit in hypothesis.unit if unit]
+    count = len(hypothesis.unit)
+    if not named:
+        return 0.0
+    if len(named) == count and len(set(named)) == 1:
+        return KIND + math.log(len(UNITS))
+    return len(named) * (KIND + math.log(count))
+
+
+def _signs(hypothesis: Hypothesis) -> float:
+    """Of torques of the other sign: all of them, or single joints' [nats]."""
+    flipped = sum(sign < 0 for sign in hypothesis.effort_sign)
+    every, single = sign_lengths(len(hypothesis.effort_sign))
+    return every if flipped == len(hypothesis.effort_sign) else flipped * single
