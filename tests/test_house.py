@@ -32,7 +32,8 @@ from tests.layout import RECORD, beyond, measure, with_numbers
 NARROW = (
     *("ident/api", "ident/cli", "ident/closed_loop", "ident/effects", "ident/fitting", "ident/laws"),
     *("ident/model", "ident/monitor", "ident/motion", "ident/recordings", "ident/regression"),
-    *("ident/inference", "ident/robot", "ident/simulation", "tests/house"),
+    *("ident/inference", "ident/robot", "ident/simulation"),
+    *("ident/trajectories", "tests/house"),
 )
 # Folders of no more syntax nodes a code line than plain code has; the list may only grow.
 PLAIN = (

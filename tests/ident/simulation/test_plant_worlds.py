@@ -28,7 +28,8 @@ from ident.simulation.world import (
     settle,
 )
 from ident.trajectories.kinds import plan_motions
-from ident.trajectories.reference import TICK_S, stepped, via_spline
+from ident.trajectories.reference import TICK_S, via_spline
+from ident.trajectories.stepped import stepped
 
 
 @pytest.fixture(scope="module")
