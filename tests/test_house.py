@@ -30,7 +30,7 @@ from tests.layout import RECORD, beyond, measure, with_numbers
 
 # Folders that hold to 100 columns, by a ruff.toml of their own; the list may only grow.
 NARROW = (
-    *("ident/api", "ident/cli", "ident/closed_loop", "ident/effects", "ident/fitting", "ident/laws"),
+    *("ident/api", "ident/cli", "ident/closed_loop", "ident/effects", "ident/fitting", "ident/infer", "ident/laws"),
     *("ident/model", "ident/monitor", "ident/motion", "ident/recordings", "ident/regression"),
     *("ident/inference", "ident/robot", "ident/simulation"),
     *("ident/trajectories", "tests/house"),
