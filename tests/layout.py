@@ -63,12 +63,13 @@ def measure(folder: Path) -> Figures:
     """What the text of a working tree holds; names as in layout.toml."""
     sources = read_sources(folder)
     project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    settings = numbers.settings_rows(folder) + total(numbers.written_settings, sources)
+    rows = numbers.settings_rows(folder)
     return {
         **measure_plainness(sources),
         **measure_effects(folder, sources),
-        "settings_that_decide": settings,
-        "number_constants": total(numbers.number_constants, sources),
+        "settings_that_decide": rows + total(numbers.written_settings, sources),
+        "settings_read_without_a_type": rows,
+        "numbers_in_code": total(numbers.number_constants, sources) + total(numbers.bare_numbers, sources),
         "floors_of_rooms": rooms.depth(rooms.arrows(sources)),
         "mandatory_dependencies": len(project["dependencies"]),
     }

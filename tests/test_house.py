@@ -10,14 +10,16 @@ from pathlib import Path
 import pytest
 
 from tests.house.effects import effect_classes, named_classes
-from tests.house.numbers import is_number, number_constants
+from tests.house.numbers import bare_numbers, is_number, number_constants
 from tests.house.plainness import (
     MOST_COLUMNS,
+    MOST_DENSITY,
     any_annotations,
     code_lines,
     has_late_constants,
     names_twice,
     nested_comprehensions,
+    node_density,
     parallel_assignments,
     vague_names,
 )
@@ -28,9 +30,15 @@ from tests.layout import RECORD, beyond, measure, with_numbers
 
 # Folders that hold to 100 columns, by a ruff.toml of their own; the list may only grow.
 NARROW = (
-    *("ident/api", "ident/cli", "ident/closed_loop", "ident/effects", "ident/fitting", "ident/laws"),
+    *("ident/api", "ident/cli", "ident/closed_loop", "ident/effects", "ident/fitting", "ident/infer", "ident/laws"),
     *("ident/model", "ident/monitor", "ident/motion", "ident/recordings", "ident/regression"),
-    *("ident/inference", "ident/robot", "ident/simulation", "tests/house"),
+    *("ident/inference", "ident/robot", "ident/simulation"),
+    *("ident/trajectories", "tests/house"),
+)
+# Folders of no more syntax nodes a code line than plain code has; the list may only grow.
+PLAIN = (
+    *("ident/api", "ident/cli", "ident/closed_loop", "ident/effects", "ident/local_page"),
+    *("plan/cli",),
 )
 RECORDED = tomllib.loads(RECORD.read_text(encoding="utf-8"))["recorded"]
 REMEDY = "write it more plainly, or raise the number in tests/layout.toml and say why"
@@ -63,6 +71,12 @@ def test_a_folder_in_100_columns_stays_so(folder: str) -> None:
     for path in (ROOT / folder).rglob("*.py"):
         lines = path.read_text(encoding="utf-8").splitlines()
         assert max(map(len, lines), default=0) <= MOST_COLUMNS, path
+
+
+@pytest.mark.parametrize("folder", PLAIN)
+def test_a_folder_in_plain_code_stays_so(folder: str) -> None:
+    inside = [source for source in read_sources(ROOT) if source.path.is_relative_to(folder)]
+    assert 0.0 < node_density(inside) <= MOST_DENSITY
 
 
 def test_a_fit_and_a_diagnosis_pass_no_more_files_than_they_did() -> None:
@@ -123,6 +137,13 @@ def test_a_number_is_made_of_numerals(text: str) -> None:
 
 def test_constants_of_one_statement_are_counted_each() -> None:
     assert number_constants(source_of("LEAST, MOST, NAME = 1, 2.0, 'a'\nSAME = 3\n")) == 3
+
+
+def test_a_number_counts_whether_it_has_a_name_or_not() -> None:
+    named = source_of("LEAST = 7.5\ndef f(x):\n    return 2 * x[0] - LEAST\n")
+    bare = source_of("def f(x):\n    return 2 * x[0] - 7.5\n")
+    for source in (named, bare):
+        assert number_constants(source) + bare_numbers(source) == 1
 
 
 @pytest.mark.parametrize("text", ["True", "x + 1", "[1]"])

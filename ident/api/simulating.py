@@ -25,7 +25,8 @@ from ident.simulation.request import parse_effect, parse_payload
 from ident.simulation.simulate import RICH, SimulationOptions, WrittenSession, simulate_to
 from ident.simulation.simulate import simulate as run
 from ident.simulation.world import find_world, settle
-from ident.trajectories.files import read_commands, read_plan
+from ident.trajectories.files import read_commands
+from ident.trajectories.plan_record import read_plan
 
 CLOSE_KIND = "close"
 

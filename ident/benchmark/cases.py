@@ -33,7 +33,7 @@ from ident.simulation.causes import CATALOGUE, OUTSIDE, Circumstances, find_caus
 from ident.simulation.hardware import DECOYS
 from ident.simulation.request import EffectRequest, seal
 from ident.simulation.simulate import POOR, RICH, Simulation, SimulationOptions, simulate
-from ident.simulation.visibility import STRIDE_S
+from ident.simulation.visible_rows import STRIDE_S
 from ident.simulation.world import World, WorldRange, noise_density
 
 # Sizes that are thought possible, in visible noise floors, evenly in the logarithm.

@@ -1,1 +1,4 @@
-"""A foreign table -> a session.toml: columns, units, signs, rate and joint order, guessed, each with its evidence."""
+"""A foreign table -> a session.toml: columns, units, signs, rate and joint order, guessed.
+
+Each with its evidence.
+"""

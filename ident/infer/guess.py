@@ -1,4 +1,4 @@
-"""What is read of a foreign table, and what is guessed of it: columns and settings of a session.toml, with reasons."""
+"""What is read of a foreign table, and what is guessed of it, with reasons."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ForeignTable:
     """Columns of one run under their own names."""
 
     source: Path  # the file
-    # Name -> numbers, all of one length, in the file's order; a column without a name by its number.
+    # Name -> numbers, all of one length, in the file's order; a column without a name by number.
     columns: dict[str, Float[Array, " T"]]
     has_names: bool = True  # whether the file names its columns
     rate_hz: float | None = None  # rate that the file states [Hz], or None
@@ -31,24 +31,33 @@ class ForeignTable:
 
 
 def read_foreign(path: Path) -> ForeignTable:
-    """Reads all columns of a table, a bag or a data set that hold some numbers, and have the usual length.
+    """Reads all columns of a table, a bag or a data set that hold some numbers.
+
+    Those that have the usual length.
 
     Raises:
         RecordingError: It can't be read, or holds no numbers.
     """
-    has_names, rate = True, None
+    has_names = True
+    rate = None
     if is_dataset(path):
         columns, rate = longest_episode(path)
     else:
         run = open_run(path, None)
-        columns, has_names = dict(run.numbers()), run.has_names
+        columns = dict(run.numbers())
+        has_names = run.has_names
     lengths = [len(values) for values in columns.values()]
     usual = max(set(lengths), key=lengths.count, default=0)
-    kept = {name: one for name, one in columns.items() if len(one) == usual and np.isfinite(one).any()}
-    if not kept:
+    numbers = {name: values for name, values in columns.items() if _counts(values, usual)}
+    if not numbers:
         raise RecordingError(path, "has no row with a number", "give a table with samples")
     texts = constant_texts(path) if path.suffix.lower() in TEXTS and path.is_file() else {}
-    return ForeignTable(path, kept, has_names, rate, texts)
+    return ForeignTable(path, numbers, has_names, rate, texts)
+
+
+def _counts(values: Float[Array, " T"], usual: int) -> bool:
+    """Whether a column has the usual length and holds a number."""
+    return len(values) == usual and bool(np.isfinite(values).any())
 
 
 @dataclass(frozen=True)
@@ -72,6 +81,13 @@ class Signals:
     reasons: tuple[Reason, ...] = ()  # why
 
     def run(self, torque: Float[Array, "T n"], joints: Sequence[str] | None = None) -> Recording:
-        """A recording of the motion with a torque, its joints called so if not by their own names."""
-        position, velocity = self.tables["position"], self.tables.get("velocity")
-        return Recording("guess", tuple(joints or self.joints), self.time, position, torque, velocity=velocity)
+        """A recording of the motion with a torque.
+
+        Args:
+            torque: Of each joint [N m].
+            joints: What the joints are called; by their own names if None.
+        """
+        position = self.tables["position"]
+        velocity = self.tables.get("velocity")
+        named = tuple(joints or self.joints)
+        return Recording("guess", named, self.time, position, torque, velocity=velocity)

@@ -1,4 +1,4 @@
-"""Guesses a session.toml and writes it out: every line with its evidence, for a person to correct."""
+"""Guesses a session.toml and writes it out, every line with its evidence, to be corrected."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from ident.checks.angles import unwrap
 from ident.checks.report import TelemetryReport
 from ident.errors import InputError, RecordingError
 from ident.files import atomic_write
-from ident.infer.columns import MEASURED, guess_by_data, guess_by_name
+from ident.infer.by_data import guess_by_data
+from ident.infer.by_name import MEASURED, guess_by_name
 from ident.infer.guess import ForeignTable, Reason, Signals, read_foreign
 from ident.infer.units import (
     GAINS,
@@ -40,7 +41,10 @@ from ident.robot.arm import ArmModel
 from ident.safe_read import toml_key
 
 SCHEMA = "ident.new/1"
-HEAD = "# Guessed by armgap (`ident new`), each line with its evidence: correct what is wrong, then `ident inspect`."
+HEAD = (
+    "# Guessed by armgap (`ident new`), each line with its evidence: correct what is wrong, then "
+    "`ident inspect`."
+)
 SEAL = "# as written: sha256 "
 
 
@@ -58,7 +62,7 @@ class NewSession(Result):
 
     @property
     def has_effort(self) -> bool:
-        """Whether there is a torque or current; an arm that logs goal and position only has none."""
+        """Whether there is a torque or current: more than goal and position."""
         return any(name.rpartition("/")[2] in MEASURED for name in self.columns.values())
 
     def to_dict(self) -> dict[str, Any]:
@@ -67,12 +71,16 @@ class NewSession(Result):
             "schema": SCHEMA,
             "file": str(self.file),
             "robot": self.provenance.settings.get("robot") or self.settings.get("robot"),
-            "joints": sorted({name.rpartition("/")[0] for name in self.columns.values() if "/" in name}),
+            "joints": sorted(
+                {name.rpartition("/")[0] for name in self.columns.values() if "/" in name}
+            ),
             "columns": self.columns,
             "settings": self.settings,
             "reasons": [reason.to_dict() for reason in self.reasons],
             "left_out": list(self.left_out),
-            "telemetry": [] if self.report is None else [issue.to_dict() for issue in self.report.issues],
+            "telemetry": []
+            if self.report is None
+            else [issue.to_dict() for issue in self.report.issues],
             "provenance": self.provenance.to_dict(),
         }
 
@@ -80,10 +88,16 @@ class NewSession(Result):
     def text(self) -> str:
         """The text of session.toml: keys, then tables, the evidence as comments."""
         pages = Environment(trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
-        template = pages.from_string(Path(__file__).with_name("session.toml.j2").read_text(encoding="utf-8"))
+        template = pages.from_string(
+            Path(__file__).with_name("session.toml.j2").read_text(encoding="utf-8")
+        )
         quoted = partial(json.dumps, ensure_ascii=False)
         # A comment stays within its line whatever names stand in it.
-        words = {"comment": lambda text: quoted(text)[1:-1].replace("\x7f", "?"), "json": quoted, "key": toml_key}
+        words = {
+            "comment": lambda text: quoted(text)[1:-1].replace("\x7f", "?"),
+            "json": quoted,
+            "key": toml_key,
+        }
         channels = groupby(self.columns.items(), key=lambda column: column[1].rpartition("/")[2])
         body = template.render(guess=self, channels=channels, gains=GAINS, marked=GUESSED, **words)
         return f"{HEAD}\n{SEAL}{_digest(body)}\n{body}"
@@ -97,7 +111,10 @@ class NewSession(Result):
         return f"<pre>{escape(self.summary())}</pre>"
 
     def write(self) -> None:
-        """Writes the file, whole or not at all; only an uncorrected guess of armgap's own is ever replaced."""
+        """Writes the file, whole or not at all.
+
+        Only an uncorrected guess of armgap's own is ever replaced.
+        """
         require_own_guess(self.file)
         with atomic_write(self.file) as part:
             part.write_text(self.text, encoding="utf-8")
@@ -123,10 +140,16 @@ def require_own_guess(path: Path) -> None:
     if not head.startswith(HEAD):
         raise InputError(path, "is a file that armgap did not write", ELSEWHERE)
     if not seal or digest.strip() != _digest(body):
-        raise InputError(path, "was corrected since armgap guessed it", "remove it first if it is to be guessed again")
+        raise InputError(
+            path,
+            "was corrected since armgap guessed it",
+            "remove it first if it is to be guessed again",
+        )
 
 
-def guess_session(path: Path, arm: ArmModel | None, robot: str | None, rate: float | None = None) -> NewSession:
+def guess_session(
+    path: Path, arm: ArmModel | None, robot: str | None, rate: float | None = None
+) -> NewSession:
     """Guesses the settings of a session from its largest run.
 
     Args:
@@ -155,18 +178,25 @@ def guess_session(path: Path, arm: ArmModel | None, robot: str | None, rate: flo
         signals = guess_by_data(table, arm)
     found = _complete(place_of(path), table, signals, arm)
     if robot is not None:
-        found.settings["robot"] = os.path.relpath(robot, found.file.parent) if Path(robot).is_file() else robot
+        found.settings["robot"] = (
+            os.path.relpath(robot, found.file.parent) if Path(robot).is_file() else robot
+        )
     return found
 
 
-def _complete(place: Path, table: ForeignTable, signals: Signals, arm: ArmModel | None) -> NewSession:
+def _complete(
+    place: Path, table: ForeignTable, signals: Signals, arm: ArmModel | None
+) -> NewSession:
     """Units, signs and order of the signals, as columns and settings."""
     signals = _whole_rows(signals)
     (time, second, clock), (angle, radian, turn) = time_unit(signals), angle_unit(signals, arm)
     rate, rate_reason = sample_rate(signals, table.rate_hz)
     if signals.clock is None and rate is None:
         what = "no column is time, and nothing tells the rate"
-        remedy = "say how many samples a second there are: --rate 100, say; or sample_rate_hz in session.toml"
+        remedy = (
+            "say how many samples a second there are: --rate 100, say; or sample_rate_hz in "
+            "session.toml"
+        )
         raise RecordingError(table.source, what, remedy)
     second = second if rate is None else 1.0 / rate
     slides, sliding = slide_scales(signals, arm)
@@ -195,16 +225,23 @@ def _complete(place: Path, table: ForeignTable, signals: Signals, arm: ArmModel 
     columns = {} if signals.clock is None else {signals.clock: TIME}
     for name, own in signals.columns.items():
         native, names = (channel, torques) if name == nominal else (name, joints)
-        columns.update({column: f"{joint}/{native}" for column, joint in zip(own, names, strict=True)})
+        columns.update(
+            {column: f"{joint}/{native}" for column, joint in zip(own, names, strict=True)}
+        )
     left = [] if refused is None else [f"velocity {refused}"]
     left += [] if nominal else ["no torque or current: a session for `ident servo` alone"]
     unused = [name for name in table.columns if name not in columns]
     left += [f"not used: {listed(unused)}"] if unused else []
-    return NewSession(place, columns, settings, tuple(one for one in reasons if one is not None), tuple(left))
+    return NewSession(
+        place, columns, settings, tuple(one for one in reasons if one is not None), tuple(left)
+    )
 
 
 def _whole_rows(signals: Signals) -> Signals:
-    """The rows that hold a state and a torque; what comes in other rows only, such as commands, is interpolated."""
+    """The rows that hold a state and a torque.
+
+    What comes in other rows only, such as commands, is interpolated.
+    """
     needed = [values for name, values in signals.tables.items() if name in ("position", *MEASURED)]
     whole = np.isfinite(np.column_stack([signals.time, *needed])).all(axis=1)
     rows = np.arange(len(whole))

@@ -1,4 +1,7 @@
-"""Units, signs, gains and joint order of columns whose meaning is known: what the numbers and the robot say of them."""
+"""Units, signs, gains and joint order of columns whose meaning is known.
+
+By what the numbers and the robot say of them.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from ident.checks.conventions.reread import describe, in_words, reread, rivals
 from ident.checks.effort import States, collect_states, fit_signed
 from ident.checks.effort_kind import fit_scale
 from ident.checks.filtered_run import USUAL_EFFORT, compare_velocities
-from ident.infer.columns import words_of
+from ident.infer.families import words_of
 from ident.infer.guess import Reason, Signals
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import ANGLE_UNITS, TIME_UNITS
@@ -30,7 +33,8 @@ LIMIT = read_group(__file__, "units")
 FARTHEST_RAD = 6 * math.pi
 GAINS = "drive_gain_Nm_per_A"
 COUNTS = 4096  # of the encoders of Feetech's and Dynamixel's servos, a turn
-# A unit at the end of a column's name by which what it holds is no torque in N m, nor a current in A.
+# A unit at the end of a column's name by which what it holds is no torque in N m, nor a current in
+# A.
 OTHER_UNIT = re.compile(r"(?:[\[( _.])(mA|%|pct|percent|prozent)[\])]?$", re.IGNORECASE)
 # Other joints' gains that a joint's is compared with, at the least.
 FEWEST_NEIGHBOURS = 3
@@ -46,7 +50,11 @@ def time_unit(signals: Signals) -> Unit:
         return "s", 1.0, None
     step = float(np.median(np.diff(signals.time)))
     named = [unit for unit in TIME_UNITS if unit != "s" and unit in words_of(signals.clock)]
-    fitting = [unit for unit, factor in TIME_UNITS.items() if LIMIT.fastest_s <= step * factor <= LIMIT.slowest_s]
+    fitting = [
+        unit
+        for unit, factor in TIME_UNITS.items()
+        if LIMIT.fastest_s <= step * factor <= LIMIT.slowest_s
+    ]
     unit = next(iter([*(one for one in named if one in fitting), *fitting]), "s")
     seen = f"the median step is {step:.6g}, so {1.0 / max(step * TIME_UNITS[unit], 1e-300):.4g} Hz"
     return unit, TIME_UNITS[unit], Reason("time_unit", unit, seen)
@@ -67,33 +75,57 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
         within = "the robot's limits" if arm is not None else "three turns"
         seen = f"the largest angle is {largest:.3g}, within {within} in radians"
     elif span < LIMIT.least_span_deg and largest < FARTHEST_RAD:
-        outside = ", ".join(name for name, far_off in zip(signals.joints, beyond, strict=True) if far_off)
-        seen = f"as degrees no joint turns by more than {span:.2g}; {outside}: beyond the URDF's limits, then"
+        outside = ", ".join(
+            name for name, far_off in zip(signals.joints, beyond, strict=True) if far_off
+        )
+        beyond_limits = f"{outside}: beyond the URDF's limits, then"
+        seen = f"as degrees no joint turns by more than {span:.2g}; {beyond_limits}"
     else:
         j = int(np.argmax(np.where(beyond, far / reach, 0.0)))
         limit = f"its limit is {reach[j]:.3g} rad or {math.degrees(reach[j]):.4g} deg"
         seen = f"{signals.joints[j]} goes to {far[j]:.4g}; {limit}"
         if far[j] > math.degrees(FARTHEST_RAD) and not np.any(signals.tables["position"] % 1.0):
-            return COUNTS, math.tau / COUNTS, Reason("counts_per_turn", f"{COUNTS}", f"{seen}; whole numbers: counts")
+            return (
+                COUNTS,
+                math.tau / COUNTS,
+                Reason("counts_per_turn", f"{COUNTS}", f"{seen}; whole numbers: counts"),
+            )
         return "deg", ANGLE_UNITS["deg"], Reason("angle_unit", "deg", seen)
     return "rad", 1.0, Reason("angle_unit", "rad", seen)
 
 
 def slide_scales(signals: Signals, arm: ArmModel | None) -> tuple[dict[str, float], list[Reason]]:
-    """Of each joint that slides what its unit is in metres, and why: millimetres where metres lie beyond its limits."""
+    """Of each joint that slides what its unit is in metres, and why.
+
+    Millimetres where metres lie beyond its limits.
+    """
     far = dict(zip(signals.joints, np.abs(signals.tables["position"]).max(axis=0), strict=True))
-    rows = [] if arm is None else zip(arm.joint_names, arm.known_limits.reach, arm.sliding_joints, strict=True)
+    rows = (
+        []
+        if arm is None
+        else zip(arm.joint_names, arm.known_limits.reach, arm.sliding_joints, strict=True)
+    )
     reach = {name: most for name, most, slides in rows if slides and name in far}
     scales = {name: 1e-3 if far[name] > 1.1 * most else 1.0 for name, most in reach.items()}
-    seen = {name: f"it goes to {far[name]:.4g}; its limit is {most:.3g} m" for name, most in reach.items()}
-    return scales, [Reason(f"slide_scale.{name}", f"{scales[name]:g}", why) for name, why in seen.items()]
+    seen = {
+        name: f"it goes to {far[name]:.4g}; its limit is {most:.3g} m"
+        for name, most in reach.items()
+    }
+    return scales, [
+        Reason(f"slide_scale.{name}", f"{scales[name]:g}", why) for name, why in seen.items()
+    ]
 
 
 def check_velocity(signals: Signals) -> tuple[Signals, Reason | None, str | None]:
-    """The signals without a velocity that is not their positions' derivative in the same unit, and why."""
+    """The signals without a velocity that is not their positions' derivative, and why.
+
+    In the same unit.
+    """
     if "velocity" not in signals.tables:
         return signals, None, None
-    found = compare_velocities(Session("guess", (signals.run(np.zeros_like(signals.tables["position"])),)))
+    found = compare_velocities(
+        Session("guess", (signals.run(np.zeros_like(signals.tables["position"])),))
+    )
     if found is None or not found[0].any():
         return signals, None, None
     slope, match = (float(np.median(one[found[0]])) for one in found[1:])
@@ -101,16 +133,23 @@ def check_velocity(signals: Signals) -> tuple[Signals, Reason | None, str | None
     if abs(slope - 1.0) < LIMIT.slope_off and match > LIMIT.same_signal:
         return signals, Reason("velocity", "in the positions' unit per second", seen), None
     columns = {name: own for name, own in signals.columns.items() if name != "velocity"}
-    signals = replace(signals, columns=columns, tables={name: signals.tables[name] for name in columns})
+    signals = replace(
+        signals, columns=columns, tables={name: signals.tables[name] for name in columns}
+    )
     return signals, None, f"not used: {seen}; position is differentiated instead"
 
 
 def sample_rate(signals: Signals, stated: float | None) -> tuple[float | None, Reason | None]:
-    """The rate of a table without time: as the file states it, else by velocity against position's steps [Hz]."""
+    """The rate of a table without time [Hz].
+
+    As the file states it, else by velocity against position's steps.
+    """
     if signals.clock is not None:
         return None, None
     if stated is not None:
-        return stated, Reason("sample_rate_hz", f"{stated:g}", "the data set states it, or the user does")
+        return stated, Reason(
+            "sample_rate_hz", f"{stated:g}", "the data set states it, or the user does"
+        )
     if "velocity" not in signals.tables:
         return None, None
     steps, speed = np.gradient(signals.tables["position"], axis=0), signals.tables["velocity"]
@@ -119,7 +158,9 @@ def sample_rate(signals: Signals, stated: float | None) -> tuple[float | None, R
     rate = round(float(np.median(slope)), 1) if len(slope) else 0.0
     if not LIMIT.fastest_s <= 1.0 / max(rate, 1e-9) <= LIMIT.slowest_s:
         return None, None
-    return rate, Reason("sample_rate_hz", f"{rate:g}", "velocity is so many times the step from sample to sample")
+    return rate, Reason(
+        "sample_rate_hz", f"{rate:g}", "velocity is so many times the step from sample to sample"
+    )
 
 
 def states_of(signals: Signals, arm: ArmModel, joints: Sequence[str]) -> States | None:
@@ -140,9 +181,9 @@ class Reread(NamedTuple):
 
 
 def search_columns(signals: Signals, arm: ArmModel) -> Reread:
-    """Order, directions, zeros and units of the columns by the search of all conventions (`ident.checks.conventions`).
+    """Order, directions, zeros and units of the columns by the search of all conventions.
 
-    Signs and gains of the torque are asked for after it.
+    See `ident.checks.conventions`. Signs and gains of the torque are asked for after it.
     """
     same = Reread(signals.joints, signals.joints, {}, states_of(signals, arm, signals.joints), [])
     run = signals.run(signals.tables["effort" if "effort" in signals.tables else "current"])
@@ -154,7 +195,9 @@ def search_columns(signals: Signals, arm: ArmModel) -> Reread:
     if found is None or not is_changed(found):
         return same
     hypothesis = replace(found.best.hypothesis, effort_sign=(1,) * own.n)
-    why = "; else ".join(in_words(scored, session.joints) for scored in (found.best, *rivals(found)))
+    why = "; else ".join(
+        in_words(scored, session.joints) for scored in (found.best, *rivals(found))
+    )
     known = describe(hypothesis, session.joints)
     keys: tuple[str, ...] = ("direction", "zero_rad", "unit", "gravity_mps2")
     settings: dict[str, Any] = {key: known[key] for key in keys if key in known}
@@ -163,11 +206,19 @@ def search_columns(signals: Signals, arm: ArmModel) -> Reread:
     reasons = [Reason(key, json.dumps(value), why) for key, value in settings.items()]
     if joints != signals.joints or torques != signals.joints:
         reasons.append(Reason("joints", ", ".join(joints), why))
-    turned = own if isinstance(hypothesis.gravity, str) else own.with_gravity(np.array(hypothesis.gravity))
-    return Reread(joints, torques, settings, collect_states(reread(session, hypothesis), turned), reasons)
+    turned = (
+        own
+        if isinstance(hypothesis.gravity, str)
+        else own.with_gravity(np.array(hypothesis.gravity))
+    )
+    return Reread(
+        joints, torques, settings, collect_states(reread(session, hypothesis), turned), reasons
+    )
 
 
-def _moved(joints: tuple[str, ...], present: Sequence[str], order: Sequence[int]) -> tuple[str, ...]:
+def _moved(
+    joints: tuple[str, ...], present: Sequence[str], order: Sequence[int]
+) -> tuple[str, ...]:
     """The joints' names, of which those that are the robot's stand where a hypothesis has them."""
     renamed = {present[column]: present[j] for j, column in enumerate(order)}
     return tuple(renamed.get(name, name) for name in joints)
@@ -176,8 +227,8 @@ def _moved(joints: tuple[str, ...], present: Sequence[str], order: Sequence[int]
 def without_outliers(sizes: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
     """Gains by joint that are like each other, and those that are not.
 
-    Fewer than three say nothing of each other. The spread of the others, from the median of their distances to their
-    median, is no less than what a sure gain may be off by.
+    Fewer than three say nothing of each other. The spread of the others, from the median of their
+    distances to their median, is no less than what a sure gain may be off by.
     """
     kept, unlike = dict(sizes), {}
     for joint, size in sizes.items():
@@ -194,7 +245,8 @@ def without_outliers(sizes: dict[str, float]) -> tuple[dict[str, float], dict[st
 def common_scale(sizes: Mapping[str, float], swings: Mapping[str, float]) -> float:
     """The scale that joints share: their median, each with the weight of what gravity does there.
 
-    A body at the flange that the URDF lacks is ten times a wrist's own weight, and little beside what a shoulder bears.
+    A body at the flange that the URDF lacks is ten times a wrist's own weight, and little beside
+    what a shoulder bears.
 
     Args:
         sizes: Gravity in a column over the URDF's, by joint; 1 where there is none.
@@ -211,12 +263,14 @@ def common_scale(sizes: Mapping[str, float], swings: Mapping[str, float]) -> flo
 def torque_settings(
     signals: Signals, arm: ArmModel, states: States | None, joints: tuple[str, ...], nominal: str
 ) -> tuple[str, dict[str, dict[str, Any]], list[Reason]]:
-    """Sign and scale of each joint's torque, by what gravity, inertia and friction of the model explain.
+    """Sign and scale of each joint's torque.
 
-    No gain follows from inertia: what a motor feels beside the URDF's links is its own rotor.
+    By what gravity, inertia and friction of the model explain. No gain follows from inertia: what a
+    motor feels beside the URDF's links is its own rotor.
 
     Returns:
-        `effort` where the columns are N m, else `current`; the tables of session.toml; and why, joint by joint.
+        `effort` where the columns are N m, else `current`; the tables of session.toml; and why,
+            joint by joint.
     """
     if states is None:
         why = "too short a run to tell; 1 stands for a figure that nobody has given"
@@ -233,8 +287,15 @@ def torque_settings(
         clear = bool(states.alive[j] and sides[best].explained > least)
         fits[joint] = (best if clear else 1, sides[best].explained, clear)
         size, error, _ = fit_scale(states, j)
-        changes = np.ptp(states.gravity[:, j]) > 1e-6 * np.abs(states.gravity[:, j]).max()  # a slide's may not
-        if clear and changes and sides[best].explained > LIMIT.trusted and error < LIMIT.sure_gain * best * size:
+        changes = (
+            np.ptp(states.gravity[:, j]) > 1e-6 * np.abs(states.gravity[:, j]).max()
+        )  # a slide's may not
+        if (
+            clear
+            and changes
+            and sides[best].explained > LIMIT.trusted
+            and error < LIMIT.sure_gain * best * size
+        ):
             sizes[joint] = best * size
     sizes, unlike = without_outliers(sizes)
     swings = {joint: float(np.ptp(states.gravity[:, j])) for j, joint in enumerate(joints)}
@@ -252,23 +313,36 @@ def torque_settings(
         share = 100.0 * max(explained, 0.0)
         why = f"gravity, inertia and friction explain {share:.0f} % with this sign"
         if not clear:
-            reasons.append(Reason(f"effort_sign.{joint}", "+1", f"{why}: not sure, taken as it stands"))
+            reasons.append(
+                Reason(f"effort_sign.{joint}", "+1", f"{why}: not sure, taken as it stands")
+            )
         elif sign < 0:
             reasons.append(Reason(f"effort_sign.{joint}", "-1", why))
     gains: dict[str, float] = {}
-    among = "the median of the joints where it does" if sizes else "1 stands for a figure that nobody has given"
-    limits = dict(zip(arm.joint_names, arm.known_limits.effort, strict=True)) if other and other.lower() != "ma" else {}
+    among = (
+        "the median of the joints where it does"
+        if sizes
+        else "1 stands for a figure that nobody has given"
+    )
+    limits = (
+        dict(zip(arm.joint_names, arm.known_limits.effort, strict=True))
+        if other and other.lower() != "ma"
+        else {}
+    )
     for joint in fits if channel == "current" else ():
         why = "gravity of the URDF over what the column shows of it"
         why = why if joint in sizes else f"gravity hardly shows here; {among}"
         if joint in unlike:
-            why = f"gravity would give {1.0 / unlike[joint]:.3g}, too far off the other joints to be a guess; {among}"
+            gain = f"gravity would give {1.0 / unlike[joint]:.3g}"
+            why = f"{gain}, too far off the other joints to be a guess; {among}"
         size = sizes.get(joint, scale)
         if np.isfinite(limits.get(joint, np.inf)):
             size, why = 100.0 / limits[joint], "a hundred are the URDF's limit"
         gains[joint] = float(f"{1.0 / size:.3g}")
         why += f"; for one {other}, in which its name says that it is" if other else ""
-        reasons.append(Reason(f"{GAINS}.{joint}", f"{gains[joint]:g}", f"{why}; a data sheet is better"))
+        reasons.append(
+            Reason(f"{GAINS}.{joint}", f"{gains[joint]:g}", f"{why}; a data sheet is better")
+        )
     signs = {joint: sign for joint, (sign, _, _) in fits.items() if sign < 0}
     tables: dict[str, dict[str, Any]] = {GAINS: gains, "effort_sign": signs}
     return channel, {key: table for key, table in tables.items() if table}, reasons

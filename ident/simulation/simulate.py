@@ -43,7 +43,8 @@ from ident.simulation.world import (
     usable_band,
 )
 from ident.trajectories.kinds import plan_motions
-from ident.trajectories.reference import ReferenceMotion, stepped
+from ident.trajectories.reference import ReferenceMotion
+from ident.trajectories.stepped import stepped
 
 RICH = ("spline", "ladder", "sweep", "fourier", "chirp", "hold", "jointwise")
 """Motions that let every effect be seen."""

@@ -27,7 +27,7 @@ from ident.regression.partition import build_partition
 from ident.regression.rows import compute_rows
 from ident.regression.runs import build_session
 from ident.robot.arm import ArmModel
-from ident.trajectories.kinds import MotionLimits
+from ident.trajectories.motion_limits import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 from plan.experiment.run_set import random_runs
 

@@ -12,7 +12,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError, RobotError
 from ident.robot.arm import ArmModel
 from ident.robot.names import find_urdf
-from ident.trajectories.kinds import MotionLimits, thin
+from ident.trajectories.motion_limits import MotionLimits, thin
 from ident.trajectories.reference import ReferenceMotion
 from plan.command_options import ExciteOptions
 from plan.geometry.pairs import FLOOR, read_disabled

@@ -15,7 +15,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
-from ident.trajectories.kinds import MotionLimits, plan_motions, timed_spline
+from ident.trajectories.kinds import plan_motions, timed_spline
+from ident.trajectories.motion_limits import MotionLimits
 from ident.trajectories.reference import (
     TICK_S,
     ReferenceMotion,

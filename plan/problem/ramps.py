@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.trajectories.reference import RAMP_SHARE, GentleEnds
+from ident.trajectories.gentle_ends import RAMP_SHARE, GentleEnds
 from plan.dynamics.power import Metric, power_integrals
 from plan.problem.problem import PlanningProblem
 from plan.spline import Splines

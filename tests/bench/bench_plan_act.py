@@ -31,8 +31,9 @@ from ident.model.hybrid import HybridModel
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
 from ident.simulation.simulate import SimulationOptions, simulate
-from ident.trajectories.files import PLAN_REST_S, read_plan
-from ident.trajectories.kinds import REST_S, MotionLimits
+from ident.trajectories.kinds import REST_S
+from ident.trajectories.motion_limits import MotionLimits
+from ident.trajectories.plan_record import PLAN_REST_S, read_plan
 from ident.trajectories.reference import ReferenceMotion, via_spline
 from plan.api.planning import solve
 from plan.geometry.scene import Scene

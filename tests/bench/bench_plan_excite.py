@@ -22,7 +22,7 @@ import numpy as np
 from ident.arrays import Array
 from ident.model.inertia import BaseParameters
 from ident.robot.arm import ArmModel
-from ident.trajectories.kinds import MotionLimits
+from ident.trajectories.motion_limits import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled
 from plan.command_options import ExciteOptions
 from plan.experiment.design import Designer

@@ -30,7 +30,8 @@ from ident.robot.arm import ArmModel
 from ident.show.report.page import render_page
 from ident.simulation.request import ENVELOPE_NAME, open_envelope
 from ident.simulation.world import find_world
-from ident.trajectories.files import read_commands, read_plan
+from ident.trajectories.files import read_commands
+from ident.trajectories.plan_record import read_plan
 from plan.experiment.hypotheses import ask
 from plan.geometry.obstacle_files import read_cloud, read_mesh
 from plan.geometry.pairs import read_disabled

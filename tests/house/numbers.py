@@ -6,8 +6,11 @@ from pathlib import Path
 
 from tests.house.sources import PACKAGES, Source
 
+# Numbers of arithmetic and of counting.
+PLAIN = (0, 1, 2, 3, 0.5)
 
-def is_number(value: ast.expr) -> bool:
+
+def is_number(value: ast.AST) -> bool:
     """Whether an expression is made of numerals alone."""
     if isinstance(value, ast.UnaryOp):
         return is_number(value.operand)
@@ -21,6 +24,21 @@ def is_number(value: ast.expr) -> bool:
 def number_constants(source: Source) -> int:
     """Constants of the module that are numbers."""
     return sum(is_number(value) for _, value in source.constants())
+
+
+def bare_numbers(source: Source) -> int:
+    """Numbers that functions hold without a name; counts, halves and signs need none.
+
+    With `number_constants` they are all numbers of the code: to name one changes nothing.
+    """
+    inside = {
+        node
+        for function in source.functions()
+        for statement in function.body
+        for node in ast.walk(statement)
+    }
+    numerals = [node for node in inside if isinstance(node, ast.Constant) and is_number(node)]
+    return sum(node.value not in PLAIN for node in numerals)
 
 
 def written_settings(source: Source) -> int:

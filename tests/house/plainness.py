@@ -7,7 +7,7 @@ import tokenize
 from tests.house.sources import Function, Source
 
 MOST_COLUMNS = 100
-# Syntax nodes a code line that files of the inference should hold at the most.
+# Syntax nodes a code line that plain code holds at the most.
 MOST_DENSITY = 10
 INFERENCE = "ident/inference"
 MOST_PARAMETERS = 6

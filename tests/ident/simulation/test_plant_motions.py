@@ -12,7 +12,8 @@ from ident.errors import InputError, RecordingError
 from ident.robot.arm import ArmModel
 from ident.simulation.simulate import SimulationOptions, simulate
 from ident.trajectories.files import read_commands
-from ident.trajectories.kinds import KINDS, MotionLimits, plan_motions
+from ident.trajectories.kinds import KINDS, plan_motions
+from ident.trajectories.motion_limits import MotionLimits
 
 
 @pytest.fixture(scope="module")

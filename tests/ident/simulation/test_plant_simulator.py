@@ -11,7 +11,7 @@ from ident.errors import InputError
 from ident.recordings.load import load_session
 from ident.recordings.recording import Payload
 from ident.robot.names import data_path
-from ident.simulation import visibility
+from ident.simulation import visible_rows
 from ident.simulation.causes import CATALOGUE, OUTSIDE, Circumstances, find_cause
 from ident.simulation.hardware import DECOYS
 from ident.simulation.request import (
@@ -79,13 +79,14 @@ def test_friction_varies_by_a_per_cent_from_run_to_run(hardware):
 
 def test_a_healthy_arm_is_rigid_body_plus_linear_friction(hardware, monkeypatch):
     """Once the bristles have slipped, nothing is left that the ordinary model can't explain: no delay, no bias."""
-    monkeypatch.setattr(visibility, "STILL_RAD_S", 0.15)
-    monkeypatch.setattr(visibility, "_slow", lambda values: values)  # it would carry reversals over to where all slides
+    monkeypatch.setattr(visible_rows, "STILL_RAD_S", 0.15)
+    # It would carry reversals over to where all slides.
+    monkeypatch.setattr(visible_rows, "_slow", lambda values: values)
     motions = plan_motions(hardware.arm, ["fourier", "chirp"], 2, 5.0, np.random.default_rng(0))
     silent = hardware.replace(sensing=hardware.sensing.silent())
     traces = Simulator(silent, np.random.default_rng(0)).run(motions, [1.0, 1.0], lambda: None)
-    rows = visibility.gather(hardware, traces, "refit")
-    rest = np.abs(visibility.remainder(rows)).max(axis=0)
+    rows = visible_rows.gather(hardware, traces, "refit")
+    rest = np.abs(visible_rows.remainder(rows)).max(axis=0)
     assert (rest < 0.05 * hardware.sensing.noise_floor).all()
 
 

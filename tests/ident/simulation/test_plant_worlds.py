@@ -14,7 +14,8 @@ from ident.simulation.record import Channels, record_one
 from ident.simulation.request import EffectRequest
 from ident.simulation.simulate import SimulationOptions, simulate
 from ident.simulation.simulator import Simulator, choose_step
-from ident.simulation.visibility import TOLERANCE, VisibilityMeter, compare, gather, moves_alike
+from ident.simulation.visibility import TOLERANCE, VisibilityMeter, moves_alike
+from ident.simulation.visible_rows import compare, gather
 from ident.simulation.world import (
     FULL,
     PRESETS,
@@ -27,7 +28,8 @@ from ident.simulation.world import (
     settle,
 )
 from ident.trajectories.kinds import plan_motions
-from ident.trajectories.reference import TICK_S, stepped, via_spline
+from ident.trajectories.reference import TICK_S, via_spline
+from ident.trajectories.stepped import stepped
 
 
 @pytest.fixture(scope="module")

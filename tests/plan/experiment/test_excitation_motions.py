@@ -15,7 +15,8 @@ from ident.effects.catalogue import find_effect
 from ident.errors import InputError, RobotError
 from ident.robot.arm import ArmModel
 from ident.trajectories.files import read_commands
-from ident.trajectories.kinds import MotionLimits, plan_motions
+from ident.trajectories.kinds import plan_motions
+from ident.trajectories.motion_limits import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled
 from plan.cli.app import app
 from plan.command_options import ExciteOptions

@@ -11,8 +11,8 @@ import pytest
 
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
-from ident.trajectories.files import read_plan
-from ident.trajectories.reference import GentleEnds
+from ident.trajectories.gentle_ends import GentleEnds
+from ident.trajectories.plan_record import read_plan
 from plan.problem.execution import execute, require_writable
 from plan.problem.ramps import find_time_law
 from plan.problem.result import PlanResult, certify
