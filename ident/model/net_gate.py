@@ -94,6 +94,47 @@ def shrink_bounded(
     return _shrink(predicted, left, moving, travel, (witness, run), (1.0, _surely(witness)))
 
 
+def shrink_between(
+    by_block: Float[Array, "T n"],
+    by_run: Float[Array, "T n"],
+    left: Float[Array, "T n"],
+    moving: Bool[Array, "T n"],
+    travel: Float[Array, "T n"],
+    witness: Int[Array, " T"],
+    run: Int[Array, " T"],
+) -> tuple[JointGate, ...]:
+    """The verdict half by blocks and half by whole runs left out: other arguments as of `shrink_net`.
+
+    Blocks speak for more of the same motion, runs for another one. A joint that `shrink_bounded` gives
+    a share by blocks keeps the mean of that and of the share that leaves least torque error of runs.
+    Of a single run blocks alone speak.
+
+    Args:
+        by_block: Torque by what did not see the sample's block [N m].
+        by_run: Torque by what did not see the sample's run [N m].
+    """
+    gate = shrink_bounded(by_block, left, moving, travel, witness, run)
+    if len(np.unique(run)) < FEWEST_RUNS:
+        return gate
+    by_blocks = np.array([verdict.weight for verdict in gate])
+    mean = 0.5 * (by_blocks + _best_share(by_run, left, moving))
+    weight = np.where(by_blocks > 0.0, mean, 0.0)
+    return _verdicts(by_block, left, moving, travel, run, weight)
+
+
+def _best_share(
+    predicted: Float[Array, "T n"], left: Float[Array, "T n"], moving: Bool[Array, "T n"]
+) -> Float[Array, " n"]:
+    """The share of each joint that leaves least torque error, none among them."""
+    best = np.zeros(left.shape[1])
+    least = np.where(moving, left**2, 0.0).sum(axis=0)
+    for share in WEIGHTS:
+        squares = np.where(moving, (left - share * predicted) ** 2, 0.0).sum(axis=0)
+        best = np.where(squares < least, share, best)
+        least = np.minimum(squares, least)
+    return best
+
+
 def _surely(witness: Int[Array, " T"]) -> float:
     """Standard errors that are sure over so many witnesses, by Student's test."""
     return float(stdtrit(max(1, len(np.unique(witness)) - 1), SURE))
@@ -133,11 +174,26 @@ def _shrink(
     while weight.any() and _is_worse(together, mixed(weight), allowed)[0]:
         trials = [np.where(np.arange(len(weight)) == j, 0.0, weight) for j in np.flatnonzero(weight)]
         weight = min(trials, key=lambda choice: float(np.sum(mixed(choice) ** 2)))
+    return _verdicts(predicted, left, moving, travel, run, weight)
+
+
+def _verdicts(
+    predicted: Float[Array, "T n"],
+    left: Float[Array, "T n"],
+    moving: Bool[Array, "T n"],
+    travel: Float[Array, "T n"],
+    run: Int[Array, " T"],
+    weight: Float[Array, " n"],
+) -> tuple[JointGate, ...]:
+    """What each joint's share leaves of torque and work."""
     after = left - np.where(weight > 0.0, weight, 1.0) * predicted
     count = np.maximum(moving.sum(axis=0), 1.0)
-    rmse = [np.sqrt(np.where(moving, part**2, 0.0).sum(axis=0) / count) for part in (left, after)]
-    works = [_by_group(np.where(moving, part * travel, 0.0), run) for part in (left, after)]
-    energy = [np.sqrt(np.mean(part**2, axis=0)) for part in works]
+    rmse = []
+    energy = []
+    for torque in (left, after):
+        rmse.append(np.sqrt(np.where(moving, torque**2, 0.0).sum(axis=0) / count))
+        work = _by_group(np.where(moving, torque * travel, 0.0), run)
+        energy.append(np.sqrt(np.mean(work**2, axis=0)))
     return tuple(JointGate(*map(float, row)) for row in zip(*rmse, *energy, weight, strict=True))
 
 
