@@ -20,6 +20,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +121,7 @@ def boosted_trees(arm: ArmModel, train: Sequence[Motion], test: Sequence[Motion]
     return found
 
 
-def gated_recurrent(arm: ArmModel, train: Sequence[Motion], test: Sequence[Motion]) -> Forecast:
+def gated_recurrent(arm: ArmModel, train: Sequence[Motion], test: Sequence[Motion], stopped: bool = False) -> Forecast:
     """A GRU over all joints' states, trained on windows of what plain least squares leaves."""
     from tests.bench.peers.recurrent_net import Sequences, foretell_left
 
@@ -133,7 +134,7 @@ def gated_recurrent(arm: ArmModel, train: Sequence[Motion], test: Sequence[Motio
     plain = [plain_columns(arm, base, run) @ weights for run in test]
     asked = [_sequence(run, torque) for run, torque in zip(test, plain, strict=True)]
     window = max(8, round(WINDOW_S / (train[0].interval * train[0].lowpass.factor)))
-    left = foretell_left(runs, asked, window)
+    left = foretell_left(runs, asked, window, stopped)
     return [torque + further for torque, further in zip(plain, left, strict=True)]
 
 
@@ -159,6 +160,7 @@ PROGRAMS: dict[str, Program] = {
     "plain": plain_least_squares,
     "trees": boosted_trees,
     "GRU": gated_recurrent,
+    "GRU stopped": partial(gated_recurrent, stopped=True),
 }
 
 
@@ -212,11 +214,11 @@ def main() -> None:
     names = [name for name in asked.programs.split(",") if name]
     folder = Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
     table = {}
-    print(f"{'set':<13}{'program':<11}{'N m, three splits':>26}{'mean':>9}{'J':>9}{'worst joint':>13}{'s':>7}")
+    print(f"{'set':<13}{'program':<13}{'N m, three splits':>26}{'mean':>9}{'J':>9}{'worst joint':>13}{'s':>7}")
     for recorded in read_sets(folder, [name for name in asked.only.split(",") if name]):
         table[recorded.name] = measure(recorded, names)
         for name, rows in table[recorded.name].items():
-            print(f"{recorded.name:<13}{name:<11}{describe(rows)}", flush=True)
+            print(f"{recorded.name:<13}{name:<13}{describe(rows)}", flush=True)
     if asked.out is not None:
         asked.out.write_text(json.dumps(table, indent=1, default=vars), encoding="utf-8")
 
