@@ -100,7 +100,9 @@ def _cut(run: Sequences, mean: Array, scales: tuple[Array, Array], starts: Seque
 
 
 def _train(both: torch.nn.ModuleList, windows: list, held_back: list) -> None:
-    """Trains, and leaves the weights that were best on what was held back."""
+    """Trains, and leaves the weights that were best on what was held back; those of plain without windows."""
+    if not windows:
+        return
     optimiser = torch.optim.Adam(both.parameters(), lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY)
     stacked = [torch.tensor(np.stack(values), dtype=torch.float32) for values in zip(*windows, strict=True)]
     if not held_back:
