@@ -24,6 +24,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int
+from ident.model.folds import FEWEST_RUNS
 
 # How sure it must be that a share of a net helps; chance alone passes one of the four shares once
 # in 25 times at most.
@@ -93,6 +94,48 @@ def shrink_bounded(
     return rows.shrink(needed=1.0, allowed=_surely(witness))
 
 
+def shrink_between(
+    by_block: Float[Array, "T n"],
+    by_run: Float[Array, "T n"],
+    left: Float[Array, "T n"],
+    moving: Bool[Array, "T n"],
+    travel: Float[Array, "T n"],
+    witness: Int[Array, " T"],
+    run: Int[Array, " T"],
+) -> tuple[JointGate, ...]:
+    """The verdict half by blocks and half by whole runs left out: other arguments as of
+    `shrink_net`.
+
+    Blocks speak for more of the same motion, runs for another one. A joint that `shrink_bounded`
+    gives a share by blocks keeps the mean of that and of the share that leaves least torque error
+    of runs. Of a single run blocks alone speak.
+
+    Args:
+        by_block: Torque by what did not see the sample's block [N m].
+        by_run: Torque by what did not see the sample's run [N m].
+    """
+    gate = shrink_bounded(by_block, left, moving, travel, witness, run)
+    if len(np.unique(run)) < FEWEST_RUNS:
+        return gate
+    by_blocks = np.array([verdict.weight for verdict in gate])
+    mean = 0.5 * (by_blocks + _best_share(by_run, left, moving))
+    weight = np.where(by_blocks > 0.0, mean, 0.0)
+    return _Rows(by_block, left, moving, travel, witness, run).verdicts(weight)
+
+
+def _best_share(
+    predicted: Float[Array, "T n"], left: Float[Array, "T n"], moving: Bool[Array, "T n"]
+) -> Float[Array, " n"]:
+    """The share of each joint that leaves least torque error, none among them."""
+    best = np.zeros(left.shape[1])
+    least = np.where(moving, left**2, 0.0).sum(axis=0)
+    for share in WEIGHTS:
+        squares = np.where(moving, (left - share * predicted) ** 2, 0.0).sum(axis=0)
+        best = np.where(squares < least, share, best)
+        least = np.minimum(squares, least)
+    return best
+
+
 def _surely(witness: Int[Array, " T"]) -> float:
     """Standard errors that are sure over so many witnesses, by Student's test."""
     return float(stdtrit(max(1, len(np.unique(witness)) - 1), SURE))
@@ -119,7 +162,10 @@ class _Rows:
         work = self.work(self.left, self.witness)
         net_work = self.work(self.predicted, self.witness)
         weight = self.best_shares(work, net_work, needed, allowed)
-        weight = _let_go(weight, work, net_work, allowed)
+        return self.verdicts(_let_go(weight, work, net_work, allowed))
+
+    def verdicts(self, weight: Float[Array, " n"]) -> tuple[JointGate, ...]:
+        """What each joint's share leaves of torque and work."""
         after = self.left - np.where(weight > 0.0, weight, 1.0) * self.predicted
         figures = [
             self.rmse(self.left),

@@ -1,13 +1,14 @@
 """A servo as a law that rolls out: from the goals alone to where the joint will be.
 
     J q̈ = T − B q̇ − friction − g(q),   T = limit · sat((K (u(t − d) ∓ half the dead band − q) − E q̇) / limit)
-    |friction| ≤ F + L |T + g|
+    |friction| ≤ F + L |transmitted|,    transmitted = (J_load T + J_rotor g) / J,   J = J_load + J_rotor
 
 K is the stiffness at a session's gain, E what the motor's own voltage takes off with speed, limit the torque of a
 standing servo at full duty; where a joint is let go T is zero. g is exact along the joint's own angle, A cos q + B sin
-q, with all other joints where they were measured. What the gears transmit, T on one side and g on the other, presses
-them: friction grows with both, and is larger by a share until motion sets in. Dry friction holds what it can: a step of
-the simulation takes speed off until none is left.
+q, with all other joints where they were measured. Gears are pressed by what passes through them, T − J_rotor q̈: all of
+T where it holds a load, and of a load that falls only what its rotor's inertia takes. Friction grows with that, and is
+larger by a share until motion sets in. Dry friction holds what it can: a step of the simulation takes speed off until
+none is left.
 
 All parameters are found together by the mean absolute error of free roll-outs, which start where the joint was and see
 nothing but goals. Source: Duclusaud, Passault, Padois and Ly 2025 (extended friction models for servo actuators).
@@ -32,7 +33,7 @@ SHARED = {
     "viscous_Nms_rad": 4e-3,
     "back_emf_Nms_rad": 4e-2,
     "friction_Nm": 2e-2,
-    "load_friction": 1e-1,
+    "load_friction": 2e-1,
     "limit_Nm": 1.0,
     "delay_s": 1e-2,
     "dead_band_rad": 5e-3,
@@ -142,7 +143,8 @@ def _simulate(
             free = v + h * push / whole
             free /= 1.0 + h * viscous / whole
             more = 1.0 + static * np.exp(-((v / knee) ** 2))
-            held = h * more * (dry + by_load * abs(torque + weight)) / whole
+            transmitted = (inertia * torque + numbers[0] * weight) / whole
+            held = h * more * (dry + by_load * abs(transmitted)) / whole
             if free > held:
                 v = free - held
             elif free < -held:

@@ -100,7 +100,7 @@ def left_out(model: ServoModel) -> str:
     shared = model.shared
     return (
         f"half the dead band {shared['dead_band_rad']:.6g} rad; zero off by {model.offset:.6g} rad "
-        f"(add it to goals); friction that grows by {shared['load_friction']:.6g} of the load, "
+        f"(add it to goals); friction that grows by {shared['load_friction']:.6g} of what the gears pass, "
         f"and by {shared['static_share']:.6g} of itself below {shared['stribeck_rad_s']:.6g} rad/s"
     )
 
@@ -144,12 +144,15 @@ def as_mjlab(models: Mapping[str, ServoModel]) -> str:
 def as_bam(joint: str, model: ServoModel) -> dict[str, Any]:
     """The file of BAM's model m4, for a supply of `VOLTS`.
 
-    kt² / R is the back-EMF, kt V / R the limit. BAM looks `actuator` up in its own table of motors,
-    which has supply and gain: the motor's name there is to take the joint's place, and its supply
-    times its largest duty that of `volts`, kt and R with it.
+    kt² / R is the back-EMF, kt V / R the limit. Its friction grows with the motor's and the load's
+    torque together; where a load is held each of them is what the gears pass, so that it gets half
+    our share. BAM looks `actuator` up in its own table of motors, which has supply and gain: the
+    motor's name there is to take the joint's place, and its supply times its largest duty that of
+    `volts`, kt and R with it.
     """
     shared = model.shared
     constant = shared["back_emf_Nms_rad"] * VOLTS / shared["limit_Nm"]
+    by_load = 0.5 * shared["load_friction"]
     return {
         "model": "m4",
         "actuator": joint,
@@ -160,8 +163,8 @@ def as_bam(joint: str, model: ServoModel) -> dict[str, Any]:
         "q_offset": model.offset,
         "friction_base": shared["friction_Nm"],
         "friction_stribeck": shared["static_share"] * shared["friction_Nm"],
-        "load_friction_base": shared["load_friction"],
-        "load_friction_stribeck": shared["static_share"] * shared["load_friction"],
+        "load_friction_base": by_load,
+        "load_friction_stribeck": shared["static_share"] * by_load,
         "dtheta_stribeck": shared["stribeck_rad_s"],
         "alpha": 2.0,
         "friction_viscous": shared["viscous_Nms_rad"],

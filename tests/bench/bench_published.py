@@ -24,12 +24,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.signal import butter, filtfilt
 
 from ident.arrays import Array, Float
 from ident.command_options import FitOptions
 from ident.fitting.fit import fit_hybrid
 from ident.model.hybrid import HybridModel
-from ident.motion.filter import Lowpass, design_lowpass, filter_both_ways
+from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion
 from ident.origin import code_commit
 from ident.robot.arm import ArmModel
@@ -51,8 +52,8 @@ GRAVITY = 9.81
 def xmate_motion(path: Path, arm: ArmModel) -> Motion:
     """One of the trajectories: 28 columns q, dq, ddq, tau at 50 Hz, through the authors' filter."""
     table = np.loadtxt(path, delimiter=",")
-    padding = int(3 * XMATE_HZ / XMATE_CORNER_HZ)
-    smooth = filter_both_ways(design_lowpass(XMATE_ORDER, XMATE_CORNER_HZ, XMATE_HZ), table, padding)
+    numerator, denominator = butter(XMATE_ORDER, XMATE_CORNER_HZ, fs=XMATE_HZ)
+    smooth = filtfilt(numerator, denominator, table, axis=0)
     inside = smooth[round(XMATE_START_S * XMATE_HZ) : len(smooth) - round(XMATE_END_S * XMATE_HZ)]
     q, dq, ddq, tau = np.split(inside, 4, axis=1)
     time = np.arange(len(q)) / XMATE_HZ

@@ -8,7 +8,8 @@ square error [N m], and the root mean square over the runs of the error of work,
 
 Plain least squares: base parameters, Coulomb, viscous friction and an offset a joint, no weights, no bounds. Trees:
 histogram boosting of a joint on what that leaves, from all states, the load and the last 0.8 s. A GRU: what it leaves
-as a sequence. Recordings: IDENT_REAL_DATA.
+as a sequence (see `recurrent_net`). `worst joint` is the largest error of a joint over that of `fit` without net.
+Recordings: IDENT_REAL_DATA.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ import json
 import os
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +40,8 @@ MOVING_RAD_S = 0.02
 LAG_S, HISTORY_S = 0.1, 0.8
 ROUNDS, RATE, LEAVES, LEAST_LEAF = 200, 0.06, 15, 40
 MOST_ROWS = 40_000
-# GRU: width, epochs, length of a window [s].
-WIDTH, EPOCHS, WINDOW_S = 32, 30, 2.0
+# Length of a GRU's windows [s].
+WINDOW_S = 2.0
 
 # Torque of held-out runs, on the filtered grid.
 Forecast = list[Float[Array, "t n"]]
@@ -118,46 +121,27 @@ def boosted_trees(arm: ArmModel, train: Sequence[Motion], test: Sequence[Motion]
     return found
 
 
-def gated_recurrent(arm: ArmModel, train: Sequence[Motion], test: Sequence[Motion]) -> Forecast:
+def gated_recurrent(arm: ArmModel, train: Sequence[Motion], test: Sequence[Motion], stopped: bool = False) -> Forecast:
     """A GRU over all joints' states, trained on windows of what plain least squares leaves."""
-    import torch
+    from tests.bench.peers.recurrent_net import Sequences, foretell_left
 
-    torch.manual_seed(0)
     base = base_parameters(arm)
     weights = _solve_plain(arm, base, train)
-    known = [[plain_columns(arm, base, motion) @ weights for motion in runs] for runs in (train, test)]
-
-    def inputs(motion: Motion, torque: Array) -> Array:
-        return np.concatenate([*(part[motion.coarse] for part in (motion.q, motion.dq, motion.ddq)), torque], axis=1)
-
-    seen = [inputs(run, torque) for run, torque in zip(train, known[0], strict=True)]
-    left = [run.tau_filtered - torque for run, torque in zip(train, known[0], strict=True)]
-    mean, std = np.concatenate(seen).mean(axis=0), np.concatenate(seen).std(axis=0) + 1e-9
-    scale = np.concatenate(left).std(axis=0) + 1e-9
+    runs = []
+    for run in train:
+        torque = plain_columns(arm, base, run) @ weights
+        runs.append(Sequences(_sequence(run, torque), run.tau_filtered - torque, moves(run)))
+    plain = [plain_columns(arm, base, run) @ weights for run in test]
+    asked = [_sequence(run, torque) for run, torque in zip(test, plain, strict=True)]
     window = max(8, round(WINDOW_S / (train[0].interval * train[0].lowpass.factor)))
-    cut = []
-    for x, y, run in zip(seen, left, train, strict=True):
-        for start in range(0, max(1, len(x) - window), max(1, window // 2)):
-            part = slice(start, start + window)
-            if len(x[part]) == window:
-                cut.append(((x[part] - mean) / std, y[part] / scale, moves(run)[part]))
-    stacked = [torch.tensor(np.stack(part), dtype=torch.float32) for part in zip(*cut, strict=True)]
-    net = torch.nn.GRU(len(mean), WIDTH, batch_first=True)
-    head = torch.nn.Linear(WIDTH, arm.n)
-    optimiser = torch.optim.Adam([*net.parameters(), *head.parameters()], lr=5e-3, weight_decay=1e-4)
-    for _ in range(EPOCHS):
-        order = torch.randperm(len(stacked[0]))
-        for first in range(0, len(order), 32):
-            x, y, mask = (part[order[first : first + 32]] for part in stacked)
-            optimiser.zero_grad()
-            ((mask * (head(net(x)[0]) - y) ** 2).sum() / mask.sum().clamp(min=1.0)).backward()
-            optimiser.step()
-    found = []
-    with torch.inference_mode():
-        for run, torque in zip(test, known[1], strict=True):
-            x = torch.tensor((inputs(run, torque) - mean) / std, dtype=torch.float32)[None]
-            found.append(torque + scale * head(net(x)[0])[0].numpy())
-    return found
+    left = foretell_left(runs, asked, window, stopped)
+    return [torque + further for torque, further in zip(plain, left, strict=True)]
+
+
+def _sequence(motion: Motion, torque: Float[Array, "t n"]) -> Float[Array, "t f"]:
+    """What the GRU sees at each instant: all states and loads."""
+    states = [channel[motion.coarse] for channel in (motion.q, motion.dq, motion.ddq)]
+    return np.concatenate([*states, torque], axis=1)
 
 
 def fitted(**options: Any) -> Program:
@@ -176,29 +160,48 @@ PROGRAMS: dict[str, Program] = {
     "plain": plain_least_squares,
     "trees": boosted_trees,
     "GRU": gated_recurrent,
+    "GRU stopped": partial(gated_recurrent, stopped=True),
 }
 
 
-def score(runs: Sequence[Motion], found: Forecast) -> tuple[float, float]:
-    """Torque RMSE over the joints [N m], and RMS over the runs of the error of their work [J]."""
-    squares, counts, works = 0.0, 0.0, []
-    for run, torque in zip(runs, found, strict=True):
+def score(runs: Sequence[Motion], foretold: Forecast) -> tuple[Float[Array, " n"], float]:
+    """Torque RMSE of each joint [N m], and RMS over the runs of the error of their work [J]."""
+    squares = np.zeros(runs[0].q.shape[1])
+    counts = np.zeros(runs[0].q.shape[1])
+    works = []
+    for run, torque in zip(runs, foretold, strict=True):
         left = np.where(moves(run), torque - run.tau_filtered, 0.0)
-        squares = squares + (left**2).sum(axis=0)
-        counts = counts + moves(run).sum(axis=0)
+        squares += (left**2).sum(axis=0)
+        counts += moves(run).sum(axis=0)
         step = run.interval * run.lowpass.factor
         works.append(float((left * run.dq[run.coarse]).sum() * step))
-    return float(np.sqrt(np.mean(squares / np.maximum(counts, 1.0)))), float(np.sqrt(np.mean(np.square(works))))
+    return np.sqrt(squares / np.maximum(counts, 1.0)), float(np.sqrt(np.mean(np.square(works))))
 
 
-def measure(recorded: HeldOutSet, names: Sequence[str]) -> dict[str, list[tuple[float, float, float]]]:
-    """Torque error, work error and processor time of each program on each split."""
-    rows: dict[str, list[tuple[float, float, float]]] = {name: [] for name in names}
+@dataclass(frozen=True)
+class Row:
+    """A program on one split."""
+
+    torque: float  # RMSE over the joints [N m]
+    work: float  # RMS error over the runs [J]
+    worst_joint: float  # largest error of a joint over that of `fit` without a net; NaN where that was not asked for
+    seconds: float  # processor time
+
+
+def measure(recorded: HeldOutSet, names: Sequence[str]) -> dict[str, list[Row]]:
+    """Every program on each split."""
+    rows: dict[str, list[Row]] = {name: [] for name in names}
     for train, test in recorded.splits():
+        without_net = np.full(recorded.arm.n, np.nan)
         for name in names:
             start = time.process_time()
-            found = PROGRAMS[name](recorded.arm, train, test)
-            rows[name].append((*score(test, found), time.process_time() - start))
+            foretold = PROGRAMS[name](recorded.arm, train, test)
+            seconds = time.process_time() - start
+            torque, work = score(test, foretold)
+            if name == "fit":
+                without_net = torque
+            worst = float(np.max(torque / without_net))
+            rows[name].append(Row(float(np.sqrt(np.mean(torque**2))), work, worst, seconds))
     return rows
 
 
@@ -211,18 +214,23 @@ def main() -> None:
     names = [name for name in asked.programs.split(",") if name]
     folder = Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
     table = {}
-    print(f"{'set':<13}{'program':<11}{'N m, three splits':>26}{'mean':>9}{'J':>9}{'s':>7}")
+    print(f"{'set':<13}{'program':<13}{'N m, three splits':>26}{'mean':>9}{'J':>9}{'worst joint':>13}{'s':>7}")
     for recorded in read_sets(folder, [name for name in asked.only.split(",") if name]):
         table[recorded.name] = measure(recorded, names)
         for name, rows in table[recorded.name].items():
-            torque, work, seconds = np.array(rows).T
-            splits = " ".join(f"{value:8.4f}" for value in torque)
-            print(
-                f"{recorded.name:<13}{name:<11}{splits}{torque.mean():9.4f}{work.mean():9.3f}{seconds.mean():7.1f}",
-                flush=True,
-            )
+            print(f"{recorded.name:<13}{name:<13}{describe(rows)}", flush=True)
     if asked.out is not None:
-        asked.out.write_text(json.dumps(table, indent=1), encoding="utf-8")
+        asked.out.write_text(json.dumps(table, indent=1, default=vars), encoding="utf-8")
+
+
+def describe(rows: Sequence[Row]) -> str:
+    """A line's figures: torque of each split, then means over them, of joints' errors the worst."""
+    splits = " ".join(f"{row.torque:8.4f}" for row in rows)
+    torque = np.mean([row.torque for row in rows])
+    work = np.mean([row.work for row in rows])
+    worst = max(row.worst_joint for row in rows)
+    seconds = np.mean([row.seconds for row in rows])
+    return f"{splits}{torque:9.4f}{work:9.3f}{worst:13.3f}{seconds:7.1f}"
 
 
 if __name__ == "__main__":

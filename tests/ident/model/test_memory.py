@@ -8,6 +8,7 @@ from ident.model.hybrid import HybridModel
 from ident.model.linearisation import stop_operator
 from ident.model.loss import LossParameters
 from ident.model.memory import JointMemory, fit_memory, lagged
+from ident.model.net_gate import shrink_between
 from ident.model.net_options import PRESETS
 from ident.model.residual_net import ResidualNet, fit_residual_net
 from ident.model.sampling import sampling_interval
@@ -112,3 +113,22 @@ def test_a_model_gives_its_memory_along_a_motion_alone_and_keeps_it(two_joints: 
     without = HybridModel(two_joints, two_joints, two_joints, LossParameters.zero(2), net)
     assert np.allclose(model.torque(*mixed), without.torque(*mixed))  # type: ignore[arg-type]
     assert not np.allclose(model.torque(*run), without.torque(*run))
+
+
+def test_what_another_run_does_not_bear_out_counts_half() -> None:
+    """Blocks left out and runs left out each have half a say; of one run blocks alone have it.
+
+    A joint that blocks keep nothing of is silent, whatever runs say.
+    """
+    rng = np.random.default_rng(5)
+    left = rng.standard_normal((800, 3))
+    moving = np.ones(left.shape, dtype=bool)
+    travel = 1e-3 * rng.standard_normal(left.shape)
+    blocks = np.repeat(np.arange(8), 100)
+    runs = np.repeat(np.arange(2), 400)
+    by_block = left * [1.0, 1.0, -1.0]
+    by_run = left * [1.0, -1.0, 1.0]
+    weights = [gate.weight for gate in shrink_between(by_block, by_run, left, moving, travel, blocks, runs)]
+    assert weights == [1.0, 0.5, 0.0]
+    single = shrink_between(by_block, by_run, left, moving, travel, blocks, np.zeros(800, dtype=int))
+    assert [gate.weight for gate in single] == [1.0, 1.0, 0.0]

@@ -35,6 +35,20 @@ def test_gravity_is_that_of_the_lever(drives: list[Drive]) -> None:
     assert drives[0].inertia == pytest.approx(MASS * LEVER**2, rel=1e-3)
 
 
+def test_a_load_that_falls_hardly_presses_the_gears() -> None:
+    """Friction of more than a load's own torque holds it where the rotor is heavy; a light rotor lets it fall."""
+    count = 100
+    load = np.full(count, 0.5)
+    free = np.zeros(count, dtype=bool)
+    drive = Drive("free", 0, np.arange(count) / 50.0, np.zeros(count), np.zeros(count), free, 0.01, load, 0.0 * load)
+    travels = []
+    for rotor in (1e-3, 0.1):
+        shared = {**SHARED, "inertia_kgm2": rotor, "load_friction": 1.2, "friction_Nm": 1e-3, "static_share": 0.0}
+        travels.append(float(np.ptp(ServoModel(shared, (1.0,), 0.0).roll_out(drive))))
+    assert travels[0] > 1.0
+    assert travels[1] == 0.0
+
+
 def test_a_run_held_back_is_rolled_out_from_its_goals(drives: list[Drive], model: ServoModel) -> None:
     """Half of the error of one who takes the goal for the position is gone; some hundredths of a radian stay."""
     follows = float(np.mean(np.abs(drives[2].goal - drives[2].position)))
