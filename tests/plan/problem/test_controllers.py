@@ -17,9 +17,8 @@ from plan.problem.problem import PlanningProblem
 from plan.problem.ramps import TimeLaw
 from plan.problem.result import PlanResult
 from plan.solving.solve import _certified, solve
-from tests.plan.emulated_controllers import (
-    moved,
-)
+from plan.spline import Splines
+from tests.plan.emulated_controllers import Points, by_speedj, moved
 from tests.plan.worlds import MONITOR, problem
 
 CONTROLLERS = {controller.name: controller for controller in load_controllers()}
@@ -114,6 +113,23 @@ def test_a_plan_on_the_step_stays_as_it_is(name: str) -> None:
     assert again.points == pytest.approx(first.points, abs=1e-12)
     stamps = np.cumsum(first.durations[0]) / controller.stamp_s
     assert stamps == pytest.approx(np.round(stamps), abs=1e-6)
+
+
+def test_a_motion_that_brakes_hard_is_not_slowed_down() -> None:
+    """UR's script slows a long last section down that brakes at 40 rad/s²; of one tick it leaves it as it is."""
+    controller = CONTROLLERS["ur_spline"]
+    way = np.array([[0.0], [0.5], [1.0]])
+    splines = Splines(way[None], np.array([[0.2, 0.2]]))
+    assert float(splines.end_acceleration.max()) > 35.0
+    knots = np.array([0.0, 0.2, 0.4])
+    slowed = by_speedj(Points(knots, splines.points[0], splines.slopes[0]), controller.tick_s)
+    assert slowed.times[-1] > 0.41
+    times, q, dq = controller.sent(controller.put_on_step(splines, TimeLaw(0.4)))
+    run = by_speedj(Points(times, q, dq), controller.tick_s)
+    assert run.times[-1] == pytest.approx(0.4, abs=1e-9)
+    assert np.abs(run.ddq).max() > 35.0
+    curve = controller.make_curve(controller.put_on_step(splines, TimeLaw(0.4)))
+    assert run.q == pytest.approx(curve.at(np.minimum(run.times, float(curve.total[0])))[0], abs=1e-8)
 
 
 def test_the_arm_and_the_file_name_the_controller() -> None:
