@@ -7,13 +7,12 @@ the motion of the best duration is searched in full.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from plan.command_options import SolveOptions
-from plan.planners.base import BudgetSpentError, Candidate, Ledger, Planner, processor_seconds
+from plan.planners.base import Candidate, Ledger, Planner, processor_seconds
 from plan.planners.sequential import Sequential, descend_on_knots
 from plan.problem.controllers import Controller
 from plan.problem.problem import PlanningProblem
@@ -135,8 +134,7 @@ def look_at(problem: PlanningProblem, duration: float, near: Look, ledger: Ledge
     moved = Splines(splines.points, splines.durations * (duration / near.duration))
     task = lasting(problem, duration).with_initial(moved, free="vias", label="another duration's")
     share = Ledger(10**9, max(ledger.seconds_left, 0.0) / 2.0)
-    with suppress(BudgetSpentError):  # what was found until then stands
-        descend_on_knots(task, share, STEPS)
+    descend_on_knots(task, share, STEPS)
     ledger.count(share.evaluations)
     best = share.best
     if best is None or not best.feasible:

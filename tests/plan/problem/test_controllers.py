@@ -10,7 +10,7 @@ from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from plan.command_options import SolveOptions
 from plan.planners.base import Ledger
-from plan.planners.sequential import Sequential
+from plan.planners.sequential import Sequential, descend_on_knots
 from plan.problem.controllers import Controller, choose_controller, load_controllers
 from plan.problem.execution import write_motion_file
 from plan.problem.problem import PlanningProblem
@@ -98,6 +98,18 @@ def test_where_no_time_is_left_a_slower_motion_is_taken() -> None:
     assert certificate is not None
     assert certificate.broken == []
     assert best.cost < float(splines.total[0]) < 1.5 * best.cost
+
+
+def test_a_search_on_the_step_ends_with_its_budget() -> None:
+    """Law: however few trajectories may be looked at there, the search ends by itself."""
+    asked = task("energy")
+    start = asked.decode(asked.initial)
+    moved_plan = CONTROLLERS["tmscript"].put_on_step(start, TimeLaw(float(start.total[0])))
+    on_step = asked.with_initial(moved_plan, free="vias")
+    for count in (0, 1, 2):
+        ledger = Ledger(count, 20.0)
+        descend_on_knots(on_step, ledger, 5)
+        assert ledger.remaining == 0
 
 
 @pytest.mark.parametrize("name", list(CONTROLLERS))
