@@ -102,6 +102,8 @@ def one_task(number: int, controller: Controller, robot: str, bench: Bench, aske
         result = solve(path, bench.model, controller=controller.name, **options)
     except InputError:  # the task is at fault: an end inside a box
         return row
+    except Exception as error:  # ours is
+        return replace(row, status="crashed", broken=(repr(error),))
     row = replace(row, status=result.status, seconds=time.process_time() - began)
     if not result.solved:
         return row
@@ -163,7 +165,7 @@ def summarise(name: str, rows: list[Row]) -> None:
     """A controller's line, and what is broken."""
     asked = [row for row in rows if row.status != "refused"]
     plans = [row for row in asked if row.status == "solved"]
-    broken = [row for row in plans if row.broken]
+    broken = [row for row in asked if row.broken]
     for row in broken:
         print(f"  task {row.task}, {row.robot}, {row.objective}: {'; '.join(row.broken)}")
     dearer = [row.dearer for row in plans if row.dearer is not None]
