@@ -48,7 +48,7 @@ class Controller:
     source: str
     degrees: bool = False  # whether it is sent degrees
     joints: int | None = None  # how many joints it has; None for any number
-    last_section_s: float | None = None  # how long the last section is; None where it may have any length
+    before_end_s: tuple[float, ...] = ()  # where points are sent in any case, before the end
     lookahead_s: float = 0.0  # parameters of servoj
     gain: int = 0
 
@@ -76,8 +76,8 @@ class Controller:
             times = whole * np.arange(count + 1) / count
         else:
             times = np.concatenate([[0.0], np.cumsum(splines.durations[0])]) * law.stretch * (whole / total)
-        if self.last_section_s is not None:
-            times = np.append(times, whole - self.last_section_s)
+        more = whole - np.array(self.before_end_s)
+        times = np.append(times, more[more > 0.0])
         times = np.unique(np.round(times / self.stamp_s)) * self.stamp_s
         points = law.states(splines, np.minimum(times * (total / whole), total))[0]
         points[0], points[-1] = splines.points[0, 0], splines.points[0, -1]
@@ -166,6 +166,8 @@ def _stepped_speeds(times: Float[Array, " K"], q: Float[Array, "K n"], dq: Float
 def load_controllers() -> tuple[Controller, ...]:
     """All rows of the table, those of one kind of arm before those of any."""
     rows = tomllib.loads(TABLE.read_text(encoding="utf-8"))["controller"]
+    for row in rows:
+        row["before_end_s"] = tuple(row.get("before_end_s", ()))
     return tuple(Controller(**row) for row in rows)
 
 

@@ -140,6 +140,7 @@ def test_a_motion_that_brakes_hard_is_not_slowed_down() -> None:
     run = by_speedj(Points(times, q, dq), controller.tick_s)
     assert run.times[-1] == pytest.approx(0.4, abs=1e-9)
     assert np.abs(run.ddq).max() > 35.0
+    assert run.q[-1] == pytest.approx(way[-1], abs=5e-6)
     curve = controller.make_curve(controller.put_on_step(splines, TimeLaw(0.4)))
     assert run.q == pytest.approx(curve.at(np.minimum(run.times, float(curve.total[0])))[0], abs=1e-8)
 
