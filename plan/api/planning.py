@@ -113,8 +113,6 @@ class OpenedTask:
         began = processor_seconds() if began is None else began
         controller = controller or self.controller(options)
         problems = self.problems
-        if controller is not None:
-            problems = tuple(replace(problem, limits=controller.within(problem.limits)) for problem in problems)
         most, seconds = options.budget
         left = max(seconds - (processor_seconds() - began), 0.0)
         problem, note = cheapest_goal(problems, self.task.pose is not None, (most, left), options.seed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import ClassVar
@@ -13,7 +14,7 @@ from ident.arrays import Array, Float, freeze
 from ident.errors import InputError
 from plan.dynamics.power import section_nodes
 from plan.initial.starts import at_its_limits, iterate_rule_ways, iterate_ways, quickest_of_each_joint, straight
-from plan.planners.base import Candidate, Ledger, Planner
+from plan.planners.base import BudgetSpentError, Candidate, Ledger, Planner
 from plan.planners.descent import KEPT, KEPT_CLEAR, KEPT_RULE, Course, begin, descend, refine
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
@@ -288,7 +289,7 @@ def descend_on_knots(problem: PlanningProblem, ledger: Ledger, steps: int) -> No
 
     Args:
         problem: The task, its duration fixed, started from the motion.
-        ledger: Gets what is found.
+        ledger: Gets what is found, until its budget ends.
         steps: Most steps, on a coarser and on a finer rounding of the signs of speed and power.
     """
     knots = np.concatenate([[0.0], np.cumsum(problem.durations)]) / problem.durations.sum()
@@ -302,10 +303,11 @@ def descend_on_knots(problem: PlanningProblem, ledger: Ledger, steps: int) -> No
     start = Splines(problem.with_ends(problem.vias)[None], problem.durations[None])
     course = begin(local, local.join(grid.fit(start), float(problem.durations.sum())))
     planner = Sequential(steps=steps)
-    for width, power in WIDTHS[1:]:
-        course = begin(replace(course.local, width=width, power=power), course.x)
-        course = descend(course, ledger, steps, 0.1, 1e-5)
-        course = planner.settle(course, ledger)[0]
+    with suppress(BudgetSpentError):
+        for width, power in WIDTHS[1:]:
+            course = begin(replace(course.local, width=width, power=power), course.x)
+            course = descend(course, ledger, steps, 0.1, 1e-5)
+            course = planner.settle(course, ledger)[0]
 
 
 def _parted(knots: Float[Array, " K"], sections: int) -> Float[Array, " K"]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -18,7 +18,6 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
-from plan.problem.problem import Limits
 from plan.problem.ramps import TimeLaw
 from plan.spline import Splines
 
@@ -49,21 +48,13 @@ class Controller:
     source: str
     degrees: bool = False  # whether it is sent degrees
     joints: int | None = None  # how many joints it has; None for any number
-    acceleration_rad_s2: float | None = None  # beyond which it does not follow; None where none is known
+    before_end_s: tuple[float, ...] = ()  # where points are sent in any case, before the end
     lookahead_s: float = 0.0  # parameters of servoj
     gain: int = 0
 
     def fits(self, arm: ArmModel) -> bool:
         """Whether an arm may have this controller."""
         return _is_named(self.arms, arm)
-
-    def within(self, limits: Limits) -> Limits:
-        """Limits that it can follow, too."""
-        if self.acceleration_rad_s2 is None:
-            return limits
-        most = np.full(len(limits.speed), self.acceleration_rad_s2)
-        kept = most if limits.acceleration is None else np.minimum(limits.acceleration, most)
-        return replace(limits, acceleration=kept)
 
     def put_on_step(self, splines: Splines, law: TimeLaw) -> Splines:
         """The first of a batch of plans as it is executed, its knots where the controller takes points.
@@ -85,6 +76,8 @@ class Controller:
             times = whole * np.arange(count + 1) / count
         else:
             times = np.concatenate([[0.0], np.cumsum(splines.durations[0])]) * law.stretch * (whole / total)
+        more = whole - np.array(self.before_end_s)
+        times = np.append(times, more[more > 0.0])
         times = np.unique(np.round(times / self.stamp_s)) * self.stamp_s
         points = law.states(splines, np.minimum(times * (total / whole), total))[0]
         points[0], points[-1] = splines.points[0, 0], splines.points[0, -1]
@@ -173,6 +166,8 @@ def _stepped_speeds(times: Float[Array, " K"], q: Float[Array, "K n"], dq: Float
 def load_controllers() -> tuple[Controller, ...]:
     """All rows of the table, those of one kind of arm before those of any."""
     rows = tomllib.loads(TABLE.read_text(encoding="utf-8"))["controller"]
+    for row in rows:
+        row["before_end_s"] = tuple(row.get("before_end_s", ()))
     return tuple(Controller(**row) for row in rows)
 
 

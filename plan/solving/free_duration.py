@@ -7,13 +7,13 @@ the motion of the best duration is searched in full.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.arrays import Array, Float
 from plan.command_options import SolveOptions
-from plan.planners.base import BudgetSpentError, Candidate, Ledger, Planner, processor_seconds
+from plan.planners.base import Candidate, Ledger, Planner, processor_seconds
 from plan.planners.sequential import Sequential, descend_on_knots
 from plan.problem.controllers import Controller
 from plan.problem.problem import PlanningProblem
@@ -26,6 +26,8 @@ from plan.spline import Splines
 LOOKS, BEGIN, CLOSER = 9, 1.02, 5
 # Search of the first motion, and share of the seconds that it and all looks may take.
 FIRST, SHARE = Sequential(starts=4, kept=(2, 1), levels=1), 0.5
+# Durations nearer than this, as a ratio's logarithm, are one.
+SAME = 1e-6
 # Steps of each look, and the longest duration where nothing else bounds it, as a multiple of the shortest.
 STEPS, LONGEST = 40, 20.0
 
@@ -102,17 +104,13 @@ def energy_curve(problem: PlanningProblem, options: SolveOptions) -> list[Look]:
             break
     if first is None or not first.feasible:
         return []
-    begun = Look(float(first.splines.total[0]), first.cost, first)
-    looks = [begun]
-    grid = np.geomspace(shortest, longest, LOOKS)
-    for side in (grid[grid > begun.duration], grid[grid < begun.duration][::-1]):
-        before = begun
-        for duration in side:
-            if ledger.remaining == 0:
-                break
-            found = look_at(problem, float(duration), before, ledger)
-            looks.append(found)
-            before = found if found.candidate is not None else before
+    looks = [Look(float(first.splines.total[0]), first.cost, first)]
+    for duration in _coarse_to_fine(np.geomspace(shortest, longest, LOOKS)):
+        if ledger.remaining == 0:
+            break
+        if min(apart(look, duration) for look in looks) > SAME:
+            nearest = min(looks, key=lambda look: apart(look, duration))
+            looks.append(look_at(problem, duration, nearest, ledger))
     for _ in range(CLOSER):
         looks.sort(key=lambda look: look.duration)
         place = _closer(looks, problem.standby)
@@ -121,6 +119,23 @@ def energy_curve(problem: PlanningProblem, options: SolveOptions) -> list[Look]:
         nearest = min(looks, key=lambda look: apart(look, place))
         looks.append(look_at(problem, place, nearest, ledger))
     return sorted(looks, key=lambda look: look.duration)
+
+
+def _coarse_to_fine(grid: Float[Array, " k"]) -> list[float]:
+    """The longest duration, the shortest one, and then the middle of each gap again and again.
+
+    So a search that ends early has looked everywhere, and longest where least energy mostly is.
+    """
+    last = len(grid) - 1
+    order = [last, 0]
+    gaps = [(0, last)]
+    while gaps:
+        low, high = gaps.pop(0)
+        middle = (low + high) // 2
+        if low < middle < high:
+            order.append(middle)
+            gaps += [(middle, high), (low, middle)]
+    return [float(grid[k]) for k in order]
 
 
 def apart(look: Look, duration: float) -> float:
@@ -135,8 +150,7 @@ def look_at(problem: PlanningProblem, duration: float, near: Look, ledger: Ledge
     moved = Splines(splines.points, splines.durations * (duration / near.duration))
     task = lasting(problem, duration).with_initial(moved, free="vias", label="another duration's")
     share = Ledger(10**9, max(ledger.seconds_left, 0.0) / 2.0)
-    with suppress(BudgetSpentError):  # what was found until then stands
-        descend_on_knots(task, share, STEPS)
+    descend_on_knots(task, share, STEPS)
     ledger.count(share.evaluations)
     best = share.best
     if best is None or not best.feasible:

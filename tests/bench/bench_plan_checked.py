@@ -32,7 +32,8 @@ from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
 from plan.api.planning import solve
 from plan.geometry.scene import Scene
-from tests.plan.checker import Model, World, faults
+from plan.problem.result import PlanResult
+from tests.plan.checker import Model, World, faults, rule_faults
 
 # Arms and how many of their joints move.
 ROBOTS = {"tm5-900/3": 3, "tm5-900": 6, "ur5": 6, "panda": 7}
@@ -146,19 +147,32 @@ def one_task(number: int, robot: str, bench: Bench, evaluations: int, folder: Pa
     if not result.solved:
         return row
     assert result.certificate is not None
+    found = find_faults(result, path, bench, objective)
+    spent, cuts = time.process_time() - began - row.planned, len(result.certificate.cuts)
+    return replace(row, broken=tuple(found), checked=spent, cuts=cuts)
+
+
+def find_faults(result: PlanResult, path: Path, bench: Bench, objective: str) -> list[str]:
+    """What the checker finds broken by a plan of a scene file, by limits, dynamics, shapes and the scene's rules."""
     whole = tomllib.loads(path.read_text())
     whole["task"]["objective"] = objective
+    name = whole["robot"]
+    moving = len(result.joints)
     source = ArmModel.load(name).source
     assert source is not None
     packages = [str(Path(pin.__file__).parents[4] / "share"), str(source.parents[3])]
     own = {"lower": "lower", "upper": "upper", "speed": "velocity_limit", "torque": "effort_limit"}
     limits = {key: getattr(bench.arm, attribute)[:moving] for key, attribute in own.items()}
     limits["clearance"] = whole["task"]["clearance_m"]
-    world = World(source, packages, whole, tip=TIPS[name])
-    checked = bench.checked.carrying(whole["payload"], world, TIPS[name]) if "payload" in whole else bench.checked
-    found = faults(result.to_dict(), whole, checked, world, limits)
-    spent, cuts = time.process_time() - began - row.planned, len(result.certificate.cuts)
-    return replace(row, broken=tuple(found), checked=spent, cuts=cuts)
+    world = World(source, packages, whole, path.parent, tip=TIPS[name])
+    checked = bench.checked
+    if "payload" in whole:
+        checked = checked.carrying(whole["payload"], world, TIPS[name])
+    plan = result.to_dict()
+    found = faults(plan, whole, checked, world, limits)
+    if any(key in whole for key in ("tool", "pass")) or "goals_deg" in whole["task"]:
+        found += rule_faults(plan, whole, world, TIPS[name])
+    return found
 
 
 def main() -> None:

@@ -200,6 +200,17 @@ class Crate:
         return bool(coal.collide(shape, pose, self.box, self.pose, request, coal.CollisionResult()))
 
 
+class Facets:
+    """The triangles of a mesh's file, as Coal's own loader reads it."""
+
+    def __init__(self, path: Path, turn: np.ndarray, shift: np.ndarray) -> None:
+        self.mesh = coal.MeshLoader().load(str(path), np.ones(3))
+        self.pose = coal.Transform3s(turn, shift)
+
+    def hits(self, shape: Any, pose: Any, request: Any) -> bool:
+        return bool(coal.collide(shape, pose, self.mesh, self.pose, request, coal.CollisionResult()))
+
+
 class World:
     """Coal on the URDF's own geometry and the scene's boxes and clouds, and boxes that are carried.
 
@@ -219,7 +230,7 @@ class World:
             at = self.model.frames[number].placement * pin.SE3(r, np.array(entry["xyz_m"], dtype=float))
             joint, box = self.model.frames[number].parentJoint, coal.Box(*entry["size_m"])
             self.shapes.addGeometryObject(pin.GeometryObject(entry["name"], joint, number, at, box))
-        self.things: list[tuple[str, Crate | Scan]] = []
+        self.things: list[tuple[str, Crate | Scan | Facets]] = []
         for one in self.shapes.geometryObjects:
             one.geometry.computeLocalAABB()
         for entry in scene.get("obstacle", []):
@@ -227,6 +238,8 @@ class World:
             at = r, np.array(entry.get("xyz_m", [0, 0, 0]), dtype=float)
             if "cloud" in entry:
                 self.things.append((entry["name"], Scan(folder / entry["cloud"], entry["radius_m"], *at)))
+            elif "file" in entry:
+                self.things.append((entry["name"], Facets(folder / entry["file"], *at)))
             else:
                 self.things.append((entry["name"], Crate(entry["size_m"], *at)))
 

@@ -18,6 +18,8 @@ import numpy as np
 
 # Samples of each section, or of each tick.
 FINE = 12
+# UR's script: largest speed [rad/s], and how hard it lets the last section brake [rad/s²].
+FASTEST, BRAKES = 6.283185, 15.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,22 +134,37 @@ def _derivative(t: float, order: int, degree: int) -> np.ndarray:
 
 
 def by_speedj(points: Points, tick: float) -> Moved:
-    """Each section's cubic from where the arm is, as velocities at the ticks; between ticks velocity is linear."""
+    """Each section's cubic from where the arm is, as velocities at the ticks; between ticks velocity is linear.
+
+    The script slows the last section down where it would end too fast.
+    """
     place, speed, now, out = points.q[0].copy(), np.zeros(points.q.shape[1]), 0.0, []
-    for k in range(1, len(points.times)):
+    last = len(points.times) - 1
+    for k in range(1, last + 1):
         length = points.times[k] - points.times[k - 1]
         goal, end = points.q[k], points.dq[k]
         first, begin = speed.copy(), place.copy()
         second = (-3.0 * begin + 3.0 * goal - 2.0 * first * length - end * length) / length**2
         third = (2.0 * begin - 2.0 * goal + first * length + end * length) / length**3
-        travelled = 0.0
+
+        def cubic(t: float, parts: tuple = (first, second, third)) -> np.ndarray:  # type: ignore[type-arg]
+            return parts[0] + 2.0 * t * parts[1] + 3.0 * t**2 * parts[2]
+
+        travelled, scale, slowing = 0.0, 1.0, 0.0
         while length - travelled > tick * 1.0001:
-            travelled += tick
-            wanted = first + 2.0 * travelled * second + 3.0 * travelled**2 * third
-            now, place, speed = _ramp(out, now, place, speed, wanted, tick)
-        rest = length - travelled
-        wanted = first + 2.0 * length * second + 3.0 * length**2 * third
-        now, place, speed = _ramp(out, now, place, speed, wanted, rest)
+            left = length - travelled
+            if k == last and slowing == 0.0 and left <= FASTEST / BRAKES:
+                ahead = np.abs(cubic(travelled + tick)).max()
+                slowing = left + tick if ahead > BRAKES * (left - tick) else 0.0
+            scale = left / slowing if slowing else 1.0
+            travelled += tick * scale
+            now, place, speed = _ramp(out, now, place, speed, cubic(travelled) * scale, tick)
+        while slowing and length - travelled >= 1e-5:
+            scale = (length - travelled) / slowing
+            travelled += tick * scale
+            now, place, speed = _ramp(out, now, place, speed, cubic(travelled) * scale, tick)
+        scale = 0.0 if slowing else 1.0
+        now, place, speed = _ramp(out, now, place, speed, cubic(length) * scale, length - travelled)
     return Moved(*(np.concatenate(part) for part in zip(*out, strict=True)))
 
 

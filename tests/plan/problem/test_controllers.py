@@ -10,16 +10,15 @@ from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from plan.command_options import SolveOptions
 from plan.planners.base import Ledger
-from plan.planners.sequential import Sequential
+from plan.planners.sequential import Sequential, descend_on_knots
 from plan.problem.controllers import Controller, choose_controller, load_controllers
 from plan.problem.execution import write_motion_file
 from plan.problem.problem import PlanningProblem
 from plan.problem.ramps import TimeLaw
 from plan.problem.result import PlanResult
 from plan.solving.solve import _certified, solve
-from tests.plan.emulated_controllers import (
-    moved,
-)
+from plan.spline import Splines
+from tests.plan.emulated_controllers import Points, by_speedj, moved
 from tests.plan.worlds import MONITOR, problem
 
 CONTROLLERS = {controller.name: controller for controller in load_controllers()}
@@ -101,6 +100,18 @@ def test_where_no_time_is_left_a_slower_motion_is_taken() -> None:
     assert best.cost < float(splines.total[0]) < 1.5 * best.cost
 
 
+def test_a_search_on_the_step_ends_with_its_budget() -> None:
+    """Law: however few trajectories may be looked at there, the search ends by itself."""
+    asked = task("energy")
+    start = asked.decode(asked.initial)
+    moved_plan = CONTROLLERS["tmscript"].put_on_step(start, TimeLaw(float(start.total[0])))
+    on_step = asked.with_initial(moved_plan, free="vias")
+    for count in (0, 1, 2):
+        ledger = Ledger(count, 20.0)
+        descend_on_knots(on_step, ledger, 5)
+        assert ledger.remaining == 0
+
+
 @pytest.mark.parametrize("name", list(CONTROLLERS))
 def test_a_plan_on_the_step_stays_as_it_is(name: str) -> None:
     """Put on the step a second time a plan does not change, and its points lie on multiples of it."""
@@ -114,6 +125,24 @@ def test_a_plan_on_the_step_stays_as_it_is(name: str) -> None:
     assert again.points == pytest.approx(first.points, abs=1e-12)
     stamps = np.cumsum(first.durations[0]) / controller.stamp_s
     assert stamps == pytest.approx(np.round(stamps), abs=1e-6)
+
+
+def test_a_motion_that_brakes_hard_is_not_slowed_down() -> None:
+    """UR's script slows a long last section down that brakes at 40 rad/s²; of one tick it leaves it as it is."""
+    controller = CONTROLLERS["ur_spline"]
+    way = np.array([[0.0], [0.5], [1.0]])
+    splines = Splines(way[None], np.array([[0.2, 0.2]]))
+    assert float(splines.end_acceleration.max()) > 35.0
+    knots = np.array([0.0, 0.2, 0.4])
+    slowed = by_speedj(Points(knots, splines.points[0], splines.slopes[0]), controller.tick_s)
+    assert slowed.times[-1] > 0.41
+    times, q, dq = controller.sent(controller.put_on_step(splines, TimeLaw(0.4)))
+    run = by_speedj(Points(times, q, dq), controller.tick_s)
+    assert run.times[-1] == pytest.approx(0.4, abs=1e-9)
+    assert np.abs(run.ddq).max() > 35.0
+    assert run.q[-1] == pytest.approx(way[-1], abs=5e-6)
+    curve = controller.make_curve(controller.put_on_step(splines, TimeLaw(0.4)))
+    assert run.q == pytest.approx(curve.at(np.minimum(run.times, float(curve.total[0])))[0], abs=1e-8)
 
 
 def test_the_arm_and_the_file_name_the_controller() -> None:
