@@ -101,17 +101,15 @@ def energy_curve(problem: PlanningProblem, options: SolveOptions) -> list[Look]:
             break
     if first is None or not first.feasible:
         return []
-    begun = Look(float(first.splines.total[0]), first.cost, first)
-    looks = [begun]
+    looks = [Look(float(first.splines.total[0]), first.cost, first)]
     grid = np.geomspace(shortest, longest, LOOKS)
-    for side in (grid[grid > begun.duration], grid[grid < begun.duration][::-1]):
-        before = begun
-        for duration in side:
-            if ledger.remaining == 0:
-                break
-            found = look_at(problem, float(duration), before, ledger)
-            looks.append(found)
-            before = found if found.candidate is not None else before
+    middle = looks[0].duration
+    # A motion can be drawn out at once, and the longest mostly costs least; quicker ones need their neighbour's.
+    for duration in (*grid[grid > middle][::-1], *grid[grid < middle][::-1]):
+        if ledger.remaining == 0:
+            break
+        nearest = min(looks, key=lambda look: apart(look, duration))
+        looks.append(look_at(problem, float(duration), nearest, ledger))
     for _ in range(CLOSER):
         looks.sort(key=lambda look: look.duration)
         place = _closer(looks, problem.standby)
