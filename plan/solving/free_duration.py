@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arrays import Array, Float
 from plan.command_options import SolveOptions
 from plan.planners.base import Candidate, Ledger, Planner, processor_seconds
 from plan.planners.sequential import Sequential, descend_on_knots
@@ -26,8 +25,6 @@ from plan.spline import Splines
 LOOKS, BEGIN, CLOSER = 9, 1.02, 5
 # Search of the first motion, and share of the seconds that it and all looks may take.
 FIRST, SHARE = Sequential(starts=4, kept=(2, 1), levels=1), 0.5
-# Durations nearer than this, as a ratio's logarithm, are one.
-SAME = 1e-6
 # Steps of each look, and the longest duration where nothing else bounds it, as a multiple of the shortest.
 STEPS, LONGEST = 40, 20.0
 
@@ -105,12 +102,14 @@ def energy_curve(problem: PlanningProblem, options: SolveOptions) -> list[Look]:
     if first is None or not first.feasible:
         return []
     looks = [Look(float(first.splines.total[0]), first.cost, first)]
-    for duration in _coarse_to_fine(np.geomspace(shortest, longest, LOOKS)):
+    grid = np.geomspace(shortest, longest, LOOKS)
+    middle = looks[0].duration
+    # A motion can be drawn out at once, and the longest mostly costs least; quicker ones need their neighbour's.
+    for duration in (*grid[grid > middle][::-1], *grid[grid < middle][::-1]):
         if ledger.remaining == 0:
             break
-        if min(apart(look, duration) for look in looks) > SAME:
-            nearest = min(looks, key=lambda look: apart(look, duration))
-            looks.append(look_at(problem, duration, nearest, ledger))
+        nearest = min(looks, key=lambda look: apart(look, duration))
+        looks.append(look_at(problem, float(duration), nearest, ledger))
     for _ in range(CLOSER):
         looks.sort(key=lambda look: look.duration)
         place = _closer(looks, problem.standby)
@@ -119,23 +118,6 @@ def energy_curve(problem: PlanningProblem, options: SolveOptions) -> list[Look]:
         nearest = min(looks, key=lambda look: apart(look, place))
         looks.append(look_at(problem, place, nearest, ledger))
     return sorted(looks, key=lambda look: look.duration)
-
-
-def _coarse_to_fine(grid: Float[Array, " k"]) -> list[float]:
-    """The longest duration, the shortest one, and then the middle of each gap again and again.
-
-    So a search that ends early has looked everywhere, and longest where least energy mostly is.
-    """
-    last = len(grid) - 1
-    order = [last, 0]
-    gaps = [(0, last)]
-    while gaps:
-        low, high = gaps.pop(0)
-        middle = (low + high) // 2
-        if low < middle < high:
-            order.append(middle)
-            gaps += [(middle, high), (low, middle)]
-    return [float(grid[k]) for k in order]
 
 
 def apart(look: Look, duration: float) -> float:
