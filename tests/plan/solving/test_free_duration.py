@@ -13,7 +13,7 @@ from plan.command_options import CompareOptions, SolveOptions, TaskOptions
 from plan.planners.sequential import Sequential
 from plan.problem.result import PlanResult
 from plan.show.pictures import draw_energy_curve, require_curve, save_energy_curve
-from plan.solving.free_duration import _coarse_to_fine, lasting, solve_free_duration
+from plan.solving.free_duration import lasting, solve_free_duration
 from plan.solving.solve import solve
 from tests.plan.worlds import problem
 
@@ -63,17 +63,6 @@ def test_the_curve_is_told(found: PlanResult, tmp_path: Path) -> None:
     assert len(draw_energy_curve(found).axes[0].lines) == 3
     with pytest.raises(InputError, match=r"end it in one of: \.png, \.svg, \.csv"):
         require_curve(tmp_path / "curve.txt")
-
-
-@pytest.mark.parametrize("count", [3, 5, 9])
-def test_durations_are_looked_at_from_coarse_to_fine(count: int) -> None:
-    """Law: each once, and whatever the first k are, no gap between them is wider than need be."""
-    grid = np.linspace(1.0, 2.0, count)
-    order = _coarse_to_fine(grid)
-    assert sorted(order) == pytest.approx(grid)
-    for k in range(2, len(order) + 1):
-        gaps = np.diff(sorted(set(order[:k])))
-        assert gaps.max() <= 1.0 / 2 ** np.floor(np.log2(max(k - 1, 1))) + 1e-9
 
 
 def test_without_standby_the_longest_duration_costs_least() -> None:
