@@ -111,7 +111,8 @@ class RunComparison:
         def units(change: RunChange) -> float:
             return float(change.log_units(self.arm.n)[told].sum())
 
-        changes = [change for change in self._changes(odd, others) if can_be_judged(change, told)]
+        runs = [self.runs[number] for number in odd]
+        changes = [change for change in self._changes(odd, others) if can_be_judged(change, told, runs)]
         if not changes:
             return
         costs = [float(self._odd_errors(odd, others, change)[told].sum() + units(change)) for change in changes]
@@ -177,10 +178,17 @@ class RunComparison:
                 yield followed(min(tried, key=cost), cost)
 
 
-def can_be_judged(change: RunChange, told: Bool[Array, " n"]) -> bool:
-    """Whether what a change says is foretold: torques of its own joints, or all if it changes how the arm moves."""
+def can_be_judged(change: RunChange, told: Bool[Array, " n"], runs: Sequence[RunStates]) -> bool:
+    """Whether what a change says is foretold: torques of its own joints, or all if it changes how the arm moves.
+
+    Of two joints that change places both have to move at once: one that stands takes no torque to be foretold.
+    """
     if change.kind in OF_TORQUES:
         return bool(told[list(change.joints)].all())
+    if change.kind == "columns":
+        moves = np.concatenate([run.moves[:, list(change.joints)] for run in runs])
+        both, either = moves.all(axis=1).sum(), moves.any(axis=1).sum()
+        return bool(told.all()) and bool(2 * both > either)
     return bool(told.all())
 
 

@@ -94,7 +94,8 @@ def with_inertial_parameters(model: pin.Model, parameters: Float[Array, " 10n"])
         cross = pin.skew(lever)
         inertia.mass = mass
         inertia.lever = lever
-        inertia.inertia = about_origin + mass * cross @ cross
+        about_centre = about_origin + mass * cross @ cross
+        inertia.inertia = 0.5 * (about_centre + about_centre.T)
         changed.inertias[joint] = inertia
     return changed
 
