@@ -92,7 +92,8 @@ class RunComparison:
         told = self._foretellable(odd, others, usual)
         alternatives = float(np.log(len(self.partings) / LIMIT.chance))
         # As much is gained where the odd runs become like the rest.
-        possible = float((self.errors.sum(axis=0) - usual.sum(axis=0) - len(odd) * usual.mean(axis=0))[told].sum())
+        by_joint = self.errors.sum(axis=0) - usual.sum(axis=0) - len(odd) * usual.mean(axis=0)
+        possible = float(by_joint[told].sum())
         if possible < alternatives:
             return
         before = self._odd_errors(odd, others)
@@ -122,7 +123,8 @@ class RunComparison:
             sums = np.array(self.sums)
             for number in odd:
                 sums[number] = self.tables.sums(change.undo(self.runs[number]))
-            gain = float((self.errors - self.tables.errors_among(sums))[:, told].sum()) - len(odd) * units(change)
+            fall = self.errors - self.tables.errors_among(sums)
+            gain = float(fall[:, told].sum()) - len(odd) * units(change)
             if gain > alternatives:
                 yield difference(change, gain, self._odd_errors(odd, others, change))
 
@@ -132,7 +134,8 @@ class RunComparison:
         A joint that moves in the odd runs alone has friction and inertia that the rest know nothing of.
         """
         left_open = np.mean([others.open_square(self.sums[number]) for number in odd], axis=0)
-        as_usual = open_among(self.sums[self._rest(odd)]).max(axis=0) + np.exp(2.0 * usual.mean(axis=0))
+        of_rest = open_among(self.sums[self._rest(odd)]).max(axis=0)
+        as_usual = of_rest + np.exp(2.0 * usual.mean(axis=0))
         return np.asarray(left_open < as_usual)
 
     def _own_errors(self, odd: tuple[int, ...], rest: Sequence[int], usual: Float[Array, "r n"]) -> Float[Array, "k n"]:
@@ -179,7 +182,7 @@ class RunComparison:
 
 
 def can_be_judged(change: RunChange, told: Bool[Array, " n"], runs: Sequence[RunStates]) -> bool:
-    """Whether what a change says is foretold: torques of its own joints, or all if it changes how the arm moves.
+    """Whether what a change says is foretold: torques of its own joints, or of all if it changes the motion.
 
     Of two joints that change places both have to move at once: one that stands takes no torque to be foretold.
     """
@@ -187,7 +190,8 @@ def can_be_judged(change: RunChange, told: Bool[Array, " n"], runs: Sequence[Run
         return bool(told[list(change.joints)].all())
     if change.kind == "columns":
         moves = np.concatenate([run.moves[:, list(change.joints)] for run in runs])
-        both, either = moves.all(axis=1).sum(), moves.any(axis=1).sum()
+        both = moves.all(axis=1).sum()
+        either = moves.any(axis=1).sum()
         return bool(told.all()) and bool(2 * both > either)
     return bool(told.all())
 
