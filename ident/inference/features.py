@@ -341,10 +341,10 @@ def power_at(fine: Inferred, group: Group, joints: Sequence[int]) -> float:
     scaled = estimate * search.scale[group.columns - search.first]
     power = 0.0
     for j in joints:
-        local = model.sums.evidence.layout.local[j]
-        here = np.isin(group.columns, local)
-        places = np.searchsorted(local, group.columns[here])
-        power += float(scaled[here] @ model.whole[j][np.ix_(places, places)] @ scaled[here])
+        places = model.sums.evidence.layout.places[j]
+        here = np.array([column in places for column in group.columns])
+        inside = [places[int(column)] for column in group.columns[here]]
+        power += float(scaled[here] @ model.whole[j][np.ix_(inside, inside)] @ scaled[here])
     return power
 
 
