@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from scipy.special import expit, stdtrit
 
+from ident.arrays import Array, Float
 from ident.effects.intervals import NORMAL_95
 from ident.safe_read import read_toml
 
@@ -38,6 +39,8 @@ PHASE = "phase_rad"
 COMPONENT = re.compile(r"_[xyz](?=_)")
 # Samples at which the temper is stated.
 LOG_THOUSAND = float(np.log(1000.0))
+# Name of the feature that says what a smooth function still finds beside a law.
+SHAPE_LEFT = "log_shape_left"
 
 
 def sizes_of(values: Mapping[str, float]) -> dict[str, float]:
@@ -106,11 +109,28 @@ class Widths:
         return float(QUANTILE * np.hypot(self.factor * half / NORMAL_95, share * abs(size)))
 
 
-def left_of_kind(features: Mapping[str, float]) -> float:
+def left_of_kind(shape_left: float | Float[Array, " N"]) -> Float[Array, " N"]:
     """Root mean square torque that a smooth function still finds beside a law, as a share of the
-    law's own; 0 where nobody looked.
+    law's own.
+
+    Args:
+        shape_left: The feature of that name, minus infinity where nobody looked.
     """
-    return float(np.exp(0.5 * features.get("log_shape_left", -np.inf)))
+    return np.exp(0.5 * np.asarray(shape_left, dtype=float))
+
+
+@dataclass(frozen=True)
+class Temper:
+    """Exponent of the evidence between rivals, as it grows with the number of samples."""
+
+    of_thousand: float  # with a thousand samples
+    growth: float  # power of the number of samples
+
+    def at(self, log_rows: float) -> float:
+        """The exponent with so many samples, by their logarithm: a short recording's evidence is
+        less to be believed, nat for nat.
+        """
+        return float(self.of_thousand * (np.exp(log_rows) / 1000.0) ** self.growth)
 
 
 @dataclass(frozen=True)
@@ -123,12 +143,9 @@ class NameCalibration:
     widths: Widths | None  # None for intervals as the recordings alone have them
 
     def temper_of(self, features: Mapping[str, float]) -> float:
-        """Exponent of the evidence between rivals where an effect has such features: a short
-        recording's evidence is less to be believed, nat for nat.
-        """
-        return (
-            self.temper * (np.exp(features.get("log_rows", LOG_THOUSAND)) / 1000.0) ** self.growth
-        )
+        """Exponent of the evidence between rivals where an effect has such features."""
+        growing = Temper(self.temper, self.growth)
+        return growing.at(features.get("log_rows", LOG_THOUSAND))
 
 
 @dataclass(frozen=True)

@@ -18,14 +18,9 @@ from ident.arrays import Float
 from ident.effects.base import SessionContext
 from ident.inference.calibration import Calibration, load_calibration
 from ident.inference.estimate import Estimate, Reason, estimate
-from ident.inference.features import (
-    Described,
-    JointLeft,
-    Scorers,
-    describe,
-    describe_joints,
-)
+from ident.inference.features import Described, Scorers, describe
 from ident.inference.infer import Inference, Inferred, infer
+from ident.inference.joints_left import JointLeft, describe_joints
 from ident.inference.refine import refine
 from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut, HeldOutScore

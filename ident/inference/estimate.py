@@ -20,8 +20,15 @@ import numpy as np
 
 from ident.arrays import Float
 from ident.effects.base import Interval, SessionContext, impossible
-from ident.inference.calibration import NameCalibration, Widths, left_of_kind, sizes_of
-from ident.inference.features import FEATURE_WORDS, Described
+from ident.inference.calibration import (
+    SHAPE_LEFT,
+    NameCalibration,
+    Widths,
+    left_of_kind,
+    sizes_of,
+)
+from ident.inference.feature_words import FEATURE_WORDS
+from ident.inference.features import Described
 from ident.inference.profile import Profile
 from ident.inference.search import SetSearch, rest_of
 from ident.inference.solution import Solution
@@ -103,7 +110,8 @@ def estimate(
         solution = one.solution
         given, beta, covariance = _parameters(solution, solution.fixed, one.group, session)
         free, _, _ = _parameters(solution, solution.search, one.group, session)
-        parameters = widened(given, free, calibration.widths, left_of_kind(one.features))
+        left = float(left_of_kind(one.features.get(SHAPE_LEFT, -np.inf)))
+        parameters = widened(given, free, calibration.widths, left)
         parts = calibration.names.parts(one.features)
         ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
         sure = calibration.names.probability(one.features)

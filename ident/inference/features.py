@@ -16,6 +16,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import SessionContext, impossible
+from ident.inference.calibration import SHAPE_LEFT
 from ident.inference.components import ModelSums, discrepancy_at
 from ident.inference.infer import Inference, Inferred, evidence_of
 from ident.inference.search import SetSearch, rest_of
@@ -26,136 +27,6 @@ from ident.regression.design import Group, Key
 
 # Divisor of the URDF's tolerance where its inertias are taken as they are.
 FIXED = 20.0
-# Each feature of an effect as a reason for it, and against it.
-FEATURE_WORDS = {
-    "log_nats": ("the recordings speak for it strongly", "the recordings hardly speak for it"),
-    "log_nats_beside": (
-        "no smooth function of the joint's state explains as much",
-        "a smooth function of the joint's state explains nearly as much",
-    ),
-    "log_nats_a_row": ("every sample speaks for it", "it shows only over many samples"),
-    "log_rows": ("there are many samples", "there are few samples"),
-    "gain_in_errors": (
-        "it foretells runs that the fit never saw",
-        "it hardly foretells runs that the fit never saw",
-    ),
-    "closed_in_errors": (
-        "it lowers the error on every run that the fit never saw",
-        "it does not lower the error on all runs that the fit never saw",
-    ),
-    "size_in_errors": (
-        "its size is the same in all parts of the recordings",
-        "its size differs between parts of the recordings",
-    ),
-    "folds_that_gain": (
-        "all parts of the recordings agree",
-        "parts of the recordings disagree",
-    ),
-    "share_of_square": ("it explains much of the error", "it explains little of the error"),
-    "share_of_gap": ("it closes much of the gap", "it closes little of the gap"),
-    "log_size_over_noise": ("it is large beside the noise", "it is small beside the noise"),
-    "log_left_over_noise": ("little is left beside it", "much is left beside it"),
-    "log_size_over_usual": (
-        "its size is one that arms have",
-        "its size is not one that arms usually have",
-    ),
-    "log_share_of_evidence": (
-        "most of what the recordings say is said by it",
-        "other effects explain far more",
-    ),
-    "unlike_any_arm": ("arms have such figures", "no arm has such figures"),
-    "log_urdf_scale": ("the URDF is about right elsewhere", "the URDF is off elsewhere, too"),
-    "visibility": (
-        "tuning the model can't imitate it",
-        "tuning the model imitates most of it",
-    ),
-    "inertia_like": ("it is a body, or acts like one", "wrong inertias can imitate it"),
-    "event": ("it happens once", "it happens once, so no other run can confirm it"),
-    "whole_arm": ("it shows at several joints", "it should show at several joints"),
-    "columns": ("its law is simple", "its law has many numbers"),
-    "from_every_start": (
-        "every start of the search leads to it",
-        "another start of the search leads elsewhere",
-    ),
-    "start_behind": (
-        "it stands in the likeliest explanation of all",
-        "it stands in an explanation that is not the likeliest of all",
-    ),
-    "log_friction_spread": (
-        "the joint's friction is steady",
-        "the joint's friction varies from run to run",
-    ),
-    "others_here": ("nothing else acts at the joint", "other effects act at the joint, too"),
-    "names_a_joint": ("few effects explain this arm", "this arm would need many effects"),
-    "smooth_share": (
-        "nothing else is left at the joint",
-        "something without a name is left at the joint",
-    ),
-    "log_dispersion": (
-        "the model fits the joint down to its noise",
-        "the model does not fit the joint down to its noise",
-    ),
-    "log_shape_left": (
-        "nothing of its kind is left beside it",
-        "a smooth function still finds torque beside it, so its law may be another one",
-    ),
-    "share_of_smooth": (
-        "beside it a smooth function finds little",
-        "beside it a smooth function finds as much as without it",
-    ),
-    "stands_out": (
-        "the joint is off by more than the others",
-        "the joint is off by no more than the others",
-    ),
-    "left_above_others": (
-        "beside it the joint is as good as the others",
-        "beside it the joint is still off by more than the others",
-    ),
-    "log_nats_alone": (
-        "alone it explains much of what the tuned model leaves",
-        "alone it explains little of what the tuned model leaves",
-    ),
-    "share_alone": (
-        "alone it closes much of the error",
-        "alone it closes little of the error",
-    ),
-    "alone_behind": (
-        "no effect like it explains more alone",
-        "another effect like it explains more alone",
-    ),
-    "how_soon": (
-        "it stands among the first in the simplest explanation",
-        "the simplest explanation does without it, or needs others before it",
-    ),
-    "how_soon_here": (
-        "it stands first at its joint in the simplest explanation",
-        "others at its joint stand before it in the simplest explanation, or it is not in it",
-    ),
-    "log_nats_in_turn": (
-        "beside larger causes it still explains much",
-        "beside larger causes it explains little",
-    ),
-    "share_in_turn": (
-        "beside larger causes it closes much of the error that is left",
-        "beside larger causes it closes little of the error that is left",
-    ),
-    "turn_in_errors": (
-        "beside larger causes it foretells runs that the fit never saw",
-        "beside larger causes it hardly foretells runs that the fit never saw",
-    ),
-    "rival_behind": ("no other effect explains it", "another effect explains it nearly as well"),
-    "place_behind": ("no other joint explains it", "another joint explains it nearly as well"),
-    # Of what changed between two sets of recordings:
-    "log_size_over_runs": (
-        "it is far more than runs of one set differ by",
-        "runs of one set differ by as much among themselves",
-    ),
-    "log_null_ratio": (
-        "runs of one set are alike",
-        "runs of one set differ by more than their noise",
-    ),
-    "parts": ("both sets have many runs", "one of the sets has few runs"),
-}
 # Deficits beyond this many nats are all alike: nobody would call such a candidate a rival.
 MOST_DEFICIT = 2000.0
 
@@ -259,7 +130,7 @@ def _describe_set(
             **_beside_other_joints(scorers, view, joints),
             **of_held_out(view, scorers, joints, group),
             "size_in_errors": _size_in_errors(scorers, fine.chosen, group, view),
-            **_of_shape(fine, group, session),
+            **_of_shape(fine, group, session, joints, smooth_power),
             **_of_others(inference, coarse, fine, group, joints),
             **_of_simplest(inference.simplest, turns, group, joints),
             "smooth_share": float(smooth_share[list(joints)].max()),
@@ -320,9 +191,7 @@ def _of_evidence(
     rows = float(model.sums.evidence.samples[list(joints)].sum())
     smooth_before = float(freed.residual(others).by_block[list(joints)].sum())
     smooth_after = float(smooth_power[list(joints)].sum())
-    power = power_at(fine, group, joints)
     return {
-        "log_shape_left": float(np.log((1.0 + smooth_after) / (1.0 + power))),
         "share_of_smooth": float(
             np.clip((smooth_before - smooth_after) / (1.0 + smooth_before), -1.0, 1.0)
         ),
@@ -332,20 +201,6 @@ def _of_evidence(
         "log_nats_a_row": float(np.log(max(alone, 0.1) / max(rows, 1.0))),
         "log_rows": float(np.log(max(rows, 1.0))),
     }
-
-
-def power_at(fine: Inferred, group: Group, joints: Sequence[int]) -> float:
-    """Whitened squares of an effect's own torque at some joints."""
-    search, model = fine.search, fine.model
-    estimate = search.coefficients(fine.chosen)[group]
-    scaled = estimate * search.scale[group.columns - search.first]
-    power = 0.0
-    for j in joints:
-        places = model.sums.evidence.layout.places[j]
-        here = np.array([column in places for column in group.columns])
-        inside = [places[int(column)] for column in group.columns[here]]
-        power += float(scaled[here] @ model.whole[j][np.ix_(inside, inside)] @ scaled[here])
-    return power
 
 
 def _all_nats(fine: Inferred) -> float:
@@ -420,8 +275,39 @@ def _size_in_errors(
     return squashed(length, max(float(error), 1e-6 * length))
 
 
-def _of_shape(fine: Inferred, group: Group, session: SessionContext) -> dict[str, float]:
-    """How large an effect is beside what is expected, and which share of it tuning can't absorb."""
+def power_at(
+    model: ModelSums, group: Group, scaled: Float[Array, " k"], joints: Sequence[int]
+) -> float:
+    """Whitened squares of an effect's own torque at some joints.
+
+    Args:
+        model, group, joints: The sums, the effect, and the joints.
+        scaled: Its coefficients in the scale of its columns.
+    """
+    power = 0.0
+    for j in joints:
+        places = model.sums.evidence.layout.places[j]
+        here = np.array([column in places for column in group.columns])
+        inside = [places[int(column)] for column in group.columns[here]]
+        power += float(scaled[here] @ model.whole[j][np.ix_(inside, inside)] @ scaled[here])
+    return power
+
+
+def _of_shape(
+    fine: Inferred,
+    group: Group,
+    session: SessionContext,
+    joints: Sequence[int],
+    smooth_power: Float[Array, " n"],
+) -> dict[str, float]:
+    """How large an effect is beside what is expected, which share of it tuning can't absorb, and
+    what a smooth function still finds beside it.
+
+    Args:
+        fine, group, joints: The set, one of its effects, and where that shows.
+        session: The runs.
+        smooth_power: Whitened squares of each joint's discrepancy beside the whole set.
+    """
     search, model = fine.search, fine.model
     estimate = search.coefficients(fine.chosen)[group]
     scaled = estimate * search.scale[group.columns - search.first]
@@ -433,7 +319,10 @@ def _of_shape(fine: Inferred, group: Group, session: SessionContext) -> dict[str
     power = float(scaled @ model.gram[np.ix_(at, at)] @ scaled)
     inside = at - search.first
     left = float(scaled @ search.rest[np.ix_(inside, inside)] @ scaled)
+    smooth_left = float(smooth_power[list(joints)].sum())
+    power_here = power_at(model, group, scaled, joints)
     return {
+        SHAPE_LEFT: float(np.log((1.0 + smooth_left) / (1.0 + power_here))),
         "log_size_over_usual": float(np.log(max(float(np.max(np.abs(scaled) / deviation)), 1e-6))),
         "visibility": float(np.clip(left / max(power, 1e-300), 0.0, 1.0)),
         "unlike_any_arm": float(unlike_any_arm is not None),
@@ -551,74 +440,6 @@ def of_rivals(rivals: Mapping[Key, float], group: Group) -> dict[str, float]:
         "rival_behind": signed_log(min(other_effects, default=MOST_DEFICIT)),
         "place_behind": signed_log(min(other_places, default=MOST_DEFICIT)),
     }
-
-
-@dataclass(frozen=True, eq=False)
-class JointLeft:
-    """What is left at a joint beside the chosen effects."""
-
-    joint: int
-    features: Mapping[str, float]
-    kind: str | None  # block of the discrepancy that explains most: state, memory, time or coupling
-
-    @property
-    def share(self) -> float:
-        """Share of the joint's squares that its discrepancy explains."""
-        return self.features["smooth_share"]
-
-    def with_repeated(self, share: float) -> dict[str, float]:
-        """The features where what repeats by the angle explains a share of the squares.
-
-        A share r of N squares of noise is worth −½ N log (1 − r) nats.
-        """
-        features = dict(self.features)
-        if share > self.share:
-            nats_a_row = -0.5 * float(np.log1p(-min(share, 1.0 - 1e-12)))
-            features["smooth_share"] = share
-            again = float(np.log1p(1e3 * nats_a_row))
-            features["log_smooth_nats_a_row"] = max(features["log_smooth_nats_a_row"], again)
-        return features
-
-
-def describe_joints(fine: Inferred, names: Sequence[Group], tuned: HeldOut) -> list[JointLeft]:
-    """What is left at each joint that has rows, beside some of the chosen effects.
-
-    Discrepancies are estimated beside these alone: what an unlikely effect explains is open.
-
-    Args:
-        fine: The set on fine grids.
-        names: Those of its effects that are likelier than not.
-        tuned: Scores of models on parts that a fit never saw, by the set's variances.
-    """
-    model = fine.model
-    evidence = model.sums.evidence
-    with_rows = [j for j in range(evidence.layout.n) if evidence.samples[j] >= 1.0]
-    smooth = {
-        j: discrepancy_at(model, j, names, warm=len(names) == len(fine.chosen)) for j in with_rows
-    }
-    beside = model.with_discrepancy({j: variances for j, (variances, _) in smooth.items()})
-    residual, smooth_share = beside.residual(names), beside.smooth_share(names)
-    score, alone = tuned.score(names), tuned.score()
-    left = []
-    for j in with_rows:
-        nats = smooth[j][1]
-        level = max(float(evidence.whitening.level[j]), 1e-12)
-        here = [group for group in names if group.effect.rows == "own" and group.joint == j]
-        dispersion = model.components.dispersion[j] * max(residual.mean_square[j], 1.0)
-        features = {
-            "log_smooth_nats": signed_log(nats),
-            "log_smooth_nats_a_row": float(np.log1p(1e3 * nats / evidence.samples[j])),
-            "smooth_share": float(smooth_share[j]),
-            "log_dispersion": float(np.log(dispersion)),
-            "log_left_over_noise": float(np.log(max(float(score.rms[j]), 1e-12) / level)),
-            "log_before_over_noise": float(np.log(max(float(alone.rms[j]), 1e-12) / level)),
-            "log_friction_spread": float(np.log(model.components.friction[j])),
-            "names_here": float(len(here)),
-            "names_a_joint": len(names) / evidence.layout.n,
-            "log_rows": float(np.log(evidence.samples[j])),
-        }
-        left.append(JointLeft(j, features, residual.kind_of(j)))
-    return left
 
 
 def signed_log(nats: float) -> float:

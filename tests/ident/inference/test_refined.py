@@ -9,7 +9,8 @@ from ident.diagnosis.diagnose import Analysis
 from ident.effects.effect_info import TABLE
 from ident.errors import InputError
 from ident.inference.calibration import Odds, Term, load_calibration
-from ident.inference.features import FEATURE_WORDS, signed_log, squashed
+from ident.inference.feature_words import FEATURE_WORDS
+from ident.inference.features import power_at, signed_log, squashed
 from ident.inference.profile import DROP, profile_interval
 
 
@@ -137,3 +138,20 @@ def test_what_is_left_is_told_of_every_joint(sprung: Analysis) -> None:
         assert 0.0 <= left.share <= 1.0
         assert all(np.isfinite(value) for value in left.features.values())
     assert conclusion.gap_probability().max() < 0.5
+
+
+def test_the_power_of_an_effect_is_that_of_its_own_columns(slowed: Analysis) -> None:
+    """Law: whitened squares of its torque, wherever its columns stand among a joint's."""
+    model = slowed.conclusion.inference.best.model
+    layout = model.sums.evidence.layout
+    rng = np.random.default_rng(8)
+    one_of_each = {group.key: group for group in layout.groups}
+    assert any(group.effect.rows == "all" for group in one_of_each.values())
+    for group in one_of_each.values():
+        scaled = rng.standard_normal(len(group.columns))
+        everywhere = np.zeros(layout.size + 1)
+        everywhere[group.columns] = scaled
+        for joint, local in enumerate(layout.local):
+            own = everywhere[local]
+            expected = own @ model.whole[joint] @ own
+            assert power_at(model, group, scaled, [joint]) == pytest.approx(expected, rel=1e-9, abs=1e-9)

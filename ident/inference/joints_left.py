@@ -1,0 +1,85 @@
+"""What is left at each joint beside the named effects, in numbers that carry over between arms.
+
+A second calibration turns them into the probability that something without a name is left there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.inference.components import discrepancy_at
+from ident.inference.features import signed_log
+from ident.inference.infer import Inferred
+from ident.regression.cross_validation import HeldOut
+from ident.regression.design import Group
+
+
+@dataclass(frozen=True, eq=False)
+class JointLeft:
+    """What is left at a joint beside the chosen effects."""
+
+    joint: int
+    features: Mapping[str, float]
+    kind: str | None  # block of the discrepancy that explains most: state, memory, time or coupling
+
+    @property
+    def share(self) -> float:
+        """Share of the joint's squares that its discrepancy explains."""
+        return self.features["smooth_share"]
+
+    def with_repeated(self, share: float) -> dict[str, float]:
+        """The features where what repeats by the angle explains a share of the squares.
+
+        A share r of N squares of noise is worth −½ N log (1 − r) nats.
+        """
+        features = dict(self.features)
+        if share > self.share:
+            nats_a_row = -0.5 * float(np.log1p(-min(share, 1.0 - 1e-12)))
+            features["smooth_share"] = share
+            again = float(np.log1p(1e3 * nats_a_row))
+            features["log_smooth_nats_a_row"] = max(features["log_smooth_nats_a_row"], again)
+        return features
+
+
+def describe_joints(fine: Inferred, names: Sequence[Group], tuned: HeldOut) -> list[JointLeft]:
+    """What is left at each joint that has rows, beside some of the chosen effects.
+
+    Discrepancies are estimated beside these alone: what an unlikely effect explains is open.
+
+    Args:
+        fine: The set on fine grids.
+        names: Those of its effects that are likelier than not.
+        tuned: Scores of models on parts that a fit never saw, by the set's variances.
+    """
+    model = fine.model
+    evidence = model.sums.evidence
+    with_rows = [j for j in range(evidence.layout.n) if evidence.samples[j] >= 1.0]
+    smooth = {
+        j: discrepancy_at(model, j, names, warm=len(names) == len(fine.chosen)) for j in with_rows
+    }
+    beside = model.with_discrepancy({j: variances for j, (variances, _) in smooth.items()})
+    residual, smooth_share = beside.residual(names), beside.smooth_share(names)
+    score, alone = tuned.score(names), tuned.score()
+    left = []
+    for j in with_rows:
+        nats = smooth[j][1]
+        level = max(float(evidence.whitening.level[j]), 1e-12)
+        here = [group for group in names if group.effect.rows == "own" and group.joint == j]
+        dispersion = model.components.dispersion[j] * max(residual.mean_square[j], 1.0)
+        features = {
+            "log_smooth_nats": signed_log(nats),
+            "log_smooth_nats_a_row": float(np.log1p(1e3 * nats / evidence.samples[j])),
+            "smooth_share": float(smooth_share[j]),
+            "log_dispersion": float(np.log(dispersion)),
+            "log_left_over_noise": float(np.log(max(float(score.rms[j]), 1e-12) / level)),
+            "log_before_over_noise": float(np.log(max(float(alone.rms[j]), 1e-12) / level)),
+            "log_friction_spread": float(np.log(model.components.friction[j])),
+            "names_here": float(len(here)),
+            "names_a_joint": len(names) / evidence.layout.n,
+            "log_rows": float(np.log(evidence.samples[j])),
+        }
+        left.append(JointLeft(j, features, residual.kind_of(j)))
+    return left
