@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
-from ident.checks.foretold import Fit, RunStates, RunTables, fit, open_among, states_of
+from ident.checks.foretold import Fit, RunStates, RunTables, fit, fits_among, states_of
 from ident.checks.run_changes import OF_TORQUES, OTHER_ARM, RunChange, discrete_changes, scale_changes, zero_changes
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
@@ -88,12 +88,13 @@ class RunComparison:
         """What the odd runs have otherwise, if the evidence says so: a convention, or all of it."""
         rest = self._rest(odd)
         others = fit(self.sums[rest].mean(axis=0), len(rest))
-        usual = self.tables.errors_among(self.sums[rest])
-        told = self._foretellable(odd, others, usual)
+        among = fits_among(self.sums[rest])
+        usual = np.array([self.tables.error_of(self.sums[k], fitted) for k, fitted in zip(rest, among, strict=True)])
+        foretold = self._foretellable(odd, others, among, usual)
         alternatives = float(np.log(len(self.partings) / LIMIT.chance))
         # As much is gained where the odd runs become like the rest.
         by_joint = self.errors.sum(axis=0) - usual.sum(axis=0) - len(odd) * usual.mean(axis=0)
-        possible = float(by_joint[told].sum())
+        possible = float(by_joint[foretold].sum())
         if possible < alternatives:
             return
         before = self._odd_errors(odd, others)
@@ -105,18 +106,18 @@ class RunComparison:
 
         # Smaller torques have smaller errors: none count below the rest's.
         own = np.maximum(self._own_errors(odd, rest, usual), usual.mean(axis=0))
-        gain = float((self.errors.sum(axis=0) - usual.sum(axis=0) - own.sum(axis=0))[told].sum())
+        gain = float((self.errors.sum(axis=0) - usual.sum(axis=0) - own.sum(axis=0))[foretold].sum())
         if gain > alternatives:
             yield difference(RunChange(OTHER_ARM, ()), gain, own.mean(axis=0))
 
         def units(change: RunChange) -> float:
-            return float(change.log_units(self.arm.n)[told].sum())
+            return float(change.log_units(self.arm.n)[foretold].sum())
 
         runs = [self.runs[number] for number in odd]
-        changes = [change for change in self._changes(odd, others) if can_be_judged(change, told, runs)]
+        changes = [change for change in self._changes(odd, others) if can_be_judged(change, foretold, runs)]
         if not changes:
             return
-        costs = [float(self._odd_errors(odd, others, change)[told].sum() + units(change)) for change in changes]
+        costs = [float(self._odd_errors(odd, others, change)[foretold].sum() + units(change)) for change in changes]
         alternatives += float(np.log(len(changes)))
         for place in np.argsort(costs)[: LIMIT.closer]:
             change = changes[int(place)]
@@ -124,18 +125,26 @@ class RunComparison:
             for number in odd:
                 sums[number] = self.tables.sums(change.undo(self.runs[number]))
             fall = self.errors - self.tables.errors_among(sums)
-            gain = float(fall[:, told].sum()) - len(odd) * units(change)
+            gain = float(fall[:, foretold].sum()) - len(odd) * units(change)
             if gain > alternatives:
                 yield difference(change, gain, self._odd_errors(odd, others, change))
 
-    def _foretellable(self, odd: tuple[int, ...], others: Fit, usual: Float[Array, "r n"]) -> Bool[Array, " n"]:
+    def _foretellable(
+        self, odd: tuple[int, ...], others: Fit, among: Sequence[Fit], usual: Float[Array, "r n"]
+    ) -> Bool[Array, " n"]:
         """The joints whose torque in the odd runs the rest can foretell, as one that moves as they do.
 
         A joint that moves in the odd runs alone has friction and inertia that the rest know nothing of.
+
+        Args:
+            odd: Numbers of the odd runs.
+            others: What the rest say together.
+            among, usual: What each of the rest is foretold by, and its error.
         """
         left_open = np.mean([others.open_square(self.sums[number]) for number in odd], axis=0)
-        of_rest = open_among(self.sums[self._rest(odd)]).max(axis=0)
-        as_usual = of_rest + np.exp(2.0 * usual.mean(axis=0))
+        rest = self._rest(odd)
+        of_rest = np.array([fitted.open_square(self.sums[k]) for k, fitted in zip(rest, among, strict=True)])
+        as_usual = of_rest.max(axis=0) + np.exp(2.0 * usual.mean(axis=0))
         return np.asarray(left_open < as_usual)
 
     def _own_errors(self, odd: tuple[int, ...], rest: Sequence[int], usual: Float[Array, "r n"]) -> Float[Array, "k n"]:
@@ -181,19 +190,19 @@ class RunComparison:
                 yield followed(min(tried, key=cost), cost)
 
 
-def can_be_judged(change: RunChange, told: Bool[Array, " n"], runs: Sequence[RunStates]) -> bool:
+def can_be_judged(change: RunChange, foretold: Bool[Array, " n"], runs: Sequence[RunStates]) -> bool:
     """Whether what a change says is foretold: torques of its own joints, or of all if it changes the motion.
 
     Of two joints that change places both have to move at once: one that stands takes no torque to be foretold.
     """
     if change.kind in OF_TORQUES:
-        return bool(told[list(change.joints)].all())
+        return bool(foretold[list(change.joints)].all())
     if change.kind == "columns":
         moves = np.concatenate([run.moves[:, list(change.joints)] for run in runs])
         both = moves.all(axis=1).sum()
         either = moves.any(axis=1).sum()
-        return bool(told.all()) and bool(2 * both > either)
-    return bool(told.all())
+        return bool(foretold.all()) and bool(2 * both > either)
+    return bool(foretold.all())
 
 
 def followed(change: RunChange, cost: Callable[[RunChange], float]) -> RunChange:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -103,10 +104,7 @@ class RunTables:
 
     def errors_among(self, sums: Float[Array, "R n c c"]) -> Float[Array, "R n"]:
         """Each run's error, foretold by all the others."""
-        total = sums.sum(axis=0)
-        count = len(sums) - 1
-        errors = [self.error_of(run, fit((total - run) / count, count)) for run in sums]
-        return np.array(errors)
+        return np.array([self.error_of(run, others) for run, others in zip(sums, fits_among(sums), strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +113,16 @@ class Fit:
 
     Attributes:
         coefficients: The likeliest, shape (n, p).
-        covariance: How far they are open, each run an observation: samples of a run say much the same, (n, p, p).
+        precision: Of them, each run an observation: samples of a run say much the same, shape (n, p, p).
     """
 
     coefficients: Float[Array, "n p"]
-    covariance: Float[Array, "n p p"]
+    precision: Float[Array, "n p p"]
+
+    @cached_property
+    def covariance(self) -> Float[Array, "n p p"]:
+        """How far the coefficients are open."""
+        return inverse_of(self.precision)
 
     def open_square(self, sums: Float[Array, "n c c"]) -> Float[Array, " n"]:
         """Mean square of what the coefficients leave open in a run [(N m)²]: much, where it moves as none of them."""
@@ -144,7 +147,7 @@ def fit(sums: Float[Array, "n c c"], runs: int) -> Fit:
         coefficients = (inverse_of(normal) @ sums[:, :count, -1:])[..., 0]
         noise = np.maximum(left_square(sums, coefficients), LEAST_SQUARE)
     precision = runs * sums[:, :count, :count] / noise[:, None, None] + np.eye(count)
-    return Fit(coefficients, inverse_of(precision))
+    return Fit(coefficients, precision)
 
 
 def inverse_of(matrices: Float[Array, "n p p"]) -> Float[Array, "n p p"]:
@@ -162,7 +165,8 @@ def left_square(sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]) 
     return np.asarray(np.maximum(left, LEAST_SQUARE))
 
 
-def open_among(sums: Float[Array, "R n c c"]) -> Float[Array, "R n"]:
-    """What each run's torque is left open by, foretold by all the others [(N m)²]."""
-    total, count = sums.sum(axis=0), len(sums) - 1
-    return np.array([fit((total - run) / count, count).open_square(run) for run in sums])
+def fits_among(sums: Float[Array, "R n c c"]) -> list[Fit]:
+    """For each run what all the others say."""
+    total = sums.sum(axis=0)
+    count = len(sums) - 1
+    return [fit((total - run) / count, count) for run in sums]
