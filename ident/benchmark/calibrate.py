@@ -48,11 +48,11 @@ from ident.benchmark.leave_out import (
 from ident.benchmark.logistic import Logistic, fit_logistic, log_score
 from ident.benchmark.outcomes import KNOWN_FROM, NAMED_FROM
 from ident.benchmark.scoring import auroc, calibration_curve
-from ident.benchmark.tempering import Temper, choices, fit_growing_temper
+from ident.benchmark.tempering import choices, fit_growing_temper
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.files import atomic_write
-from ident.inference.calibration import left_of_kind, sizes_of
+from ident.inference.calibration import SHAPE_LEFT, Temper, left_of_kind, sizes_of
 from ident.safe_read import read_toml
 
 SIGNS = Path(__file__).with_name("signs.toml")
@@ -236,6 +236,7 @@ class Further:
 def fit_further(table: Table, fitted: Fitted, results: Mapping[str, Any], entries: Mapping[str, Entry]) -> Further:
     """Fits gaps at joints, the temper between rivals, and the widths of intervals."""
     gaps = fit_gaps(JointRows.of(results, entries))
+    left = left_of_kind(table.features.get(SHAPE_LEFT, np.full(len(table.rows), -np.inf)))
     misses = []
     for k, (row, probability) in enumerate(zip(table.rows, fitted.held_out, strict=True)):
         session = table.sessions[row["case"]]
@@ -245,8 +246,7 @@ def fit_further(table: Table, fitted: Fitted, results: Mapping[str, Any], entrie
             unit = session.unit
             intervals = json.loads(row["intervals"])
             sizes = sizes_of({one["parameter"]: one["value"] for one in intervals})
-            left = left_of_kind({name: float(values[k]) for name, values in table.features.items()})
-            misses += [_miss(interval, unit, sizes, left) for interval in intervals]
+            misses += [_miss(interval, unit, sizes, float(left[k])) for interval in intervals]
     return Further(gaps, fit_growing_temper(choices(results, entries)), _even_nats(table, fitted), fit_widths(misses))
 
 

@@ -38,10 +38,7 @@ FEWEST_SAMPLES = 20
 
 def cut_rows(run: Recording, rows: Bool[Array, " T"]) -> Recording | None:
     """A run's chosen samples; None if they are too few."""
-    if rows.sum() < FEWEST_SAMPLES:
-        return None
-    channels = {name: values[rows] for name, values in run.channels().items()}
-    return replace(run, time=run.time[rows], **channels)
+    return run.at(rows) if rows.sum() >= FEWEST_SAMPLES else None
 
 
 def speed_of(run: Recording) -> Float[Array, " T"]:

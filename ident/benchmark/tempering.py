@@ -17,6 +17,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from ident.arrays import Array, Float
 from ident.benchmark.corpus import Entry, Truth
+from ident.inference.calibration import Temper
 
 # Logarithms of T between which it is looked for.
 LEAST, MOST = -8.0, 1.0
@@ -65,18 +66,6 @@ def fit_temper(every: list[Choice]) -> float:
 
     best = minimize_scalar(minus_log_likelihood, bounds=(LEAST, MOST), method="bounded")
     return float(np.exp(best.x))
-
-
-@dataclass(frozen=True)
-class Temper:
-    """The exponent as it grows with the number of samples."""
-
-    of_thousand: float  # with a thousand samples
-    growth: float  # power of the number of samples
-
-    def at(self, log_rows: float) -> float:
-        """The exponent with so many samples, by their logarithm."""
-        return float(self.of_thousand * (np.exp(log_rows) / 1000.0) ** self.growth)
 
 
 def fit_growing_temper(every: list[Choice]) -> Temper:
