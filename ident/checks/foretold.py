@@ -122,7 +122,7 @@ class Fit:
     @cached_property
     def covariance(self) -> Float[Array, "n p p"]:
         """How far the coefficients are open."""
-        return inverse_of(self.precision)
+        return solve_positive(self.precision, np.eye(self.precision.shape[1])[None])
 
     def open_square(self, sums: Float[Array, "n c c"]) -> Float[Array, " n"]:
         """Mean square of what the coefficients leave open in a run [(N m)²]: much, where it moves as none of them."""
@@ -144,18 +144,22 @@ def fit(sums: Float[Array, "n c c"], runs: int) -> Fit:
     coefficients = np.zeros((len(sums), count))
     for _ in range(LIMIT.rounds):
         normal = sums[:, :count, :count] + (noise / LIMIT.states)[:, None, None] * np.eye(count)
-        coefficients = (inverse_of(normal) @ sums[:, :count, -1:])[..., 0]
+        coefficients = solve_positive(normal, sums[:, :count, -1:])[..., 0]
         noise = np.maximum(left_square(sums, coefficients), LEAST_SQUARE)
     precision = runs * sums[:, :count, :count] / noise[:, None, None] + np.eye(count)
     return Fit(coefficients, precision)
 
 
-def inverse_of(matrices: Float[Array, "n p p"]) -> Float[Array, "n p p"]:
-    """Inverses of positive matrices, in units of their diagonals, where columns may be the same but for rounding."""
-    size = np.sqrt(matrices.diagonal(axis1=1, axis2=2))
-    units = size[:, :, None] * size[:, None, :]
-    scaled = matrices / units + ROUNDING * np.eye(matrices.shape[1])
-    return np.asarray(np.linalg.inv(scaled) / units)
+def solve_positive(matrices: Float[Array, "n p p"], right: Float[Array, "n p k"]) -> Float[Array, "n p k"]:
+    """Solutions of positive systems, in units of the diagonals, where columns may be the same but for rounding.
+
+    Args:
+        matrices: One of each joint.
+        right: Right-hand sides of each joint, or one for all.
+    """
+    size = np.sqrt(matrices.diagonal(axis1=1, axis2=2))[:, :, None]
+    scaled = matrices / (size * size.transpose(0, 2, 1)) + ROUNDING * np.eye(matrices.shape[1])
+    return np.asarray(np.linalg.solve(scaled, right / size) / size)
 
 
 def left_square(sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]) -> Float[Array, " n"]:
