@@ -371,10 +371,8 @@ class Turns:
         keys = [group.key for group in refined.simplest.chosen]
         fine = next(reached for reached in refined.reached if reached.simplest)
         order = sorted(fine.chosen, key=lambda group: keys.index(group.key))
-        everything = {group.key: group for group in fine.chosen}
-        for reached in refined.reached:
-            everything |= {group.key: group for group in reached.chosen}
-        expected = tuple(everything.values())
+        everything = [group for reached in refined.reached for group in reached.chosen]
+        expected = tuple(dict.fromkeys(everything))
         scorer = HeldOut(evidence_of(fine.model), fine.model.prior(), expected=expected)
         return cls(scorer, tuple(order))
 
