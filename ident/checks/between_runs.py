@@ -110,10 +110,13 @@ class RunComparison:
         if gain > alternatives:
             yield difference(RunChange(OTHER_ARM, ()), gain, own.mean(axis=0))
 
-        def units(change: RunChange) -> float:
-            return float(change.log_units(self.arm.n)[foretold].sum())
-
         runs = [self.runs[number] for number in odd]
+        # Shares of the odd runs in which each joint moves, so that it has an error in a unit.
+        moving = np.mean([run.moves.any(axis=0) for run in runs], axis=0)
+
+        def units(change: RunChange) -> float:
+            return float((moving * change.log_units(self.arm.n))[foretold].sum())
+
         changes = [change for change in self._changes(odd, others) if can_be_judged(change, foretold, runs)]
         if not changes:
             return

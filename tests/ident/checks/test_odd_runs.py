@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from conftest import make_run
+from conftest import COULOMB, RATE_HZ, ROTOR, TORQUE_NOISE, VISCOUS, make_run
 from faults import inspect, spoil
 
 from ident.checks.between_runs import partings
@@ -123,6 +123,32 @@ def test_motion_of_another_kind_is_no_difference(seed: int, arm: ArmModel) -> No
     for k, speed in enumerate((0.2, 1.0, 2.0, 0.5, 1.5, 0.1)):
         runs.append(make_run(arm, rng, f"run{k}", 40.0 * k, float(rng.uniform(6.0, 14.0)), speed))
     assert check_odd_runs(Session("mixed", tuple(runs)), arm)[1] == []
+
+
+def jog_one(arm: ArmModel, rng: np.random.Generator, name: str, start: float, joint: int) -> Recording:
+    """One joint swings; the others stand where they are, held by anything within their dry friction."""
+    time = np.arange(0.0, 8.0, 1.0 / RATE_HZ)
+    speed = float(rng.uniform(0.8, 1.6))
+    size = float(rng.uniform(0.3, 0.6))
+    q = np.tile(np.linspace(-0.4, 0.4, arm.n), (len(time), 1))
+    dq, ddq = np.zeros_like(q), np.zeros_like(q)
+    q[:, joint] += size * (np.sin(speed * time) + 0.4 * np.sin(2.3 * speed * time + 1.0))
+    dq[:, joint] = size * speed * (np.cos(speed * time) + 0.92 * np.cos(2.3 * speed * time + 1.0))
+    ddq[:, joint] = -size * speed**2 * (np.sin(speed * time) + 2.116 * np.sin(2.3 * speed * time + 1.0))
+    held = np.broadcast_to(COULOMB * rng.uniform(-1.0, 1.0, arm.n), q.shape)
+    moving = np.arange(arm.n) == joint
+    friction = np.where(moving, COULOMB * np.tanh(dq / 0.01) + VISCOUS * dq, held)
+    tau = arm.inverse_dynamics(q, dq, ddq) + ROTOR * ddq + friction
+    noise = TORQUE_NOISE * rng.normal(size=tau.shape)
+    return Recording(name, arm.joint_names, start + time, q, tau + noise, velocity=dq)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_jogs_of_one_joint_after_the_other_are_no_difference(seed: int, arm: ArmModel) -> None:
+    """Law: what moves in a few runs alone the others can't foretell, and what stands may be held by any friction."""
+    rng = np.random.default_rng(seed)
+    runs = [jog_one(arm, rng, f"run{k}", 20.0 * k, k // 3) for k in range(3 * arm.n)]
+    assert check_odd_runs(Session("jogs", tuple(runs)), arm)[1] == []
 
 
 def test_of_two_runs_nobody_knows_the_odd_one(eight: Session, arm: ArmModel) -> None:
