@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
-from ident.checks.foretold import Fit, RunStates, RunTables, fit, fits_among, states_of
+from ident.checks.foretold import Fit, RunStates, RunTables, fit, fits_among, mean_error, states_of
 from ident.checks.run_changes import OF_TORQUES, OTHER_ARM, RunChange, discrete_changes, scale_changes, zero_changes
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
@@ -77,7 +77,8 @@ class RunComparison:
             if len(odd) > 1:
                 others = fit(self.sums[rest].mean(axis=0), len(rest))
                 errors = np.array([self.tables.error_of(self.sums[number], others) for number in odd])
-            excess.append(float((errors.mean(axis=0) - self.errors[rest].mean(axis=0)).max()))
+            worse = mean_error(errors) - mean_error(self.errors[rest])
+            excess.append(float(np.max(worse, initial=-np.inf, where=np.isfinite(worse))))
         worst = np.argsort(excess)[::-1][: LIMIT.suspects]
         return [self.partings[int(place)] for place in worst]
 
@@ -93,22 +94,24 @@ class RunComparison:
         foretold = self._foretellable(odd, others, among, usual)
         alternatives = float(np.log(len(self.partings) / LIMIT.chance))
         # As much is gained where the odd runs become like the rest.
-        by_joint = self.errors.sum(axis=0) - usual.sum(axis=0) - len(odd) * usual.mean(axis=0)
-        possible = float(by_joint[foretold].sum())
+        usual_mean = mean_error(usual)
+        possible = float(np.nansum((self.errors[list(odd)] - usual_mean)[:, foretold]))
+        possible += float(np.nansum((self.errors[rest] - usual)[:, foretold]))
         if possible < alternatives:
             return
         before = self._odd_errors(odd, others)
 
         def difference(change: RunChange, gain: float, after: Float[Array, " n"]) -> RunDifference:
             names = tuple(self.runs[number].name for number in odd)
-            sizes = [np.exp(errors) for errors in (before, after, usual.mean(axis=0))]
+            sizes = [np.exp(errors) for errors in (before, after, usual_mean)]
             return RunDifference(names, change, gain, *sizes)
 
         # Smaller torques have smaller errors: none count below the rest's.
-        own = np.maximum(self._own_errors(odd, rest, usual), usual.mean(axis=0))
-        gain = float((self.errors.sum(axis=0) - usual.sum(axis=0) - own.sum(axis=0))[foretold].sum())
+        own = np.maximum(self._own_errors(odd, rest, usual), usual_mean)
+        gain = float(np.nansum((self.errors[list(odd)] - own)[:, foretold]))
+        gain += float(np.nansum((self.errors[rest] - usual)[:, foretold]))
         if gain > alternatives:
-            yield difference(RunChange(OTHER_ARM, ()), gain, own.mean(axis=0))
+            yield difference(RunChange(OTHER_ARM, ()), gain, mean_error(own))
 
         runs = [self.runs[number] for number in odd]
         # Shares of the odd runs in which each joint moves, so that it has an error in a unit.
@@ -120,7 +123,8 @@ class RunComparison:
         changes = [change for change in self._changes(odd, others) if can_be_judged(change, foretold, runs)]
         if not changes:
             return
-        costs = [float(self._odd_errors(odd, others, change)[foretold].sum() + units(change)) for change in changes]
+        errors = [self._odd_errors(odd, others, change)[foretold] for change in changes]
+        costs = [float(np.nansum(left)) + units(change) for left, change in zip(errors, changes, strict=True)]
         alternatives += float(np.log(len(changes)))
         for place in np.argsort(costs)[: LIMIT.closer]:
             change = changes[int(place)]
@@ -128,7 +132,7 @@ class RunComparison:
             for number in odd:
                 sums[number] = self.tables.sums(change.undo(self.runs[number]))
             fall = self.errors - self.tables.errors_among(sums)
-            gain = float(fall[:, foretold].sum()) - len(odd) * units(change)
+            gain = float(np.nansum(fall[:, foretold])) - len(odd) * units(change)
             if gain > alternatives:
                 yield difference(change, gain, self._odd_errors(odd, others, change))
 
@@ -147,7 +151,7 @@ class RunComparison:
         left_open = np.mean([others.open_square(self.sums[number]) for number in odd], axis=0)
         rest = self._rest(odd)
         of_rest = np.array([fitted.open_square(self.sums[k]) for k, fitted in zip(rest, among, strict=True)])
-        as_usual = of_rest.max(axis=0) + np.exp(2.0 * usual.mean(axis=0))
+        as_usual = of_rest.max(axis=0) + np.exp(2.0 * mean_error(usual))
         return np.asarray(left_open < as_usual)
 
     def _own_errors(self, odd: tuple[int, ...], rest: Sequence[int], usual: Float[Array, "r n"]) -> Float[Array, "k n"]:
@@ -159,13 +163,13 @@ class RunComparison:
         if len(odd) > 1:
             return self.tables.errors_among(self.sums[list(odd)])
         halves = np.array([self._by_halves(number) for number in (*odd, *rest)])
-        gained = np.maximum((usual - halves[1:]).max(axis=0), 0.0)
+        gained = np.max(usual - halves[1:], axis=0, initial=0.0, where=np.isfinite(usual - halves[1:]))
         return np.asarray(halves[:1] + gained)
 
     def _by_halves(self, number: int) -> Float[Array, " n"]:
         """A run's errors where each half of it foretells the other."""
         parts = self.runs[number].halves()
-        return self.tables.errors_among(np.array([self.tables.sums(part) for part in parts])).mean(axis=0)
+        return mean_error(self.tables.errors_among(np.array([self.tables.sums(part) for part in parts])))
 
     def _odd_errors(self, odd: tuple[int, ...], others: Fit, change: RunChange | None = None) -> Float[Array, " n"]:
         """Mean logarithm of the odd runs' errors by joint, with a change undone."""
@@ -175,7 +179,7 @@ class RunComparison:
             if change is not None:
                 sums = self.tables.sums(change.undo(self.runs[number]))
             found.append(self.tables.error_of(sums, others))
-        return np.asarray(np.mean(found, axis=0))
+        return mean_error(np.array(found))
 
     def _changes(self, odd: tuple[int, ...], others: Fit) -> Iterator[RunChange]:
         """All that may be otherwise in the odd runs."""
@@ -185,7 +189,7 @@ class RunComparison:
         yield from scale_changes(runs, foretold)
 
         def cost(change: RunChange) -> float:
-            return float(self._odd_errors(odd, others, change).sum())
+            return float(np.nansum(self._odd_errors(odd, others, change)))
 
         for joint in range(self.arm.n):
             tried = list(zero_changes(self.arm, joint))

@@ -98,9 +98,9 @@ class RunTables:
         return np.asarray(run.tau - table[:, :, -1].T + beyond)
 
     def error_of(self, sums: Float[Array, "n c c"], others: Fit) -> Float[Array, " n"]:
-        """Logarithm of each joint's root mean square error; 0 of a joint that moves nowhere in the run."""
+        """Logarithm of each joint's root mean square error; not a number where it moves nowhere in the run."""
         moves = sums[:, -1, -1] > 0.0
-        return np.where(moves, 0.5 * np.log(left_square(sums, others.coefficients)), 0.0)
+        return np.where(moves, 0.5 * np.log(left_square(sums, others.coefficients)), np.nan)
 
     def errors_among(self, sums: Float[Array, "R n c c"]) -> Float[Array, "R n"]:
         """Each run's error, foretold by all the others."""
@@ -174,3 +174,10 @@ def fits_among(sums: Float[Array, "R n c c"]) -> list[Fit]:
     total = sums.sum(axis=0)
     count = len(sums) - 1
     return [fit((total - run) / count, count) for run in sums]
+
+
+def mean_error(errors: Float[Array, "R n"]) -> Float[Array, " n"]:
+    """Mean over the runs in which each joint moves; not a number without any."""
+    moves = np.isfinite(errors)
+    total = np.where(moves, errors, 0.0).sum(axis=0)
+    return np.where(moves.any(axis=0), total / np.maximum(moves.sum(axis=0), 1), np.nan)

@@ -39,7 +39,7 @@ def tell(difference: RunDifference, session: Session) -> TelemetryIssue:
     change = difference.change
     joints = [session.joints[joint] for joint in change.joints]
     what = WORDS[change.kind].format(joints=" and ".join(joints), size=change.size)
-    worst = int(np.argmax(difference.before / difference.after))
+    worst = int(np.nanargmax(difference.before / difference.after))
     seen: dict[str, Any] = {
         "runs": ", ".join(difference.odd),
         "what": what,
