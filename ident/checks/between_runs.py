@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -61,6 +62,11 @@ class RunComparison:
         self.errors = self.tables.errors_among(self.sums)
         self.partings = partings(len(self.runs))
 
+    @cached_property
+    def errors_beside_losses(self) -> Float[Array, "R n"]:
+        """Errors of all runs, each foretold by all the others beside losses of its own."""
+        return self.tables.errors_among(self.sums, own_losses=True)
+
     def find(self) -> RunDifference | None:
         """The likeliest difference; None where there is none."""
         found = []
@@ -90,7 +96,7 @@ class RunComparison:
         rest = self._rest(odd)
         others = fit(self.sums[rest].mean(axis=0), len(rest))
         among = fits_among(self.sums[rest])
-        usual = np.array([self.tables.error_of(self.sums[k], fitted) for k, fitted in zip(rest, among, strict=True)])
+        usual = self.tables.errors_of(self.sums[rest], among)
         foretold = self._foretellable(odd, others, among, usual)
         alternatives = float(np.log(len(self.partings) / LIMIT.chance))
         # As much is gained where the odd runs become like the rest.
@@ -110,7 +116,7 @@ class RunComparison:
         own = np.maximum(self._own_errors(odd, rest, usual), usual_mean)
         gain = float(np.nansum((self.errors[list(odd)] - own)[:, foretold]))
         gain += float(np.nansum((self.errors[rest] - usual)[:, foretold]))
-        if gain > alternatives:
+        if min(gain, self._gain_beside_losses(odd, rest, among, foretold)) > alternatives:
             yield difference(RunChange(OTHER_ARM, ()), gain, mean_error(own))
 
         runs = [self.runs[number] for number in odd]
@@ -131,9 +137,14 @@ class RunComparison:
             sums = np.array(self.sums)
             for number in odd:
                 sums[number] = self.tables.sums(change.undo(self.runs[number]))
+            cost = len(odd) * units(change)
             fall = self.errors - self.tables.errors_among(sums)
-            gain = float(np.nansum(fall[:, foretold])) - len(odd) * units(change)
-            if gain > alternatives:
+            gain = float(np.nansum(fall[:, foretold])) - cost
+            sure = gain
+            if change.kind == "effort_scale":  # friction that drifts is no other unit
+                fall = self.errors_beside_losses - self.tables.errors_among(sums, own_losses=True)
+                sure = min(gain, float(np.nansum(fall[:, foretold])) - cost)
+            if sure > alternatives:
                 yield difference(change, gain, self._odd_errors(odd, others, change))
 
     def _foretellable(
@@ -154,22 +165,37 @@ class RunComparison:
         as_usual = of_rest.max(axis=0) + np.exp(2.0 * mean_error(usual))
         return np.asarray(left_open < as_usual)
 
-    def _own_errors(self, odd: tuple[int, ...], rest: Sequence[int], usual: Float[Array, "r n"]) -> Float[Array, "k n"]:
-        """Errors of the odd runs, each foretold by the other odd ones.
+    def _gain_beside_losses(
+        self, odd: tuple[int, ...], rest: Sequence[int], among: Sequence[Fit], foretold: Bool[Array, " n"]
+    ) -> float:
+        """What is gained where the odd runs are of another arm, each run with friction, rotors and offsets of its own.
+
+        On a sound arm losses drift with its warmth, which is no other arm.
+        """
+        errors = self.errors_beside_losses
+        usual = self.tables.errors_of(self.sums[rest], among, own_losses=True)
+        own = np.maximum(self._own_errors(odd, rest, usual, own_losses=True), mean_error(usual))
+        gain = float(np.nansum((errors[list(odd)] - own)[:, foretold]))
+        return gain + float(np.nansum((errors[rest] - usual)[:, foretold]))
+
+    def _own_errors(
+        self, odd: tuple[int, ...], rest: Sequence[int], usual: Float[Array, "r n"], own_losses: bool = False
+    ) -> Float[Array, "k n"]:
+        """Errors of the odd runs, each foretold by the other odd ones; beside losses of their own, if asked for.
 
         A run alone is foretold from half to half. Halves are more alike than runs: the most that one of the rest gains
         so is added.
         """
         if len(odd) > 1:
-            return self.tables.errors_among(self.sums[list(odd)])
-        halves = np.array([self._by_halves(number) for number in (*odd, *rest)])
+            return self.tables.errors_among(self.sums[list(odd)], own_losses)
+        halves = np.array([self._by_halves(number, own_losses) for number in (*odd, *rest)])
         gained = np.max(usual - halves[1:], axis=0, initial=0.0, where=np.isfinite(usual - halves[1:]))
         return np.asarray(halves[:1] + gained)
 
-    def _by_halves(self, number: int) -> Float[Array, " n"]:
+    def _by_halves(self, number: int, own_losses: bool) -> Float[Array, " n"]:
         """A run's errors where each half of it foretells the other."""
-        parts = self.runs[number].halves()
-        return mean_error(self.tables.errors_among(np.array([self.tables.sums(part) for part in parts])))
+        parts = np.array([self.tables.sums(part) for part in self.runs[number].halves()])
+        return mean_error(self.tables.errors_among(parts, own_losses))
 
     def _odd_errors(self, odd: tuple[int, ...], others: Fit, change: RunChange | None = None) -> Float[Array, " n"]:
         """Mean logarithm of the odd runs' errors by joint, with a change undone."""

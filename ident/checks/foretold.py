@@ -24,6 +24,7 @@ from ident.robot.arm import ArmModel
 from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
 
 TRANSITION_RAD_S = 0.02  # as for the sign of a torque
+LOSSES = 4  # columns of a joint's losses: dry and viscous friction, its rotor, an offset
 STATES = ("q", "dq", "ddq", "tau")
 ROUNDING = 1e-12  # of sums, below which columns are the same
 LEAST_SQUARE = 1e-24  # [(N m)²], so that logarithms stay finite
@@ -102,9 +103,21 @@ class RunTables:
         moves = sums[:, -1, -1] > 0.0
         return np.where(moves, 0.5 * np.log(left_square(sums, others.coefficients)), np.nan)
 
-    def errors_among(self, sums: Float[Array, "R n c c"]) -> Float[Array, "R n"]:
+    def error_beside_losses(self, sums: Float[Array, "n c c"], others: Fit) -> Float[Array, " n"]:
+        """The same where the run's friction, rotors and offsets are its own: they drift on a sound arm, too."""
+        moves = sums[:, -1, -1] > 0.0
+        return np.where(moves, 0.5 * np.log(left_beside_losses(sums, others.coefficients)), np.nan)
+
+    def errors_of(
+        self, sums: Float[Array, "R n c c"], others: Sequence[Fit], own_losses: bool = False
+    ) -> Float[Array, "R n"]:
+        """Each run's error, foretold by what others say; beside losses of its own, if asked for."""
+        error = self.error_beside_losses if own_losses else self.error_of
+        return np.array([error(run, fitted) for run, fitted in zip(sums, others, strict=True)])
+
+    def errors_among(self, sums: Float[Array, "R n c c"], own_losses: bool = False) -> Float[Array, "R n"]:
         """Each run's error, foretold by all the others."""
-        return np.array([self.error_of(run, others) for run, others in zip(sums, fits_among(sums), strict=True)])
+        return self.errors_of(sums, fits_among(sums), own_losses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +179,17 @@ def left_square(sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]) 
     """Mean square of what coefficients leave of each joint's torque [(N m)²]."""
     weights = np.concatenate([-coefficients, np.ones((len(coefficients), 1))], axis=1)
     left = np.einsum("jp,jpk,jk->j", weights, sums, weights)
+    return np.asarray(np.maximum(left, LEAST_SQUARE))
+
+
+def left_beside_losses(sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]) -> Float[Array, " n"]:
+    """Mean square of what coefficients leave of a run beside losses that are fitted to the run itself [(N m)²]."""
+    weights = np.concatenate([-coefficients, np.ones((len(coefficients), 1))], axis=1)
+    across = np.einsum("jpk,jk->jp", sums, weights)
+    losses = slice(-1 - LOSSES, -1)
+    normal = sums[:, losses, losses] + LEAST_SQUARE * np.eye(LOSSES)
+    follow = solve_positive(normal, across[:, losses, None])[..., 0]
+    left = np.einsum("jp,jp->j", weights, across) - np.einsum("jp,jp->j", across[:, losses], follow)
     return np.asarray(np.maximum(left, LEAST_SQUARE))
 
 
