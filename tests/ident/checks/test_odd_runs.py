@@ -125,6 +125,28 @@ def test_motion_of_another_kind_is_no_difference(seed: int, arm: ArmModel) -> No
     assert check_odd_runs(Session("mixed", tuple(runs)), arm)[1] == []
 
 
+def warmed(share: float) -> Change:
+    """Friction at a share of what it is, and as much of it at every joint."""
+
+    def change(run: Recording) -> Recording:
+        assert run.velocity is not None
+        friction = COULOMB * np.tanh(run.velocity / 0.01) + VISCOUS * run.velocity
+        return run.replace(effort=run.effort + (share - 1.0) * friction)
+
+    return change
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_friction_that_falls_as_the_arm_warms_is_no_difference(seed: int, arm: ArmModel) -> None:
+    """Law: a warm part of a session is neither another arm, nor is its torque in another unit."""
+    rng = np.random.default_rng(seed)
+    runs = []
+    for k, share in enumerate((1.6, 1.5, 1.4, 1.3, 1.05, 1.0, 1.0, 0.95)):
+        run = make_run(arm, rng, f"run{k}", 60.0 * k, 8.0, float(rng.uniform(1.0, 3.0)))
+        runs.append(warmed(share)(run))
+    assert check_odd_runs(Session("warm", tuple(runs)), arm)[1] == []
+
+
 def jog_one(arm: ArmModel, rng: np.random.Generator, name: str, start: float, joint: int) -> Recording:
     """One joint swings; the others stand where they are, held by anything within their dry friction."""
     time = np.arange(0.0, 8.0, 1.0 / RATE_HZ)
