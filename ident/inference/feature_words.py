@@ -75,6 +75,10 @@ FEATURE_WORDS = {
         "nothing of its kind is left beside it",
         "a smooth function still finds torque beside it, so its law may be another one",
     ),
+    "share_of_plainest": (
+        "the plainest form of its law says as much",
+        "it takes a bent form of its law, which follows other causes, too",
+    ),
     "share_of_smooth": (
         "beside it a smooth function finds little",
         "beside it a smooth function finds as much as without it",

@@ -19,6 +19,8 @@ from ident.effects.base import SessionContext, impossible
 from ident.inference.calibration import SHAPE_LEFT
 from ident.inference.components import ModelSums, discrepancy_at
 from ident.inference.infer import Inference, Inferred, evidence_of
+from ident.inference.rivals import find_rivals, of_rivals, share_of_plainest
+from ident.inference.scales import signed_log, squashed
 from ident.inference.search import SetSearch, rest_of
 from ident.inference.simple import SimplestSet
 from ident.inference.solution import Solution
@@ -27,8 +29,6 @@ from ident.regression.design import Group, Key
 
 # Divisor of the URDF's tolerance where its inertias are taken as they are.
 FIXED = 20.0
-# Deficits beyond this many nats are all alike: nobody would call such a candidate a rival.
-MOST_DEFICIT = 2000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +136,7 @@ def _describe_set(
             "smooth_share": float(smooth_share[list(joints)].max()),
             "log_dispersion": float(np.log(residual_dispersion(fine.model, joints))),
         }
+        features["share_of_plainest"] = share_of_plainest(coarse.search, coarse.chosen, point)
         rivals = find_rivals(coarse.search, coarse.chosen, point)
         features |= of_rivals(rivals, point)
         described.append(Described(group, point, solution, joints, view, features, rivals))
@@ -404,47 +405,3 @@ def _of_simplest(
         "share_in_turn": float(np.clip(view.closed(joints), -1.0, 1.0)),
         "turn_in_errors": squashed(closed, error),
     }
-
-
-def find_rivals(search: SetSearch, chosen: Sequence[Group], group: Group) -> dict[Key, float]:
-    """Candidates that could stand in an effect's place, with what each explains less there [nats].
-
-    A rival explains the same torque: beside it, the effect adds less than half of what it adds
-    alone.
-    """
-    others = rest_of(chosen, group)
-    gains = search.gains(others)
-    best: dict[Key, tuple[float, Group]] = {}
-    for gain, candidate in zip(gains, search.names.groups, strict=True):
-        if gain > best.get(candidate.key, (0.0, candidate))[0]:
-            best[candidate.key] = float(gain), candidate
-    own = search.nats(chosen) - search.nats(others)
-    rivals: dict[Key, float] = {}
-    for key, (gain, candidate) in best.items():
-        if key == group.key or own - gain > MOST_DEFICIT:
-            continue
-        with_rival = search.nats([*others, candidate])
-        added = search.nats([*others, candidate, group]) - with_rival
-        if added < 0.5 * own:
-            rivals[key] = own - (with_rival - search.nats(others))
-    return rivals
-
-
-def of_rivals(rivals: Mapping[Key, float], group: Group) -> dict[str, float]:
-    """How far behind the nearest other effect and the nearest other joint are."""
-    other_effects = [deficit for key, deficit in rivals.items() if key[0] != group.effect.id]
-    other_places = [deficit for key, deficit in rivals.items() if key[0] == group.effect.id]
-    return {
-        "rival_behind": signed_log(min(other_effects, default=MOST_DEFICIT)),
-        "place_behind": signed_log(min(other_places, default=MOST_DEFICIT)),
-    }
-
-
-def signed_log(nats: float) -> float:
-    """Logarithm of one and a number's size, with its sign."""
-    return float(np.sign(nats) * np.log1p(abs(nats)))
-
-
-def squashed(gain: float, error: float) -> float:
-    """A gain in its standard errors, on a scale where thirty are twice as much as three."""
-    return float(np.arcsinh(gain / max(error, 1e-12)))

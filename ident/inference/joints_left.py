@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.inference.components import discrepancy_at
-from ident.inference.features import signed_log
 from ident.inference.infer import Inferred
+from ident.inference.scales import signed_log
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
 

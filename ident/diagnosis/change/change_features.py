@@ -15,16 +15,9 @@ from scipy.stats import f as fisher
 from ident.arrays import Bool
 from ident.diagnosis.change.change_sets import ChangeSet
 from ident.diagnosis.change.permuted_sets import NullVariance, joint_of
-from ident.inference.features import (
-    Described,
-    HeldOutView,
-    Scorers,
-    find_rivals,
-    of_held_out,
-    of_rivals,
-    shows_at,
-    signed_log,
-)
+from ident.inference.features import Described, HeldOutView, Scorers, of_held_out, shows_at
+from ident.inference.rivals import find_rivals, of_rivals
+from ident.inference.scales import signed_log
 from ident.inference.search import rest_of
 from ident.inference.solution import Solution
 from ident.regression.cross_validation import HeldOut, HeldOutScore

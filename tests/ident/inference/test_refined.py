@@ -10,8 +10,9 @@ from ident.effects.effect_info import TABLE
 from ident.errors import InputError
 from ident.inference.calibration import Odds, Term, load_calibration
 from ident.inference.feature_words import FEATURE_WORDS
-from ident.inference.features import power_at, signed_log, squashed
+from ident.inference.features import power_at
 from ident.inference.profile import DROP, profile_interval
+from ident.inference.scales import signed_log, squashed
 
 
 def test_a_refined_point_fits_no_worse(slowed: Analysis) -> None:

@@ -1,0 +1,64 @@
+"""What could stand in an effect's place: other effects, other joints, plainer laws of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ident.inference.scales import signed_log
+from ident.inference.search import SetSearch, rest_of
+from ident.regression.design import Group, Key
+
+# Deficits beyond this many nats are all alike: nobody would call such a candidate a rival.
+MOST_DEFICIT = 2000.0
+
+
+def find_rivals(search: SetSearch, chosen: Sequence[Group], group: Group) -> dict[Key, float]:
+    """Candidates that could stand in an effect's place, with what each explains less there [nats].
+
+    A rival explains the same torque: beside it, the effect adds less than half of what it adds
+    alone.
+    """
+    others = rest_of(chosen, group)
+    gains = search.gains(others)
+    best: dict[Key, tuple[float, Group]] = {}
+    for gain, candidate in zip(gains, search.names.groups, strict=True):
+        if gain > best.get(candidate.key, (0.0, candidate))[0]:
+            best[candidate.key] = float(gain), candidate
+    own = search.nats(chosen) - search.nats(others)
+    rivals: dict[Key, float] = {}
+    for key, (gain, candidate) in best.items():
+        if key == group.key or own - gain > MOST_DEFICIT:
+            continue
+        with_rival = search.nats([*others, candidate])
+        added = search.nats([*others, candidate, group]) - with_rival
+        if added < 0.5 * own:
+            rivals[key] = own - (with_rival - search.nats(others))
+    return rivals
+
+
+def of_rivals(rivals: Mapping[Key, float], group: Group) -> dict[str, float]:
+    """How far behind the nearest other effect and the nearest other joint are."""
+    other_effects = [deficit for key, deficit in rivals.items() if key[0] != group.effect.id]
+    other_places = [deficit for key, deficit in rivals.items() if key[0] == group.effect.id]
+    return {
+        "rival_behind": signed_log(min(other_effects, default=MOST_DEFICIT)),
+        "place_behind": signed_log(min(other_places, default=MOST_DEFICIT)),
+    }
+
+
+def share_of_plainest(search: SetSearch, chosen: Sequence[Group], group: Group) -> float:
+    """Share of an effect's evidence that is there with the fewest columns that its law may have.
+
+    A law with more columns than it needs follows much that it does not describe.
+    """
+    alike = [point for point in search.names.groups if point.key == group.key]
+    fewest = min(len(point.columns) for point in alike)
+    if len(group.columns) == fewest:
+        return 1.0
+    others = rest_of(chosen, group)
+    before = search.nats(others)
+    whole = search.nats([*others, group]) - before
+    plain = [search.nats([*others, point]) for point in alike if len(point.columns) == fewest]
+    return float(np.clip((max(plain) - before) / max(whole, 1e-6), 0.0, 1.0))
