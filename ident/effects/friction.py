@@ -97,6 +97,9 @@ class LoadDependentFriction(StatesEffect):
         typical["speed_rad_s"] = float(np.mean(np.abs(joined(session, "dq", joint))))
         return (Variant(shape={**typical, "terms": 2}), Variant(shape={**typical, "terms": 4}))
 
+    def is_plain(self, variant: Variant) -> bool:
+        return int(variant.shape["terms"]) == 2
+
     def parameters(
         self,
         session: SessionContext,

@@ -50,6 +50,13 @@ class Composed(Protocol):
 
 
 @runtime_checkable
+class WithFreeForms(Protocol):
+    """Some points have its law with further terms, which follow other causes, too."""
+
+    def is_plain(self, variant: Variant) -> bool: ...
+
+
+@runtime_checkable
 class Signed(Protocol):
     """Which coefficients can't be negative hangs on the point of the grid."""
 
@@ -115,6 +122,11 @@ def refined(
 def parts(effect: Effect, variant: Variant) -> Sequence[PartOfPoint]:
     """Further points of the grid that have some of the columns of this one, and which of them."""
     return effect.parts(variant) if isinstance(effect, Composed) else ()
+
+
+def is_plain(effect: Effect, variant: Variant) -> bool:
+    """Whether a point is its law without further terms that only bend it."""
+    return effect.is_plain(variant) if isinstance(effect, WithFreeForms) else True
 
 
 def signed(effect: Effect, variant: Variant) -> tuple[int, ...]:

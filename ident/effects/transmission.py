@@ -171,6 +171,10 @@ class SpringTorque(Effect):
             for law in (STRAIGHT, BENT, PERIODIC)
         )
 
+    def is_plain(self, variant: Variant) -> bool:
+        """A cubic follows whatever pulls by the angle."""
+        return variant.shape["law"] != BENT
+
     def signed(self, variant: Variant) -> tuple[int, ...]:
         """The slope of a straight spring; one that is bent is judged at its rest, a wave pulls both
         ways.

@@ -75,9 +75,9 @@ FEATURE_WORDS = {
         "nothing of its kind is left beside it",
         "a smooth function still finds torque beside it, so its law may be another one",
     ),
-    "share_of_plainest": (
-        "the plainest form of its law says as much",
-        "it takes a bent form of its law, which follows other causes, too",
+    "share_of_plain_law": (
+        "its law says as much without bending",
+        "its law has to bend for it, and a bent law follows other causes, too",
     ),
     "share_of_smooth": (
         "beside it a smooth function finds little",

@@ -19,7 +19,7 @@ from ident.effects.base import SessionContext, impossible
 from ident.inference.calibration import SHAPE_LEFT
 from ident.inference.components import ModelSums, discrepancy_at
 from ident.inference.infer import Inference, Inferred, evidence_of
-from ident.inference.rivals import find_rivals, of_rivals, share_of_plainest
+from ident.inference.rivals import find_rivals, of_rivals, share_of_plain_law
 from ident.inference.scales import signed_log, squashed
 from ident.inference.search import SetSearch, rest_of
 from ident.inference.simple import SimplestSet
@@ -136,7 +136,7 @@ def _describe_set(
             "smooth_share": float(smooth_share[list(joints)].max()),
             "log_dispersion": float(np.log(residual_dispersion(fine.model, joints))),
         }
-        features["share_of_plainest"] = share_of_plainest(coarse.search, coarse.chosen, point)
+        features["share_of_plain_law"] = share_of_plain_law(coarse.search, coarse.chosen, point)
         rivals = find_rivals(coarse.search, coarse.chosen, point)
         features |= of_rivals(rivals, point)
         described.append(Described(group, point, solution, joints, view, features, rivals))

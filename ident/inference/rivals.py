@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ident.effects import optional
 from ident.inference.scales import signed_log
 from ident.inference.search import SetSearch, rest_of
 from ident.regression.design import Group, Key
@@ -48,17 +49,19 @@ def of_rivals(rivals: Mapping[Key, float], group: Group) -> dict[str, float]:
     }
 
 
-def share_of_plainest(search: SetSearch, chosen: Sequence[Group], group: Group) -> float:
-    """Share of an effect's evidence that is there with the fewest columns that its law may have.
+def share_of_plain_law(search: SetSearch, chosen: Sequence[Group], group: Group) -> float:
+    """Share of an effect's evidence that is there without the terms that only bend its law.
 
-    A law with more columns than it needs follows much that it does not describe.
+    A law that bends follows much that it does not describe.
     """
-    alike = [point for point in search.names.groups if point.key == group.key]
-    fewest = min(len(point.columns) for point in alike)
-    if len(group.columns) == fewest:
+    if optional.is_plain(group.effect, group.variant):
         return 1.0
     others = rest_of(chosen, group)
     before = search.nats(others)
     whole = search.nats([*others, group]) - before
-    plain = [search.nats([*others, point]) for point in alike if len(point.columns) == fewest]
+    plain = [
+        search.nats([*others, point])
+        for point in search.names.groups
+        if point.key == group.key and optional.is_plain(point.effect, point.variant)
+    ]
     return float(np.clip((max(plain) - before) / max(whole, 1e-6), 0.0, 1.0))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
 from ident.effects.effect_info import TABLE
 from ident.errors import InputError
@@ -12,7 +13,10 @@ from ident.inference.calibration import Odds, Term, load_calibration
 from ident.inference.feature_words import FEATURE_WORDS
 from ident.inference.features import power_at
 from ident.inference.profile import DROP, profile_interval
+from ident.inference.rivals import share_of_plain_law
 from ident.inference.scales import signed_log, squashed
+from ident.robot.arm import ArmModel
+from tests.ident.diagnosis.planted import analyse, at_joint, load_arm
 
 
 def test_a_refined_point_fits_no_worse(slowed: Analysis) -> None:
@@ -38,6 +42,24 @@ def test_a_fine_grid_comes_nearer_to_the_truth(slowed: Analysis) -> None:
     assert name.described.coarse.variant.inner["stribeck_velocity_rad_s"] in grid
     interval = name.estimate.parameters["amplitude_Nm"]
     assert interval.low < 6.0 < interval.high
+
+
+def cable_on_3(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """A cable that pulls tight in the upper half of the travel: τ₃ = 3 max(q₃ − q₀, 0)² N m."""
+    start = 0.2
+    return at_joint(2, 3.0 * np.maximum(q[:, 2] - start, 0.0) ** 2)
+
+
+def test_a_spring_needs_no_bend_and_a_cable_does(sprung: Analysis) -> None:
+    """Law: nearly all evidence of a spring is its plain law's; a cable at the end of the way takes a cubic."""
+    (spring,) = sprung.conclusion.names
+    assert spring.described.features["share_of_plain_law"] > 0.95
+    tied = analyse(load_arm(), cable_on_3).conclusion
+    likeliest = tied.inference.best
+    springs = [group for group in likeliest.chosen if group.key[:2] == ("spring_torque", 2)]
+    assert springs
+    for group in springs:
+        assert share_of_plain_law(likeliest.search, likeliest.chosen, group) < 0.9
 
 
 @pytest.mark.parametrize("middle", [0.02, 0.05, 0.08])
