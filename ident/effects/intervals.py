@@ -167,6 +167,12 @@ class SizePrior:
 
         return cls(deviation, log_density)
 
+    def beyond_normal(self, coefficients: Float[Array, " k"]) -> float:
+        """By how much coefficients are likelier than by a normal of its deviations [nats]."""
+        normal = np.sum((coefficients / self.deviation) ** 2)
+        normal += 2.0 * np.sum(np.log(self.deviation)) + len(coefficients) * np.log(2.0 * np.pi)
+        return self.log_density(coefficients) + 0.5 * float(normal)
+
     def cost(self, coefficients: Float[Array, " k"], information: Float[Array, "k k"]) -> float:
         """What coefficients cost the evidence for a name [nats]."""
         width = self.deviation

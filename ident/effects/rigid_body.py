@@ -29,6 +29,8 @@ from ident.robot.arm import ArmModel
 NOWHERE: Places = MappingProxyType({})
 # A load that is laid out as more of the last link.
 LIKE_LINK = "like_link"
+# Surface of the unit sphere in spaces of none to three axes.
+SPHERES = (1.0, 2.0, 2.0 * np.pi, 4.0 * np.pi)
 
 
 class UnknownPayload(Effect):
@@ -141,28 +143,38 @@ class UnknownPayload(Effect):
         return LIMIT.largest_payload_share * arm_mass(arm) * np.concatenate([[1.0], levers])
 
     def size_prior(self, session: SessionContext, joint: int, variant: Variant) -> SizePrior:
-        """A hundredth of the arm's mass is as likely as a half, its centre anywhere in a tool's
-        reach.
+        """A light load is as likely as one a few times as heavy, a near one as one farther out.
 
-        Lighter than a tool, or heavier than the arm, by a factor of two is one deviation off.
+        Mass and distance of the centre count by their logarithms: the mass up to the arm's own,
+        the distance up to a tool's reach. Where it is nearer than the nearest place at which loads
+        are laid out, all places are alike. Lighter than a tool, heavier than the arm, or farther
+        than a tool by a factor of two is one deviation off.
         """
         arm = session.runs[0].arm
-        most = arm_mass(arm)
-        far = LARGEST_TOOL_SHARE * arm_reach(arm)
+        heaviest = arm_mass(arm)
+        lightest = LIMIT.least_payload_share * heaviest
+        near = min(LIMIT.payload_reaches)
+        far = max(LARGEST_TOOL_SHARE * arm_reach(arm), 2.0 * near)
         largest = self.prior_scale(session, joint, variant)
-        axes = len(largest) - 1
+        axes = _acting_axes(arm)
+        moment_of_mass = self._law(arm, variant)[1:4, 0][axes]
+        sphere = SPHERES[len(axes)]
 
         def log_density(coefficients: Float[Array, " k"]) -> float:
             mass = float(coefficients[0])
             if mass <= 0.0:
                 return -np.inf
-            beyond = np.log(mass / np.clip(mass, LIMIT.least_payload_share * most, most)) / np.log(
-                2.0
-            )
-            inside = np.log(mass * np.log(1.0 / LIMIT.least_payload_share)) + axes * np.log(
-                2.0 * far * mass
-            )
-            return -float(inside + 0.5 * beyond**2)
+            likely = np.clip(mass, lightest, heaviest)
+            density = -np.log(mass * np.log(heaviest / lightest))
+            density -= 0.5 * (np.log2(mass / likely)) ** 2
+            if len(axes):
+                centre = moment_of_mass + coefficients[1:] / mass
+                distance = max(float(np.linalg.norm(centre)), near)
+                usual = min(distance, far)
+                shells = 1.0 / len(axes) + np.log(far / near)
+                density -= np.log(sphere * shells) + len(axes) * np.log(usual * mass)
+                density -= 0.5 * (np.log2(distance / usual)) ** 2
+            return float(density)
 
         return SizePrior(0.5 * largest, log_density)
 

@@ -121,7 +121,22 @@ class SetSearch:
         """Log evidence of a set of effects against none, log odds of its names included [nats]."""
         if not chosen:
             return 0.0
-        return self._solve(chosen)[0] + sum(self.names.log_odds[group] for group in chosen)
+        nats, scaled = self._solve(chosen)
+        ends = np.cumsum([len(group.columns) for group in chosen])[:-1]
+        for group, part in zip(chosen, np.split(scaled, ends), strict=True):
+            nats += self.names.log_odds[group] + self._for_size(group, part)
+        return nats
+
+    def _for_size(self, group: Group, scaled: Float[Array, " k"]) -> float:
+        """What is to be added where more is known of an effect's size than a deviation [nats].
+
+        Args:
+            group: The effect.
+            scaled: Its coefficients, in the scale of its columns.
+        """
+        if group.prior is None:
+            return 0.0
+        return group.prior.beyond_normal(scaled / self.scale[group.columns - self.first])
 
     def coefficients(self, chosen: Sequence[Group]) -> dict[Group, Float[Array, " k"]]:
         """Coefficients of a set's effects, in the columns' own units."""
@@ -223,13 +238,15 @@ class SetSearch:
             group = self.names.groups[slot]
             gains[k] += self.names.log_odds[group]
             signed = [c for c in group.signed if c < width]
-            if not signed:
-                continue
-            gains[k] += LOG_TWO * len(signed)
-            if (along[k, signed] < 0.0).any() and gains[k] > 0.0:
-                bound = np.isin(np.arange(width), signed)
-                nats, _ = solve_set(sums[k], target[k], deviation[k], bound)
-                gains[k] = nats + self.names.log_odds[group]
+            size = deviation[k] * along[k]
+            if signed:
+                gains[k] += LOG_TWO * len(signed)
+                if (along[k, signed] < 0.0).any() and gains[k] > 0.0:
+                    bound = np.isin(np.arange(width), signed)
+                    nats, size = solve_set(sums[k], target[k], deviation[k], bound)
+                    gains[k] = nats + self.names.log_odds[group]
+            if gains[k] > 0.0 or group.prior is not None:
+                gains[k] += self._for_size(group, size)
         return gains
 
     def best(
