@@ -31,6 +31,9 @@ NOWHERE: Places = MappingProxyType({})
 LIKE_LINK = "like_link"
 # Surface of the unit sphere in spaces of none to three axes.
 SPHERES = (1.0, 2.0, 2.0 * np.pi, 4.0 * np.pi)
+# Beyond the ends of a range of logarithms, where a factor of two is one deviation: the area of
+# both tails.
+BOTH_TAILS = float(np.sqrt(2.0 * np.pi) * np.log(2.0))
 
 
 class UnknownPayload(Effect):
@@ -158,22 +161,22 @@ class UnknownPayload(Effect):
         largest = self.prior_scale(session, joint, variant)
         axes = _acting_axes(arm)
         moment_of_mass = self._law(arm, variant)[1:4, 0][axes]
-        sphere = SPHERES[len(axes)]
+        masses = np.log(heaviest / lightest) + BOTH_TAILS
+        shells = np.log(far / near) + 0.5 * BOTH_TAILS + 1.0 / max(len(axes), 1)
+        places = SPHERES[len(axes)] * shells
 
         def log_density(coefficients: Float[Array, " k"]) -> float:
             mass = float(coefficients[0])
             if mass <= 0.0:
                 return -np.inf
             likely = np.clip(mass, lightest, heaviest)
-            density = -np.log(mass * np.log(heaviest / lightest))
-            density -= 0.5 * (np.log2(mass / likely)) ** 2
+            density = -np.log(mass * masses) - 0.5 * np.log2(mass / likely) ** 2
             if len(axes):
                 centre = moment_of_mass + coefficients[1:] / mass
                 distance = max(float(np.linalg.norm(centre)), near)
                 usual = min(distance, far)
-                shells = 1.0 / len(axes) + np.log(far / near)
-                density -= np.log(sphere * shells) + len(axes) * np.log(usual * mass)
-                density -= 0.5 * (np.log2(distance / usual)) ** 2
+                density -= np.log(places) + len(axes) * np.log(distance * mass)
+                density -= 0.5 * np.log2(distance / usual) ** 2
             return float(density)
 
         return SizePrior(0.5 * largest, log_density)

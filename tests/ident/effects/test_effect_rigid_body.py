@@ -114,6 +114,31 @@ def test_a_body_is_laid_out_about_the_place_that_tuning_tells(session: SessionCo
     assert find_effect("link_inertial_error").screened(session, []).variants(session, link) == (Variant(),)
 
 
+@pytest.mark.parametrize("number", range(3))
+def test_what_is_known_of_a_load_is_a_density(number: int, session: SessionContext) -> None:
+    """Law: over all masses and centres it integrates to one, wherever the load is laid out.
+
+    By importance sampling: masses and distances drawn with wide logarithms, directions evenly.
+    """
+    effect = find_effect("payload")
+    variant = effect.variants(session, 0)[number]
+    prior = effect.size_prior(session, 0, variant)
+    rng = np.random.default_rng(number)
+    count = 40_000
+    log_mass, log_distance = rng.uniform(np.log(1e-3), np.log(1e3), count), rng.uniform(np.log(1e-4), np.log(30.0), count)
+    direction = rng.normal(size=(count, 3))
+    centre = np.exp(log_distance)[:, None] * direction / np.linalg.norm(direction, axis=1)[:, None]
+    mass = np.exp(log_mass)
+    arm = session.runs[0].arm
+    place = effect._law(arm, variant)[1:4, 0]
+    shift = mass[:, None] * (centre - place)
+    density = np.exp([prior.log_density(np.array([m, *s])) for m, s in zip(mass, shift, strict=True)])
+    # d(m) d³(m c) in terms of log m and log r: m · 4π r³ m³
+    volume = mass * 4.0 * np.pi * np.exp(3.0 * log_distance) * mass**3
+    widths = (np.log(1e3) - np.log(1e-3)) * (np.log(30.0) - np.log(1e-4))
+    assert np.mean(density * volume) * widths == pytest.approx(1.0, abs=0.05)
+
+
 def test_an_arm_whose_links_were_tuned_below_zero_still_weighs_something(session: SessionContext) -> None:
     """Law: priors of bodies are finite where tuning took more off a link than the whole arm weighs."""
     run, effect = session.runs[0], find_effect("payload")
