@@ -172,17 +172,3 @@ class SizePrior:
         normal = np.sum((coefficients / self.deviation) ** 2)
         normal += 2.0 * np.sum(np.log(self.deviation)) + len(coefficients) * np.log(2.0 * np.pi)
         return self.log_density(coefficients) + 0.5 * float(normal)
-
-    def cost(self, coefficients: Float[Array, " k"], information: Float[Array, "k k"]) -> float:
-        """What coefficients cost the evidence for a name [nats]."""
-        width = self.deviation
-        values, vectors = np.linalg.eigh(
-            width[:, None] * (0.5 * (information + information.T)) * width
-        )
-        values = np.maximum(values, 0.0)
-        free = vectors.T @ (coefficients / width)
-        held = free * values / (1.0 + values)
-        misfit = 0.5 * float(values @ (free - held) ** 2)
-        sharper = 0.5 * float(np.sum(np.log1p(values))) - float(np.sum(np.log(width)))
-        usual = self.log_density(width * (vectors @ held))
-        return misfit + sharper - 0.5 * len(width) * float(np.log(2 * np.pi)) - usual

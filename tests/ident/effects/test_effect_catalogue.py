@@ -275,17 +275,15 @@ def normal(coefficients: Array) -> float:
     return float(np.sum(-0.5 * (coefficients / DEVIATION) ** 2 - np.log(DEVIATION * np.sqrt(2 * np.pi))))
 
 
-def test_the_cost_is_the_exact_one_where_all_is_normal() -> None:
-    """Law: ½ gain − cost is log N(y; 0, s² J² + J) − log N(y; 0, J) of the scores y = J ĉ (Gaussian evidence)."""
+def test_a_normal_prior_is_likelier_than_itself_by_nothing() -> None:
+    """Law: what a prior adds to a normal of its deviations is nothing if it is that normal, and grows in its tails."""
     rng = np.random.default_rng(3)
-    root = rng.standard_normal((2, 2))
-    information, estimate = root @ root.T + 0.2 * np.eye(2), np.array([0.7, -1.2])
-    scores = information @ estimate
-    spread = information + information @ np.diag(DEVIATION**2) @ information
-    exact = 0.5 * scores @ np.linalg.solve(information, scores) - 0.5 * scores @ np.linalg.solve(spread, scores)
-    exact -= 0.5 * (np.linalg.slogdet(spread)[1] - np.linalg.slogdet(information)[1])
-    cost = SizePrior(DEVIATION, normal).cost(estimate, information)
-    assert 0.5 * estimate @ information @ estimate - cost == pytest.approx(exact, abs=1e-9)
+    usual = SizePrior(DEVIATION, normal)
+    for coefficients in 3.0 * rng.standard_normal((5, 2)):
+        assert usual.beyond_normal(coefficients) == pytest.approx(0.0, abs=1e-9)
+    tailed = SizePrior.about_zero(DEVIATION)
+    steps = [tailed.beyond_normal(far * DEVIATION) for far in (3.0, 5.0, 8.0)]
+    assert 0.0 < steps[0] < steps[1] < steps[2]
 
 
 @each_effect

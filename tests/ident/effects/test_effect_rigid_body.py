@@ -125,7 +125,8 @@ def test_what_is_known_of_a_load_is_a_density(number: int, session: SessionConte
     prior = effect.size_prior(session, 0, variant)
     rng = np.random.default_rng(number)
     count = 40_000
-    log_mass, log_distance = rng.uniform(np.log(1e-3), np.log(1e3), count), rng.uniform(np.log(1e-4), np.log(30.0), count)
+    log_mass = rng.uniform(np.log(1e-3), np.log(1e3), count)
+    log_distance = rng.uniform(np.log(1e-4), np.log(30.0), count)
     direction = rng.normal(size=(count, 3))
     centre = np.exp(log_distance)[:, None] * direction / np.linalg.norm(direction, axis=1)[:, None]
     mass = np.exp(log_mass)
