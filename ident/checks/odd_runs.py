@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ident.checks.between_runs import RunDifference, find_difference
+from ident.checks.between_runs import find_difference
+from ident.checks.parting import RunDifference
 from ident.checks.report import issue_of
 from ident.checks.run_changes import OTHER_ARM
 from ident.recordings.recording import Session, TelemetryIssue
