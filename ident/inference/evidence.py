@@ -21,7 +21,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_solve, cholesky, eigh, qr, solve_triangular
+from scipy.linalg import eigh, qr
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
 
 from ident.arrays import Array, Float
@@ -41,16 +42,16 @@ def factorise(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
     others is lost in rounding and may come out below zero: it is raised to what rounding leaves. So
     is a column whose own square did, in units of the largest.
     """
-    try:
-        return np.asarray(cholesky(matrix, lower=True, check_finite=False))
-    except LinAlgError:
-        squares = np.diag(matrix)
-        size = np.sqrt(np.where(squares > 0.0, squares, ROUNDING * squares.max()))
-        values, vectors = eigh(matrix / np.outer(size, size), check_finite=False)
-        root = vectors * np.sqrt(np.maximum(values, ROUNDING * values[-1]))
-        factors = qr((size[:, None] * root).T, mode="r", check_finite=False)
-        upper = np.asarray(factors[0])[: len(matrix)]
-        return upper.T * np.where(np.diag(upper) < 0.0, -1.0, 1.0)
+    factor, failed = dpotrf(matrix, lower=1, clean=1)
+    if not failed:
+        return np.asarray(factor)
+    squares = np.diag(matrix)
+    size = np.sqrt(np.where(squares > 0.0, squares, ROUNDING * squares.max()))
+    values, vectors = eigh(matrix / np.outer(size, size), check_finite=False)
+    root = vectors * np.sqrt(np.maximum(values, ROUNDING * values[-1]))
+    factors = qr((size[:, None] * root).T, mode="r", check_finite=False)
+    upper = np.asarray(factors[0])[: len(matrix)]
+    return upper.T * np.where(np.diag(upper) < 0.0, -1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +60,13 @@ class Solved:
 
     nats: float  # log evidence against all coefficients at zero [nats]
     mean: Float[Array, " k"]  # posterior mean of the coefficients
-    covariance: Float[Array, "k k"]  # posterior covariance
+    variance: Float[Array, " k"]  # posterior variance of each
 
 
 def log_evidence(
     gram: Float[Array, "k k"], target: Float[Array, " k"], deviation: Float[Array, " k"]
 ) -> Solved:
-    """Log evidence, mean and covariance of coefficients θ ~ N(0, diag deviation²).
+    """Log evidence, means and variances of coefficients θ ~ N(0, diag deviation²).
 
     Args:
         gram: Sums of products of the columns, positive semidefinite.
@@ -76,11 +77,10 @@ def log_evidence(
     inner[np.diag_indices(len(inner))] += 1.0
     factor = factorise(inner)
     scaled = deviation * target
-    half = solve_triangular(factor, scaled, lower=True, check_finite=False)
-    mean = deviation * cho_solve((factor, True), scaled, check_finite=False)
-    inverse = cho_solve((factor, True), np.eye(len(inner)), check_finite=False)
-    nats = 0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
-    return Solved(nats, mean, deviation[:, None] * inverse * deviation)
+    mean = dpotrs(factor, scaled, lower=1)[0]
+    inverse = dpotri(factor, lower=1)[0]
+    nats = 0.5 * float(scaled @ mean) - float(np.log(np.diag(factor)).sum())
+    return Solved(nats, deviation * mean, deviation**2 * np.diag(inverse))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ def optimise(
     def minus_evidence(logs: Float[Array, " b"]) -> tuple[float, Float[Array, " b"]]:
         variances = np.exp(logs)
         solved = log_evidence(gram, target, np.sqrt(variances)[block])
-        power = solved.mean**2 + np.diag(solved.covariance)
+        power = solved.mean**2 + solved.variance
         gradient = 0.5 * (np.bincount(block, power, len(sizes)) / variances - np.asarray(sizes))
         return -solved.nats, -gradient
 

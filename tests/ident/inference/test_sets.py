@@ -17,7 +17,7 @@ def coarse_of(analysis: Analysis) -> Inferred:
 def free_groups(search: SetSearch, count: int, seed: int = 0) -> list[Group]:
     """Some candidates of different names, none of whose coefficients has a sign."""
     rng = np.random.default_rng(seed)
-    free = [group for group in search.names.groups if not group.signed]
+    free = [group for group in search.names.groups if not group.signed and group.prior is None]
     chosen: dict[object, Group] = {}
     for k in rng.permutation(len(free)):
         chosen.setdefault(free[k].key, free[k])
