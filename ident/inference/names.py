@@ -4,7 +4,8 @@ expected to be, its odds.
 Each effect is as likely as any other beforehand, at any joint and any point of its grid: with m
 effects, p places of an effect and g points at a place, a name has the log odds −log (m p g). Its
 coefficients are normal about zero, with half the largest plausible size as their deviation; an
-effect that states none has that of one row's information.
+effect that states none has that of one row's information. Of bodies more is known: by how much
+their size is likelier than by such a normal is added where sets are weighed (`search`).
 
 Source: Kass and Wasserman 1995 (unit information prior).
 """

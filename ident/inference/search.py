@@ -4,7 +4,8 @@ After the baseline, all candidates and the torque are one small matrix R of sums
 with prior deviations s has the log evidence of `evidence.log_evidence` on R_MM, plus the log odds
 of its names; what a candidate adds beside a set is the same on what the set leaves of R.
 Coefficients that can't be negative are solved with that bound; their prior is half a normal, which
-is worth log 2 each.
+is worth log 2 each. Where an effect knows more of its size than a normal, the ratio of both
+densities at the estimate is added (Tierney and Kadane 1986).
 """
 
 from __future__ import annotations

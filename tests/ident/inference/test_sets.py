@@ -15,7 +15,7 @@ def coarse_of(analysis: Analysis) -> Inferred:
 
 
 def free_groups(search: SetSearch, count: int, seed: int = 0) -> list[Group]:
-    """Some candidates of different names, none of whose coefficients has a sign."""
+    """Some candidates of different names, of whose coefficients no sign and no more than a deviation is known."""
     rng = np.random.default_rng(seed)
     free = [group for group in search.names.groups if not group.signed and group.prior is None]
     chosen: dict[object, Group] = {}
