@@ -15,7 +15,7 @@ TEST = re.compile(r"`(tests/[\w/]+\.py)::(test_\w+)`")
 SILENT = ("numpy", "scipy", "pin", "scikit-learn", "threadpoolctl", "tomli-w", "typer", "rich", "jinja2", "markupsafe")
 SILENT += ("filterpy", "llvmlite", "lz4", "backports.zstd", "PyYAML", "cma", "daqp", "toppra", "plyfile", "pypcd4")
 SILENT += ("ruckig", "pydantic", "typing_extensions", "armgap")
-CALLED = {"distributed": "Dask", "rerun-sdk": "Rerun"}
+CALLED = {"distributed": "Dask", "rerun-sdk": "Rerun", "onnxruntime": "ONNX Runtime"}
 
 
 def rows(title: str) -> list[list[str]]:
@@ -40,8 +40,28 @@ def test_each_library_says_from_where_it_reads_and_what_stops_it() -> None:
     names = " ".join(row[0] for row in told).lower()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     used = list(project["dependencies"])
-    for extra in ("net", "sim", "view", "bags", "plan", "monitor"):
+    for extra in ("net", "sim", "view", "bags", "plan", "open", "onnx", "usd", "monitor"):
         used += project["optional-dependencies"][extra]
     for requirement in used:
         name = re.split(r"[\[<>=!~ ]", requirement)[0]
         assert name in SILENT or CALLED.get(name, name).lower() in names, name
+
+
+def test_each_limit_of_the_front_page_has_its_line() -> None:
+    """Law: a limit that README gains asks for a line of the ledger."""
+    front = (ROOT / "README.md").read_text(encoding="utf-8")
+    section = front.partition("\n## Limits\n")[2].partition("\n## ")[0]
+    limits = [line for line in section.splitlines() if line.startswith("- ")]
+    lines = [row for row in rows(PROMISES) if "(README, Limits)" in row[0]]
+    assert len(lines) >= len(limits) > 0
+
+
+def test_each_shipped_recording_is_described() -> None:
+    """Law: `logs/README.md` names every folder beside it, and says that they are simulated."""
+    logs = ROOT / "logs"
+    text = (logs / "README.md").read_text(encoding="utf-8")
+    assert "simulated" in text.lower()
+    names = [path.name for path in (logs / "tm5_900").iterdir() if path.is_dir()]
+    assert names
+    for name in names:
+        assert f"`{name}`" in text or f"/{name}`" in text, name

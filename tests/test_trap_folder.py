@@ -3,16 +3,25 @@
 `docs/security.md` lists what each library reads by itself.
 """
 
+import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
+import ident.cli.app
+import ident.cli.simulated
+import plan.cli.app
+from ident.process import SIGNALLED
 from ident.robot.names import data_path
 from plan.planners.reference import Reference
 from tests import traps
@@ -41,6 +50,15 @@ start_deg = [50, 0, -120]
 goal_deg = [80, 30, -90]
 duration_s = 0.65
 """
+CYCLE = """
+robot = "tm5-900"
+[task]
+start_deg = [50, 0, -120]
+goal_deg = [50, 0, -120]
+duration_s = 4.0
+[[leg]]
+deg = [80, 30, -90]
+"""
 # Each command by its arguments: {c} is a folder of good files, {r} of recordings, {o} one for what is written.
 LIGHT = {
     "inspect": "ident inspect {r}/E1 --mend {o}/mended --json {o}/a.json",
@@ -49,6 +67,7 @@ LIGHT = {
     "evaluate": "ident evaluate {r}/E1 --model {c}/model --html {o}/a.html",
     "patch": "ident patch {c}/diagnosis.json --robot tm5-900 --out {o}/patch",
     "export": "ident export {c}/model --out {o}/export",
+    "export a graph": "ident export {c}/model --out {o}/export --format onnx",
     "view": "ident view {r}/E1 --model {c}/model --rrd {o}/a.rrd",
     "schema": "ident schema diagnosis",
     "servo": "ident servo {r}/E1",
@@ -69,6 +88,8 @@ LONG = {
     "blind": "ident blind --cases 2 --workers 2 --out {o}/blind",
     "close": "ident close --out {o}/closed --arms 1 --rounds 2",
     "solve": "plan solve {o}/task.toml --model {c}/model --method reference --picture {o}/a.png --rrd {o}/a.rrd",
+    "board": "ident board make {o}/board --cases 1 --seed 1 --worlds development",
+    "cycle": "plan cycle {o}/cycle.toml --out {o}/motions --evaluations 40",
     "plan's compare": "plan compare {o}/task.toml --model {c}/model --out {o}/compared",
     "paper": "plan paper --model {c}/model --out {o}/paper --epochs 1 --generations 1 --trials 1 --levels 2",
 }
@@ -129,6 +150,7 @@ def test_commands_take_nothing_from_the_folder_where_they_are_started(name: str,
     out.mkdir()
     shutil.copy(corpus / "run.csv", out / "run.csv")
     (out / "task.toml").write_text(TASK)
+    (out / "cycle.toml").write_text(CYCLE)
     traps.set_traps(given)
     words = (LIGHT | LONG)[name].format(c=corpus, r=data_path("logs/tm5_900"), o=out).split()
     seen = traps.run_among_traps(words[0], words[1:], given, tmp_path / "watch")
@@ -136,6 +158,44 @@ def test_commands_take_nothing_from_the_folder_where_they_are_started(name: str,
     started = [line for line in seen.started if not re.search(WORKERS.get(name, "nothing of it"), line)]
     assert (seen.touched, started) == ([], []), traps.told(seen)
     assert seen.status in (0, 2, 3), traps.told(seen)
+
+
+def test_the_local_page_takes_nothing_from_that_folder(tmp_path: Path) -> None:
+    """Law: among traps the page is served and checks a log, opens nothing and starts nothing."""
+    answers: list[bytes] = []
+
+    def ask(line: str) -> None:
+        address = line.split()[0]
+        for request in ("", "state", "files/evil"):
+            try:
+                with urllib.request.urlopen(address + request) as answer:
+                    answers.append(answer.read())
+            except urllib.error.HTTPError as error:
+                answers.append(b"" if error.code == 404 else error.read())
+        with urllib.request.urlopen(address + "check", data=b"{}") as answer:
+            answers.append(answer.read())
+
+    traps.set_traps(tmp_path / "traps")
+    words = ["open", data_path("logs/tm5_900/E1"), "tm5-900", "--no-browser"]
+    seen = traps.run_among_traps("ident", words, tmp_path / "traps", tmp_path / "watch", ask)
+    page, state, absent, checked = answers
+    assert b"<html" in page.lower(), traps.told(seen)
+    assert json.loads(state)["log"] == "E1"
+    assert absent == b""
+    assert isinstance(json.loads(checked), dict)
+    assert (seen.touched, seen.started) == ([], []), traps.told(seen)
+    assert "Traceback" not in seen.output, traps.told(seen)
+    assert seen.status == SIGNALLED + signal.SIGINT, traps.told(seen)
+
+
+def test_each_command_is_run_among_traps() -> None:
+    """Law: no command of either program is left out."""
+    run = {"ident open"}
+    for line in (LIGHT | LONG).values():
+        run.add(" ".join(line.split()[:2]))
+    for name, module in (("ident", ident.cli.app), ("plan", plan.cli.app)):
+        commands = typer.main.get_command(module.app).list_commands(None)
+        assert {f"{name} {command}" for command in commands} <= run
 
 
 def test_the_watch_sees_what_is_opened_and_started(tmp_path: Path) -> None:

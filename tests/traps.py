@@ -6,10 +6,11 @@ import ctypes
 import json
 import os
 import shutil
+import signal
 import struct
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import packages_distributions
@@ -31,6 +32,14 @@ SETTINGS = {
     "pyvenv.cfg": "home = .\n",
     "evil.pth": "import evil\n",
     "dask.yaml": "distributed: {worker: {preload: [evil]}}\n",
+    ".dask.yaml": "distributed: {worker: {preload: [evil]}}\n",
+    ".numba_config.yml": "disable_jit: 1\n",
+    "plugInfo.json": '{"Includes": ["plugin/"]}\n',
+    "ort_config.json": '{"session_options": {"enable_profiling": true}}\n',
+    "mime.types": "text/evil html\n",
+    "logging.conf": "[loggers]\nkeys=root\n",
+    "tornado.conf": "logging = 'debug'\n",
+    ".env.local": "BROWSER=evil\n",
     "distributed.yaml": "distributed: {scheduler: {preload: [evil]}}\n",
     "jupyter_config.py": "open('RUN', 'w')\n",
     "fonts.conf": "<fontconfig/>\n",
@@ -56,6 +65,7 @@ SETTINGS = {
 LIBRARIES = ("evil", "libhsl", "libcoinhsl", "libpardiso", "libma27", "libipopt", "libglfw", "libmujoco", "libcoal")
 LIBRARIES += ("libcasadi_nlpsol_ipopt", "libcasadi_linsol_ma27", "libopenblas", "libgomp", "libtbb", "libsvml")
 LIBRARIES += ("libassimp", "libarrow", "libcuda", "libnuma", "libEGL", "libOSMesa")
+LIBRARIES += ("libusd_ms", "libonnxruntime_providers_cuda", "libonnxruntime_providers_shared")
 FOLDERS = ("plugin", "plugins", "mujoco_plugin", "share", "lib", "etc", "__pycache__", ".dask", ".config", ".cache")
 FOLDERS += (".mujoco", ".matplotlib", ".jupyter", "stylelib", "locale", "cmeel.prefix", "numba_cache", "templates")
 MODULE = "open('RUN', 'a').write(__name__)\n"
@@ -101,7 +111,13 @@ def set_traps(folder: Path) -> None:
             (folder / f"{name}.py").write_text(MODULE)
 
 
-def run_among_traps(command: str, arguments: Sequence[object], traps: Path, place: Path) -> Seen:
+def run_among_traps(
+    command: str,
+    arguments: Sequence[object],
+    traps: Path,
+    place: Path,
+    meanwhile: Callable[[str], None] | None = None,
+) -> Seen:
     """Runs `ident` or `plan` in a folder of traps.
 
     Args:
@@ -109,6 +125,8 @@ def run_among_traps(command: str, arguments: Sequence[object], traps: Path, plac
         arguments: Its arguments.
         traps: The folder.
         place: An empty folder for what the watch needs, and for the user's home.
+        meanwhile: Where the command goes on until it is interrupted: called with its first line,
+            then it is interrupted.
     """
     place.mkdir()
     log, hook = place / "started", place / "hook"
@@ -127,15 +145,39 @@ def run_among_traps(command: str, arguments: Sequence[object], traps: Path, plac
     trace = place / "trace"
     seen = Seen()
     with watching(traps, seen):
-        done = subprocess.run(
-            [*_tracer(trace), *line], cwd=traps, env=environment, capture_output=True, text=True, check=False
-        )
-    seen.status, seen.output = done.returncode, done.stdout + done.stderr
+        seen.status, seen.output = _run([*_tracer(trace), *line], traps, environment, meanwhile)
     seen.started = log.read_text().splitlines() if log.exists() else []
     if trace.exists():
         programs = [line for line in trace.read_text(errors="replace").splitlines() if "= 0" in line]
         seen.started += programs[1:]  # the first is the command itself
     return seen
+
+
+def _run(
+    line: Sequence[str],
+    folder: Path,
+    environment: dict[str, str],
+    meanwhile: Callable[[str], None] | None,
+) -> tuple[int, str]:
+    """Status and output of a command line, which is interrupted after `meanwhile`, if that is given."""
+    process = subprocess.Popen(
+        line,
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    first = ""
+    if meanwhile is not None and process.stdout is not None:
+        first = process.stdout.readline()
+        try:
+            meanwhile(first)
+        finally:
+            os.killpg(process.pid, signal.SIGINT)
+    rest, _ = process.communicate()
+    return process.returncode, first + rest
 
 
 def _tracer(trace: Path) -> list[str]:

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ident.checks.angle_readings import check_angle_readings
 from ident.checks.angles import mend_absurd, mend_channel_spikes, mend_degrees, mend_spikes, mend_wraps, split_at_jumps
 from ident.checks.arrangement import check_bodies
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
@@ -43,6 +44,7 @@ from ident.checks.information import check_information
 from ident.checks.lateness import check_lateness
 from ident.checks.odd_runs import check_odd_runs
 from ident.checks.report import TelemetryReport, as_mounted
+from ident.checks.run_clocks import check_run_clocks
 from ident.checks.urdf_faults import check_bodies_of_urdf
 from ident.recordings.columns import match_joints
 from ident.recordings.recording import Recording, Session, TelemetryIssue
@@ -179,6 +181,8 @@ def inspect_alone(
         issues += [] if not session.samples else _check_channels(session)
         return TelemetryReport(session, tuple(issues), arm)
     if not is_damaged(issues):
+        session, told = check_angle_readings(session, arm, settings.effort)
+        issues += told
         session, told = check_odd_runs(session, arm)
         issues += told
     # Inertia and the bodies' places are part of every torque: where they are wrong, nothing else can be read.
@@ -226,6 +230,7 @@ def check_rows(session: Session, arm: ArmModel | None) -> tuple[Session, list[Te
         lambda found: mend_degrees(found, arm),
         mend_spikes,
         lambda found: mend_wraps(found, arm),
+        check_run_clocks,
         mend_time_base,
         mend_jitter,
         drop_stuck,

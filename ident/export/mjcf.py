@@ -225,7 +225,7 @@ PAYLOAD_RADIUS = 0.01
 def write_urdf(identified: IdentifiedArm) -> str:
     """The patched URDF: the arm's source file is edited where there is one, and losses that it states are replaced."""
     arm, losses, links = identified.nominal, identified.losses, identified.links.total
-    text = arm.source.read_text(encoding="utf-8") if arm.source and arm.source.is_file() else arm.urdf
+    text = source_text(arm)
     keeping_comments = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
     root = ET.fromstring(declare_prefixes(text), parser=keeping_comments)
     joints = {joint.get("name"): joint for joint in root.findall("joint")}
@@ -255,6 +255,25 @@ def write_urdf(identified: IdentifiedArm) -> str:
     root.insert(0, ET.Comment(NOTE))
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def source_text(arm: ArmModel) -> str:
+    """The URDF file that an arm was read from; where there is none any more, the arm's own text.
+
+    Raises:
+        RobotError: The file has another arm by now: what was identified is not about that.
+    """
+    if arm.source is None or not arm.source.is_file():
+        return arm.urdf
+    text = arm.source.read_text(encoding="utf-8")
+    fixed = dict(arm.locked_joints)
+    identified = ArmModel.from_urdf(arm.urdf, arm.source, fixed, arm.tip).content
+    on_disk = ArmModel.from_urdf(text, arm.source, fixed, arm.tip).content
+    if on_disk != identified:
+        what = "its joints, lengths or inertias are no longer those of the arm that was identified"
+        remedy = "identify the arm again, or put the file back as it was, or away"
+        raise RobotError(arm.source, what, remedy)
+    return text
 
 
 def _add_inertia(root: ET.Element, link: ET.Element, change: Float[Array, " 10"], locked: Mapping[str, float]) -> None:

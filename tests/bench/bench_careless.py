@@ -4,14 +4,16 @@ Of each session every variant is made and inspected. An answer is right where a 
 not have names the fault by one of its kinds, at its joint or in its run; unclear where it names the joint or the run by
 another kind, or the kind alone; wrong where all that is new names something else; silent where nothing is new.
 
-    python -m tests.bench.bench_careless FOLDER [VARIANT …]     # FOLDER: recordings of real arms
+    python -m tests.bench.bench_careless FOLDER [VARIANT …] [--logs NAME,…]
+
+FOLDER holds recordings of real arms. What is printed last are rows of `docs/figures.toml`.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
+import json
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -252,37 +254,52 @@ def judge(fault: Fault, issues: Sequence[TelemetryIssue], before: Sequence[Telem
 
 def logs(folder: Path) -> list[Log]:
     """Simulated sessions, the shipped ones, and those of real arms that are not kept back."""
-    found = []
+    known = []
     for number, name in enumerate(SIMULATED):
-        session = simulate(SimulationOptions(robot=name, seed=100 + number, runs=6, rate=125.0)).session
-        found.append(Log(f"simulated {name}", ArmModel.load(name), session))
+        options = SimulationOptions(robot=name, seed=100 + number, runs=6, rate=125.0)
+        known.append(Log(f"simulated {name}", ArmModel.load(name), simulate(options).session))
     for name in SHIPPED:
         session = load_session(data_path(f"logs/tm5_900/{name}"))
-        found.append(Log(f"tm5 {name}", ArmModel.load("tm5-900"), session))
+        known.append(Log(f"tm5 {name}", ArmModel.load("tm5-900"), session))
     for source in load_sources(folder):
         arm = ArmModel.from_urdf(source.urdf).keeping(source.joints)
-        found.append(Log(source.name, arm, Session(source.name, source.runs)))
-    return found
+        known.append(Log(source.name, arm, Session(source.name, source.runs)))
+    return known
+
+
+def answers_of(log: Log, others: Sequence[Log], wanted: set[str]) -> dict[str, str]:
+    """What is said of each variant of a log: right, unclear, wrong or silent; printed as it comes."""
+    (before,) = inspect_sessions([log.session], log.arm)
+    answers = {}
+    for name, fault in faults(log, others).items():
+        if wanted and name not in wanted:
+            continue
+        issues = before.issues
+        known: Sequence[TelemetryIssue] = ()
+        if name != "untouched":
+            issues = inspect_sessions([fault.session], log.arm)[0].issues
+            known = before.issues
+        answers[name], said = judge(fault, issues, known)
+        print(f"{log.name:22s} {name:22s} {answers[name]:8s} {said[:160]}", flush=True)
+    return answers
 
 
 def main() -> None:
     """Makes, inspects and judges."""
-    every, wanted = logs(Path(sys.argv[1])), set(sys.argv[2:])
-    table: dict[str, Counter[str]] = {}
+    as_written = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=as_written)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("variants", nargs="*")
+    parser.add_argument("--logs", default="", help="names of logs, with commas; all if not given")
+    options = parser.parse_args()
     start = time.process_time()
-    for log in every:
-        (before,) = inspect_sessions([log.session], log.arm)
-        for name, fault in faults(log, every).items():
-            if wanted and name not in wanted:
-                continue
-            issues = before.issues if name == "untouched" else inspect_sessions([fault.session], log.arm)[0].issues
-            fresh_from = () if name == "untouched" else before.issues
-            answer, said = judge(fault, issues, fresh_from)
-            table.setdefault(name, Counter())[answer] += 1
-            print(f"{log.name:22s} {name:22s} {answer:8s} {said[:160]}", flush=True)
-    print()
-    for name, counts in table.items():
-        print(f"{name:22s} {'  '.join(f'{answer} {count}' for answer, count in sorted(counts.items()))}")
+    every = logs(options.folder)
+    names = options.logs.split(",") if options.logs else [log.name for log in every]
+    chosen = [log for log in every if log.name in names]
+    columns = [answers_of(log, every, set(options.variants)) for log in chosen]
+    print(json.dumps(["fault", *(log.name for log in chosen)]))
+    for fault in dict.fromkeys(fault for answers in columns for fault in answers):
+        print(json.dumps([fault, *(answers.get(fault, "") for answers in columns)]))
     print(f"{time.process_time() - start:.0f} s of processor time")
 
 

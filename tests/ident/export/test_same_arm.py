@@ -11,7 +11,7 @@ import pytest
 from ident.errors import InputError
 from ident.export.controllers import DRAWN, write_ranges
 from ident.export.identified import Diagnosed
-from ident.export.write import write_patch
+from ident.export.write import write_export, write_patch
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.recordings.save import write_session
@@ -43,6 +43,21 @@ def test_a_patch_of_another_arm_of_the_same_name_is_refused(arm: ArmModel, other
     with pytest.raises(InputError, match="another arm than"):
         write_patch(Diagnosed.load(path), ArmModel.load(str(other)), tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+def test_a_urdf_that_changed_since_the_fit_is_refused(arm: ArmModel, other: Path, tmp_path: Path) -> None:
+    """Law: what was identified is not written into another arm; where the file is gone, the model has its own."""
+    path = tmp_path / "robot.urdf"
+    path.write_text(arm.urdf)
+    HybridModel(*[ArmModel.load(str(path))] * 3, LOSS).save(tmp_path / "model")
+    write_export(HybridModel.load(tmp_path / "model"), tmp_path / "same")
+    path.write_text(other.read_text())
+    with pytest.raises(InputError, match=r"robot\.urdf: its joints, lengths or inertias are no longer"):
+        write_export(HybridModel.load(tmp_path / "model"), tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+    path.unlink()
+    write_export(HybridModel.load(tmp_path / "model"), tmp_path / "own")
+    assert (tmp_path / "own").exists()
 
 
 def test_recordings_of_another_arm_are_not_evaluated(arm: ArmModel, other: Path, tmp_path: Path) -> None:

@@ -1,0 +1,79 @@
+"""Stretches of runs whose clock goes at another speed than the rest's, by their measured velocity.
+
+Behind a gap a clock may go on at half its speed. The positions' derivative is then off the measured
+velocity by one factor at all joints, in those stretches alone. Where it is off everywhere, the
+whole time base is (`ident.checks.clock`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.checks.filtered_run import CLOCK as LIMIT
+from ident.checks.filtered_run import compare_velocities
+from ident.checks.report import issue_of
+from ident.recordings.recording import Recording, Session, TelemetryIssue, cut_before
+
+FEWEST_JOINTS = 2  # one joint alone may have a velocity of another meaning
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """What lies between two gaps of a run."""
+
+    run: Recording
+    factor: float | None  # measured velocity over the positions' derivative; None where it is open
+
+    @property
+    def is_off(self) -> bool:
+        """Whether its clock goes at another speed than the velocities'."""
+        return self.factor is not None and abs(self.factor - 1.0) > LIMIT.clock_off
+
+
+def stretches_of(run: Recording) -> list[Stretch]:
+    """A run between its gaps."""
+    pieces = [run]
+    if len(run) >= LIMIT.shortest_piece:
+        gaps = np.flatnonzero(np.diff(run.time) > LIMIT.gap_intervals * run.sample_interval)
+        if len(gaps):
+            pieces = list(cut_before(run, gaps + 1))
+    return [Stretch(piece, clock_factor(piece)) for piece in pieces]
+
+
+def clock_factor(run: Recording) -> float | None:
+    """By what factor all measured velocities are off the positions' derivative.
+
+    Returns:
+        None where the joints' factors differ, or where their velocities are noise.
+    """
+    compared = compare_velocities(Session(run.name, (run,)))
+    if compared is None:
+        return None
+    moving, slope, correlation = compared
+    slopes = slope[moving]
+    if len(slopes) < FEWEST_JOINTS or (correlation[moving] < LIMIT.clock_correlation).any():
+        return None
+    middle = float(np.median(slopes))
+    if middle <= 0.0 or np.abs(slopes / middle - 1.0).max() > LIMIT.clock_spread:
+        return None
+    return middle
+
+
+def check_run_clocks(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Finds stretches whose clock is off where others' is right; later checks see only the rest."""
+    stretches: list[Stretch] = []
+    for run in session.runs:
+        stretches += stretches_of(run)
+    wrong = [stretch for stretch in stretches if stretch.is_off]
+    right = [stretch for stretch in stretches if stretch.factor is not None and not stretch.is_off]
+    if not wrong or not right:
+        return session, []
+    first = wrong[0]
+    names = dict.fromkeys(stretch.run.name for stretch in wrong)
+    rest = session.replace(runs=[stretch.run for stretch in stretches if not stretch.is_off])
+    seen: dict[str, Any] = {"runs": ", ".join(names), "factor": first.factor}
+    seen["start"] = float(first.run.time[0])
+    return rest, [issue_of("stretch_clock", session, (), **seen)]
