@@ -286,10 +286,11 @@ OWN_INERTIAS = (
 
 # Where nothing but numbers of the URDF is wrong: what is left once they are right, and how they get there.
 RIGHTED = "With that put right, the model is as good as these recordings can tell."
-WRITE_NUMBERS = (
-    "Write these numbers into your model: `ident patch why.json --robot … --out patched --into MINE.urdf`, or MINE.xml "
-    "(why.json is what `--json why.json` writes here)."
+PATCH = (
+    "`ident patch why.json --robot … --out patched --into MINE.urdf`, or MINE.xml (why.json is what `--json why.json` "
+    "writes here)."
 )
+WRITE_NUMBERS = f"Write these numbers into your model: {PATCH}"
 
 
 def tuned_away_joints(record: Mapping[str, Any]) -> list[str]:
