@@ -33,8 +33,10 @@ SIXTY = re.compile(r"(<!-- sixty -->\n```python\n(.*?)```\n).*?(<!-- end of sixt
 # What of a page its picture shows: from below its head to the third joint of its first table [px].
 PAGE_WIDTH, PAGE_TOP, PAGE_BOTTOM = 1120, 140, 680
 CHROMIUM = ("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
-# As much of what a snippet prints as a front page shows [paragraphs]: the verdict with what to do, and the numbers.
-SHOWN = 2
+# As much of what a snippet prints as a front page shows: the verdict with what to do, and of the numbers these lines.
+SHOWN_LINES = 4
+# Intervals, which stand where the whole of a table does.
+INTERVAL = re.compile(r" \([^)]*\)")
 HEAD = "<!-- written by docs/write.py -->\n"
 
 
@@ -56,8 +58,9 @@ def figures(data: Mapping[str, Any]) -> str:
 
 
 def in_short(data: Mapping[str, Any]) -> str:
-    """The same without what only who repeats a measurement needs."""
-    return f"{data['plain']}\n\n{table(data['columns'], data['rows'])}"
+    """The same without intervals, and without what only who repeats a measurement needs."""
+    rows = [[INTERVAL.sub("", cell) for cell in row] for row in data["rows"]]
+    return f"{data['plain']}\n\n{table(data['columns'], rows)}"
 
 
 def folded(text: str) -> str:
@@ -88,8 +91,9 @@ def with_output(text: str) -> str:
     """The front page with the first lines that its first snippet prints now."""
     (snippet,) = (found[2] for found in SIXTY.finditer(text))
     done = subprocess.run([sys.executable, "-c", snippet], cwd=ROOT, capture_output=True, text=True, check=True)
-    paragraphs = done.stdout.strip().split("\n\n")
-    shown = "\n\n".join([*paragraphs[:SHOWN], "…"])
+    verdict, numbers, *_ = done.stdout.strip().split("\n\n")
+    lines = numbers.splitlines()[:SHOWN_LINES]
+    shown = "\n".join([verdict, "", *lines, "  …"])
     return SIXTY.sub(lambda block: f"{block[1]}\n```text\n{shown}\n```\n{block[3]}", text)
 
 
