@@ -1,4 +1,4 @@
-"""Writes what of the documentation is made from code and data: figures of the checks, and the references.
+"""Writes what of the documentation is made from code and data: figures of the checks, references, a notebook.
 
     python docs/write.py            # figures into README.md and docs/*.md, references into docs/reference/
     python docs/write.py --check    # status 1 where a figure on a page is not that of docs/figures.toml
@@ -12,6 +12,8 @@ nobody types them there.
 
 from __future__ import annotations
 
+import base64
+import json
 import re
 import subprocess
 import sys
@@ -28,10 +30,12 @@ import typer
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 PAGES = (ROOT / "README.md", *sorted(HERE.glob("*.md")))
+NOTEBOOKS = (ROOT / "examples" / "real_panda.ipynb",)
 BLOCK = re.compile(r"(<!-- (figures|in short): (\w+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 SIXTY = re.compile(r"(<!-- sixty -->\n```python\n(.*?)```\n).*?(<!-- end of sixty -->)", re.DOTALL)
-# What of a page its picture shows: from below its head to the third joint of its first table [px].
-PAGE_WIDTH, PAGE_TOP, PAGE_BOTTOM = 1120, 140, 680
+# What of a page its picture shows: from below its head to the third joint of its first table [px]; no wider, for a
+# phone shows it half as large.
+PAGE_WIDTH, PAGE_TOP, PAGE_BOTTOM = 720, 165, 690
 CHROMIUM = ("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
 # As much of what a snippet prints as a front page shows: the verdict with what to do, and of the numbers these lines.
 SHOWN_LINES = 4
@@ -131,18 +135,24 @@ def draw_before_and_after(place: Path) -> None:
 
 
 def picture_page(place: Path) -> None:
-    """The first screen of a shipped recording's page, as Chromium shows it."""
-    from PIL import Image
-
+    """The first screen of a shipped recording's page."""
     with tempfile.TemporaryDirectory() as folder:
-        page, shot = Path(folder) / "why.html", Path(folder) / "why.png"
+        page = Path(folder) / "why.html"
         start = "from ident.cli.start import main; main()"
         given = ["diagnose", "logs/tm5_900/sealed_2", "--robot", "tm5-900", "--html", str(page)]
         subprocess.run([sys.executable, "-c", start, *given], cwd=ROOT, check=True)
+        take_picture(page, place)
+
+
+def take_picture(page: Path, place: Path) -> None:
+    """The first screen of a page below its head, as Chromium shows it."""
+    from PIL import Image
+
+    with tempfile.TemporaryDirectory() as folder:
+        shot = Path(folder) / "page.png"
         size = f"--window-size={PAGE_WIDTH},{PAGE_BOTTOM}"
-        subprocess.run(
-            [*CHROMIUM, f"--user-data-dir={folder}", size, f"--screenshot={shot}", page.as_uri()], check=True
-        )
+        given = [f"--user-data-dir={folder}", size, f"--screenshot={shot}", page.resolve().as_uri()]
+        subprocess.run([*CHROMIUM, *given], check=True)
         whole = Image.open(shot).convert("RGB").crop((0, PAGE_TOP, PAGE_WIDTH, PAGE_BOTTOM))
         whole.quantize(64).save(place, optimize=True)
 
@@ -204,6 +214,27 @@ def settings() -> str:
     return HEAD + "# Settings of a diagnosis\n\n" + "\n".join(parts)
 
 
+def notebook(path: Path, folder: Path) -> str:
+    """A notebook with its stored output as a page; its pictures are written beside it."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    parts = [HEAD]
+    for number, cell in enumerate(cells):
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(source)
+            continue
+        parts.append(f"```python\n{source}\n```")
+        for output in cell["outputs"]:
+            if "text" in output:
+                parts.append(f"```text\n{''.join(output['text']).rstrip()}\n```")
+            picture = output.get("data", {}).get("image/png")
+            if picture is not None:
+                drawn = folder / f"{path.stem}_{number}.png"
+                drawn.write_bytes(base64.b64decode(picture))
+                parts.append(f"![What the lines above draw]({drawn.name})")
+    return "\n\n".join(parts) + "\n"
+
+
 def main(options: list[str]) -> int:
     """Writes, or checks, all pages; see the module."""
     data = tomllib.loads((HERE / "figures.toml").read_text(encoding="utf-8"))
@@ -231,9 +262,11 @@ def main(options: list[str]) -> int:
         front.write_text(with_output(front.read_text(encoding="utf-8")), encoding="utf-8")
         return 0
     made = {"commands": commands(), "session_toml": session_keys(), "scene_toml": scene_keys(), "settings": settings()}
-    (HERE / "reference").mkdir(exist_ok=True)
+    reference = HERE / "reference"
+    reference.mkdir(exist_ok=True)
+    made |= {path.stem: notebook(path, reference) for path in NOTEBOOKS}
     for name, text in made.items():
-        (HERE / "reference" / f"{name}.md").write_text(text, encoding="utf-8")
+        (reference / f"{name}.md").write_text(text, encoding="utf-8")
     return 0
 
 
