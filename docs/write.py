@@ -33,9 +33,10 @@ PAGES = (ROOT / "README.md", *sorted(HERE.glob("*.md")))
 NOTEBOOKS = (ROOT / "examples" / "real_panda.ipynb",)
 BLOCK = re.compile(r"(<!-- (figures|in short): (\w+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 SIXTY = re.compile(r"(<!-- sixty -->\n```python\n(.*?)```\n).*?(<!-- end of sixty -->)", re.DOTALL)
-# What of a page its picture shows: from below its head to the third joint of its first table [px]; no wider, for a
-# phone shows it half as large.
-PAGE_WIDTH, PAGE_TOP, PAGE_BOTTOM = 720, 165, 690
+# What of a page its picture shows: what stands below its head, to about the second joint of its first table [px]; no
+# wider, for a phone shows it half as large.
+PAGE_WIDTH, PAGE_HEIGHT = 720, 540
+NO_HEAD = "<style>body > header { display: none; }</style></head>"
 CHROMIUM = ("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
 # As much of what a snippet prints as a front page shows: the verdict with what to do, and of the numbers these lines.
 SHOWN_LINES = 4
@@ -149,11 +150,12 @@ def take_picture(page: Path, place: Path) -> None:
     from PIL import Image
 
     with tempfile.TemporaryDirectory() as folder:
-        shot = Path(folder) / "page.png"
-        size = f"--window-size={PAGE_WIDTH},{PAGE_BOTTOM}"
-        given = [f"--user-data-dir={folder}", size, f"--screenshot={shot}", page.resolve().as_uri()]
+        copy, shot = Path(folder) / "copy.html", Path(folder) / "page.png"
+        copy.write_text(page.read_text(encoding="utf-8").replace("</head>", NO_HEAD, 1), encoding="utf-8")
+        size = f"--window-size={PAGE_WIDTH},{PAGE_HEIGHT}"
+        given = [f"--user-data-dir={folder}", size, f"--screenshot={shot}", copy.as_uri()]
         subprocess.run([*CHROMIUM, *given], check=True)
-        whole = Image.open(shot).convert("RGB").crop((0, PAGE_TOP, PAGE_WIDTH, PAGE_BOTTOM))
+        whole = Image.open(shot).convert("RGB")
         whole.quantize(64).save(place, optimize=True)
 
 
