@@ -3,7 +3,7 @@
     python docs/gallery.py REAL [OUT]
 
 REAL holds the recordings as `SOURCES` names them; fetch them from where they were published. Writes the pages below
-OUT, and the table of docs/gallery.md.
+OUT, the arms of docs/gallery.md, and a picture of each page's first screen beside that.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+
+from write import take_picture
 
 from ident import InputError
 from ident.api.daily import servo
@@ -70,14 +72,16 @@ SOURCES = (
 
 
 def show(arm: RealArm, real: Path, out: Path) -> str:
-    """Writes the page of one arm, and returns its row of the table."""
+    """Writes the page of one arm, and returns its part of the gallery."""
     file = out / f"{arm.file.split('/')[0]}.html"
     robot = str(real / arm.robot) if arm.robot.endswith(".urdf") else arm.robot
     if arm.is_servo:
         headline = show_servo(real / arm.file, robot, file)
     else:
         headline = show_diagnosis(real / arm.file, robot, file)
-    return f"| {arm.title} | {headline} | `{file.name}` | {arm.origin} |"
+    picture = f"gallery_{file.stem}.png"
+    take_picture(file, TABLE.with_name(picture))
+    return f"## {arm.title}\n\n{headline}\n\n![The page's first screen]({picture})\n\nRecordings: {arm.origin}.\n"
 
 
 def show_diagnosis(recording: Path, robot: str, file: Path) -> str:
@@ -98,19 +102,19 @@ def show_servo(recording: Path, robot: str, file: Path) -> str:
 
 
 def main(real: str, out: str = "out/gallery") -> None:
-    """Writes all pages and a table of them; what is not there is left out, and it says so."""
+    """Writes all pages and the gallery; what is not there is left out, and it says so."""
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    rows = ["| arm | what was found | page | recordings |", "| --- | --- | --- | --- |"]
+    parts = []
     for arm in SOURCES:
         try:
-            rows.append(show(arm, Path(real), folder))
+            parts.append(show(arm, Path(real), folder))
         except InputError as error:
             print(f"left out {arm.title}: {error}", file=sys.stderr)
-    if len(rows) == 2 + len(SOURCES):
+    if len(parts) == len(SOURCES):
         text = TABLE.read_text(encoding="utf-8")
-        table = "\n".join(rows) + "\n"
-        TABLE.write_text(BLOCK.sub(lambda block: f"{block[1]}{table}{block[2]}", text), encoding="utf-8")
+        arms = "\n".join(parts)
+        TABLE.write_text(BLOCK.sub(lambda block: f"{block[1]}{arms}{block[2]}", text), encoding="utf-8")
     print(f"written to {folder}")
 
 

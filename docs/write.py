@@ -1,4 +1,4 @@
-"""Writes what of the documentation is made from code and data: figures of the checks, and the references.
+"""Writes what of the documentation is made from code and data: figures of the checks, references, a notebook.
 
     python docs/write.py            # figures into README.md and docs/*.md, references into docs/reference/
     python docs/write.py --check    # status 1 where a figure on a page is not that of docs/figures.toml
@@ -12,6 +12,8 @@ nobody types them there.
 
 from __future__ import annotations
 
+import base64
+import json
 import re
 import subprocess
 import sys
@@ -28,13 +30,18 @@ import typer
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 PAGES = (ROOT / "README.md", *sorted(HERE.glob("*.md")))
+NOTEBOOKS = (ROOT / "examples" / "real_panda.ipynb",)
 BLOCK = re.compile(r"(<!-- (figures|in short): (\w+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 SIXTY = re.compile(r"(<!-- sixty -->\n```python\n(.*?)```\n).*?(<!-- end of sixty -->)", re.DOTALL)
-# What of a page its picture shows: from below its head to the third joint of its first table [px].
-PAGE_WIDTH, PAGE_TOP, PAGE_BOTTOM = 1120, 140, 680
+# What of a page its picture shows: what stands below its head, to about the second joint of its first table [px]; no
+# wider, for a phone shows it half as large.
+PAGE_WIDTH, PAGE_HEIGHT = 720, 540
+NO_HEAD = "<style>body > header { display: none; }</style></head>"
 CHROMIUM = ("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
-# As much of what a snippet prints as a front page shows [paragraphs]: the verdict with what to do, and the numbers.
-SHOWN = 2
+# As much of what a snippet prints as a front page shows: the verdict with what to do, and of the numbers these lines.
+SHOWN_LINES = 4
+# Intervals, which stand where the whole of a table does.
+INTERVAL = re.compile(r" \([^)]*\)")
 HEAD = "<!-- written by docs/write.py -->\n"
 
 
@@ -56,8 +63,9 @@ def figures(data: Mapping[str, Any]) -> str:
 
 
 def in_short(data: Mapping[str, Any]) -> str:
-    """The same without what only who repeats a measurement needs."""
-    return f"{data['plain']}\n\n{table(data['columns'], data['rows'])}"
+    """The same without intervals, and without what only who repeats a measurement needs."""
+    rows = [[INTERVAL.sub("", cell) for cell in row] for row in data["rows"]]
+    return f"{data['plain']}\n\n{table(data['columns'], rows)}"
 
 
 def folded(text: str) -> str:
@@ -88,8 +96,9 @@ def with_output(text: str) -> str:
     """The front page with the first lines that its first snippet prints now."""
     (snippet,) = (found[2] for found in SIXTY.finditer(text))
     done = subprocess.run([sys.executable, "-c", snippet], cwd=ROOT, capture_output=True, text=True, check=True)
-    paragraphs = done.stdout.strip().split("\n\n")
-    shown = "\n\n".join([*paragraphs[:SHOWN], "…"])
+    verdict, numbers, *_ = done.stdout.strip().split("\n\n")
+    lines = numbers.splitlines()[:SHOWN_LINES]
+    shown = "\n".join([verdict, "", *lines, "  …"])
     return SIXTY.sub(lambda block: f"{block[1]}\n```text\n{shown}\n```\n{block[3]}", text)
 
 
@@ -127,19 +136,26 @@ def draw_before_and_after(place: Path) -> None:
 
 
 def picture_page(place: Path) -> None:
-    """The first screen of a shipped recording's page, as Chromium shows it."""
-    from PIL import Image
-
+    """The first screen of a shipped recording's page."""
     with tempfile.TemporaryDirectory() as folder:
-        page, shot = Path(folder) / "why.html", Path(folder) / "why.png"
+        page = Path(folder) / "why.html"
         start = "from ident.cli.start import main; main()"
         given = ["diagnose", "logs/tm5_900/sealed_2", "--robot", "tm5-900", "--html", str(page)]
         subprocess.run([sys.executable, "-c", start, *given], cwd=ROOT, check=True)
-        size = f"--window-size={PAGE_WIDTH},{PAGE_BOTTOM}"
-        subprocess.run(
-            [*CHROMIUM, f"--user-data-dir={folder}", size, f"--screenshot={shot}", page.as_uri()], check=True
-        )
-        whole = Image.open(shot).convert("RGB").crop((0, PAGE_TOP, PAGE_WIDTH, PAGE_BOTTOM))
+        take_picture(page, place)
+
+
+def take_picture(page: Path, place: Path) -> None:
+    """The first screen of a page below its head, as Chromium shows it."""
+    from PIL import Image
+
+    with tempfile.TemporaryDirectory() as folder:
+        copy, shot = Path(folder) / "copy.html", Path(folder) / "page.png"
+        copy.write_text(page.read_text(encoding="utf-8").replace("</head>", NO_HEAD, 1), encoding="utf-8")
+        size = f"--window-size={PAGE_WIDTH},{PAGE_HEIGHT}"
+        given = [f"--user-data-dir={folder}", size, f"--screenshot={shot}", copy.as_uri()]
+        subprocess.run([*CHROMIUM, *given], check=True)
+        whole = Image.open(shot).convert("RGB")
         whole.quantize(64).save(place, optimize=True)
 
 
@@ -200,6 +216,27 @@ def settings() -> str:
     return HEAD + "# Settings of a diagnosis\n\n" + "\n".join(parts)
 
 
+def notebook(path: Path, folder: Path) -> str:
+    """A notebook with its stored output as a page; its pictures are written beside it."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    parts = [HEAD]
+    for number, cell in enumerate(cells):
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(source)
+            continue
+        parts.append(f"```python\n{source}\n```")
+        for output in cell["outputs"]:
+            if "text" in output:
+                parts.append(f"```text\n{''.join(output['text']).rstrip()}\n```")
+            picture = output.get("data", {}).get("image/png")
+            if picture is not None:
+                drawn = folder / f"{path.stem}_{number}.png"
+                drawn.write_bytes(base64.b64decode(picture))
+                parts.append(f"![What the lines above draw]({drawn.name})")
+    return "\n\n".join(parts) + "\n"
+
+
 def main(options: list[str]) -> int:
     """Writes, or checks, all pages; see the module."""
     data = tomllib.loads((HERE / "figures.toml").read_text(encoding="utf-8"))
@@ -227,9 +264,11 @@ def main(options: list[str]) -> int:
         front.write_text(with_output(front.read_text(encoding="utf-8")), encoding="utf-8")
         return 0
     made = {"commands": commands(), "session_toml": session_keys(), "scene_toml": scene_keys(), "settings": settings()}
-    (HERE / "reference").mkdir(exist_ok=True)
+    reference = HERE / "reference"
+    reference.mkdir(exist_ok=True)
+    made |= {path.stem: notebook(path, reference) for path in NOTEBOOKS}
     for name, text in made.items():
-        (HERE / "reference" / f"{name}.md").write_text(text, encoding="utf-8")
+        (reference / f"{name}.md").write_text(text, encoding="utf-8")
     return 0
 
 

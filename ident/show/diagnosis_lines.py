@@ -12,6 +12,8 @@ from ident.errors import plural
 from ident.show.console import print_issues, say, text_width
 from ident.show.report.diagnosis_verdict import (
     OF_THE_ARM,
+    PATCH,
+    WRITE_NUMBERS,
     describe_findings,
     describe_reservations,
     describe_unnamed,
@@ -63,6 +65,8 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
     _print_findings(console, record, details)
     _print_numbers(console, record)
     _print_errors(console, record)
+    if table_of(record) and action != WRITE_NUMBERS:
+        say(console, f"Into your own file: {PATCH}", hanging="    ")
     if details:
         _print_details(console, record)
     elif left := describe_rest(record):

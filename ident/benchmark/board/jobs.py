@@ -59,8 +59,10 @@ def _make(folder: Path, aside: Path, options: BoardOptions, progress: Progress) 
         progress,
     )
     tiers = ", ".join(f"{count} {tier}" for tier, count in made.counts.items() if count)
+    sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
+    count = plural(sum(made.counts.values()), "session")
     lines = [
-        f"{folder}: {plural(sum(made.counts.values()), 'session')} ({tiers})",
+        f"{folder}: {count} ({tiers}), {sum(sizes) / 1e6:.1f} MB",
         f"{aside}: seed, salts and answers; keep it until the board is opened",
     ]
     if made.left_out:

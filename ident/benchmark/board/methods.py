@@ -30,7 +30,7 @@ from ident.benchmark.board.foretelling import (
     read_unseen,
     urdf_torque,
 )
-from ident.benchmark.board.ours import as_diagnosis, our_answer
+from ident.benchmark.board.ours import MISSED_CHANGES, as_diagnosis, our_answer
 from ident.checks.report import TelemetryReport
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.from_reports import diagnose_reports
@@ -138,7 +138,8 @@ def _answer_with_before(board: Board, name: str, attempt: Attempt) -> None:
         attempt.foretold = _foretell_from(reports[0], arm, unseen)
     comparison = compare_reports(reports[:1], reports[1:], arm)
     attempt.verdict = comparison.verdict
-    attempt.answers[OURS] = our_answer(name, as_diagnosis(comparison.to_dict()), board)
+    record = as_diagnosis(comparison.to_dict())
+    attempt.answers[OURS] = our_answer(name, record, board, MISSED_CHANGES)
     if comparison.told is not None:
         design = comparison.told.likely.design
         evidence = design.sums.evidence

@@ -246,8 +246,9 @@ def describe_place(place: Mapping[str, Any]) -> str:
     where = f"in moving {where}" if place["axis"] == "direction" else f"at {axis_name(place['axis'])} {where}"
     text = f"{place['joint']}: {percent(place['share_of_gap'])} of its gap lies {where}"
     if place.get("share_of_time") is not None:
-        whole = "noise" if place["axis"] == "frequency" else "time"
-        text += f", in {percent(place['share_of_time'])} of the {whole}"
+        share = percent(place["share_of_time"])
+        of_noise = place["axis"] == "frequency"
+        text += f", where {share} of the noise lies" if of_noise else f", in {share} of the time"
     return f"{text} (p = {significant(place['p_value'], 1)})."
 
 

@@ -71,7 +71,7 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     if key == "no_gap" and (wrong := describe_numbers(record)):
         words = f"{wrong} {RIGHTED}"
     if scale and misread and scale["bodily"] and not first:
-        words = f"A body may be why. {words}"
+        words = f"A load, or a link's wrong mass, may be why. {words}"
     elif misread and not first and (other or not shown):
         words = f"Beyond that, {words[:1].lower()}{words[1:]}"
     return " ".join(filter(None, (lead, words, elsewhere)))
@@ -264,6 +264,8 @@ def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
     if not parted or ("--joint" in motion and f"--joint {joint} " not in f"{motion} "):
         motion = f"`plan excite --robot … --separate {names[0]},{names[1]} --joint {joint}` works the motion out"
         motion = setup_for(names[:2], CATALOGUE) or motion
+    elif setup := setup_for(names[:2], CATALOGUE):
+        motion = setup
     tied = " or ".join(effect_name(name) for name in names[:MOST_TIED])
     return f"act on none yet, for it may be {tied} in {joint}; record this to tell them apart: {motion}"
 
@@ -286,10 +288,11 @@ OWN_INERTIAS = (
 
 # Where nothing but numbers of the URDF is wrong: what is left once they are right, and how they get there.
 RIGHTED = "With that put right, the model is as good as these recordings can tell."
-WRITE_NUMBERS = (
-    "Write these numbers into your model: `ident patch why.json --robot … --out patched --into MINE.urdf`, or MINE.xml "
-    "(why.json is what `--json why.json` writes here)."
+PATCH = (
+    "`ident patch why.json --robot … --out patched --into MINE.urdf`, or MINE.xml (why.json is what `--json why.json` "
+    "writes here)."
 )
+WRITE_NUMBERS = f"Write these numbers into your model: {PATCH}"
 
 
 def tuned_away_joints(record: Mapping[str, Any]) -> list[str]:

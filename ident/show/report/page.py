@@ -147,12 +147,27 @@ def models_section(models: Sequence[tuple[str, HybridModel]]) -> Section:
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Names in words with their values as text; what was not given is left out."""
     for name, value in values.items():
-        words = f"{prefix}{name.replace('_', ' ')}"
+        words = f"{prefix}{_fact_name(name)}"
         if isinstance(value, Mapping):
             yield from _flat(value, f"{words}: ")
-        else:
-            yield words, f"{value:g}" if isinstance(value, float) else str(value)
+        elif isinstance(value, list | tuple):
+            if value:
+                yield words, ", ".join(map(_fact_text, value))
+        elif value is not None:
+            yield words, _fact_text(value)
+
+
+def _fact_name(name: str) -> str:
+    """A key as words; what has spaces is in words, or holds a path."""
+    return name if " " in name else str(words.TABLES["facts"].get(name, name.replace("_", " ")))
+
+
+def _fact_text(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def provenance_facts(record: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,6 +16,9 @@ from ident.effects.effect_info import STATE
 MINUS, DASH = "−", "–"
 # A number below this is what sums leave of nothing, in any unit.
 ROUNDING = 1e-12
+# Powers of ten from which a number is written with one, and of the largest without a comma.
+LARGE, FOUR_DIGITS = 7, 4
+POWER = re.compile(r"\d[\d.]*e[+-]?\d+")
 AT_REST = ("stiffness_Nm_rad", "rest_rad")
 # A value that is less, as a share of its interval's width, is what a solver left of zero.
 NOTHING = 1e-3
@@ -33,14 +36,19 @@ def fixed(value: float | None, places: int = 2) -> str:
 
 
 def significant(value: float | None, digits: int = 2) -> str:
-    """A number with so many significant digits, never in powers of ten between 0.0001 and 100,000; rounding is 0."""
+    """A number with so many significant digits, never in powers of ten between 0.0001 and 10 millions; rounding is 0.
+
+    Whole numbers of five digits and more have their thousands apart.
+    """
     if value is None or not math.isfinite(value):
         return DASH
     if abs(value) < ROUNDING:
         return "0"
     size = math.floor(math.log10(abs(value)))
-    if not -5 < size < 5:
+    if not -5 < size < LARGE:
         return f"{value:.{digits - 1}e}".replace("-", MINUS)
+    if size >= FOUR_DIGITS:
+        return f"{round(value, digits - 1 - size):,.0f}".replace("-", MINUS)
     return fixed(value, max(0, digits - 1 - size))
 
 
@@ -113,6 +121,7 @@ def effect_name(effect: str) -> str:
         .replace("_", " ")
         .replace("stribeck", "Stribeck")
         .replace("presliding", "pre-sliding")
+        .replace("coulomb", "Coulomb")
     )
 
 
@@ -164,11 +173,11 @@ def with_units(text: str) -> str:
 
     def worded(found: re.Match[str]) -> str:
         words, unit = parameter_name(found["key"])
-        number = found["number"] or ""
+        number = POWER.sub(lambda power: significant(float(power[0])), found["number"] or "")
         return f"{words}{number} {unit}" if number else words
 
     keys = "|".join(sorted(TABLES["suffixes"], key=len, reverse=True))
-    number = r"(?P<number>(?: below)? -?\d[\d.e+-]*)?"
+    number = r"(?P<number>(?: below| above)? -?\d[\d.e+-]*)?"
     words = re.sub(rf"\b(?P<key>mu|[a-z]\w*(?:{keys}))\b{number}", worded, text)
     return re.sub(r"(?<= )-(?=\d)", MINUS, words)
 

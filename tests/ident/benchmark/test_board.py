@@ -362,6 +362,21 @@ def test_a_diagnosis_as_an_answer_adds_up_to_one(made: tuple[Path, Path], tmp_pa
             assert max(shares, key=lambda label: shares[label]) == NONE
 
 
+def test_what_is_missed_leaves_every_effect_a_share(made: tuple[Path, Path], tmp_path: Path) -> None:
+    """Law: without a name, all effects together are to none and other as often as effects are missed."""
+    board = Board.load(made[0])
+    name = next(iter(board.sessions))
+    record = {"verdict": "no_gap", "findings": [], "reservations": [], "outside_score": 0.3}
+    path = tmp_path / f"{name}.json"
+    even = 1.0 / ((len(board.effects) + 3) * (len(board.effects) + 2))
+    for missed in (0.0, 0.5, 1.0):
+        write_record(path, our_answer(name, record, board, missed))
+        shares = {label: share - even for label, share in read_answer(path, board, name).shares().items()}
+        unnamed = shares.pop(NONE) + shares.pop(OTHER)
+        assert sum(shares.values()) == pytest.approx(missed * unnamed, abs=1e-9)
+        assert max(shares.values()) == pytest.approx(min(shares.values()), abs=1e-9)
+
+
 def test_a_drawn_session_comes_with_a_motion_without_its_cause() -> None:
     task = next(task for task in plan_drawn(6, 3, "scara,short") if task.slot.kind == "single")
     case = make_drawn(task, oracle=False)

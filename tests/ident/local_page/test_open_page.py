@@ -90,7 +90,7 @@ def test_drop_check_correct_diagnose_and_download(given: tuple[list[Path], Path]
 
 
 def test_the_keyboard_alone_will_do(given: tuple[list[Path], Path], tmp_path: Path) -> None:
-    """Law: every step is reached by Tab and done by Enter or Space; a wrong name is told with its remedy."""
+    """Law: every step to the files taken is reached by Tab and done by Enter or Space; a wrong name is told."""
     runs, urdf = given
     desk = Desk(tmp_path, runs[0].parent)
 
@@ -113,7 +113,19 @@ def test_the_keyboard_alone_will_do(given: tuple[list[Path], Path], tmp_path: Pa
         await tab.until("document.querySelector('#checked').textContent.startsWith('Fit for')")
         await tab.tab_to("diagnose")
         await tab.press("Enter")
-        await tab.until("!document.querySelector('#working').hidden || !!document.querySelector('.headline')")
+        await tab.until("!document.querySelector('#take').hidden && !!document.querySelector('.headline')")
+        await tab.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path / "taken"))
+        for _step in range(40):
+            if await tab.evaluate("document.activeElement.download || ''") == "patched.zip":
+                break
+            await tab.press("Tab")
+        await tab.press("Enter")
+        for _step in range(150):
+            if (tmp_path / "taken" / "patched.zip").is_file():
+                break
+            await asyncio.sleep(0.2)
+        assert zipfile.is_zipfile(tmp_path / "taken" / "patched.zip")
+        await violations(tab)
 
     use(desk, tmp_path, act)
 
