@@ -346,7 +346,7 @@ def _loss_results(solution: _Solution, values: Float[Array, " m"], sums: FitSums
         at_bound.append(tuple(NAMES[k] for k in places))
     widths = sums.baseline.loss.transition_speed
     return LossResults(
-        params=LossParameters(*losses.T, widths),
+        params=LossParameters(losses[:, 0], losses[:, 1], losses[:, 2], losses[:, 3], widths),
         joints=sums.baseline.nominal.joint_names,
         covariance=covariance,
         least_std=freeze(least_std),
