@@ -31,6 +31,9 @@ PROBE, STIFFEST = 0.01, (1e-3, 1e2)
 KEPT, KEPT_CLEAR, KEPT_RULE = 5e-5, 1e-3, 2e-4
 # Local times of a section's ends.
 ENDS = np.array([0.0, 1.0])
+# Sections of a finer grid for each of the one before, for energy and for time: where sections are
+# shorter only where limits switch, fewer do better (`bench_plan_grids.py`).
+FINER = (2.0, 1.5)
 # Share of a finer grid's sections that go by length, and the shortest one, as a share of the duration.
 EVENLY, NARROWEST = 0.5, 0.002
 # Share of a limit from which it binds.
@@ -174,8 +177,13 @@ def _learn(curvature: Float[Array, "d d"], step: Float[Array, " d"], change: Flo
     return curvature - np.outer(bent, bent) / curved + np.outer(change, change) / seen
 
 
+def count_finer(local: LocalModel) -> int:
+    """Sections of the next finer grid."""
+    return round(FINER[local.timed] * local.grid.sections)
+
+
 def refine(course: Course, width: float, power: float, nodes: tuple[Array, Array]) -> Course:
-    """The same trajectory on a grid of twice as many sections, with its own rounding of sign and power, and nodes."""
+    """The same trajectory on a finer grid, with its own rounding of sign and power, and nodes."""
     local, (coefficients, duration) = course.local, course.local.split(course.x)
     parts = choose_parts(course)
     grid = replace(local.grid.parted(parts), nodes=nodes[0])
@@ -186,7 +194,7 @@ def refine(course: Course, width: float, power: float, nodes: tuple[Array, Array
 
 
 def choose_parts(course: Course) -> Int[Array, " K"]:
-    """Into how many parts each section goes, twice as many together as there are.
+    """Into how many parts each section goes, `count_finer` together.
 
     For energy every section goes in two. The quickest motions switch from one limit to another: a
     section in which acceleration or torque changes by much holds what is to be gained, so half of the
@@ -208,7 +216,7 @@ def choose_parts(course: Course) -> Int[Array, " K"]:
     widths = np.diff(local.grid.knots)
     wanted = EVENLY * widths + (1.0 - EVENLY) * change / max(change.sum(), 1e-12)
     parts = np.ones(sections, dtype=int)
-    for _ in range(sections):
+    for _ in range(count_finer(local) - sections):
         room = widths / (parts + 1) >= NARROWEST
         parts[int(np.argmax(np.where(room, wanted / parts, 0.0)))] += 1
     return parts

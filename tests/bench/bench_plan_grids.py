@@ -7,12 +7,13 @@ Tasks as in bench_plan_optimum.py (torque and speed bind) and bench_plan_first.p
 speed bind), least time. Each is solved twice in turn from the same seed, once with every section
 parted in two (`even`), once as the planner does it; S processor seconds at most (30), so that most
 searches end by themselves. Told are durations and processor seconds of the planner's as a share of
-the even grids', how many are solved, and whose certificate breaks anything. FILE gets a line for each task,
-and the summary speaks of all its lines.
+the even grids', how many are solved, and whose certificate breaks anything. FILE gets a line for
+each task, and the summary speaks of all its lines.
 """
 
 import argparse
 import json
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from unittest.mock import patch
@@ -28,6 +29,9 @@ from plan.problem.result import PlanResult, certify
 from plan.solving.solve import solve
 from tests.bench.bench_plan_first import limit_acceleration
 from tests.bench.bench_plan_optimum import arm_of, draw, torque_of
+
+# Sections of a finer grid for each of the one before, where all go in two.
+EVENLY = (2.0, 2.0)
 
 
 @dataclass(frozen=True)
@@ -80,8 +84,10 @@ def compare(task: PlanningProblem, head: tuple[int, str, int, int], seconds: flo
     options = SolveOptions(evaluations=10**6, seconds=seconds, gap=False)
     plans: dict[bool, PlanResult] = {}
     for evenly in (True, False) if head[-1] % 2 else (False, True):
-        chosen = part_evenly if evenly else descent.choose_parts
-        with patch.object(descent, "choose_parts", chosen):
+        with ExitStack() as stack:
+            if evenly:
+                stack.enter_context(patch.object(descent, "FINER", EVENLY))
+                stack.enter_context(patch.object(descent, "choose_parts", part_evenly))
             plans[evenly] = solve(task, options)
     even, parted = plans[True], plans[False]
     broken = find_broken(task, parted)
