@@ -18,7 +18,7 @@ from ident.command_options import Inertia
 from ident.fitting.chosen import Choice
 from ident.fitting.fit_sums import FitSums
 from ident.fitting.frictionless import find_frictionless, lossless_parameters
-from ident.fitting.joint_estimate import JointEstimate, estimate, quantile
+from ident.fitting.joint_estimate import JointEstimate, estimate
 from ident.laws.carried import NamedLaw
 from ident.model.inertia import (
     PRIOR_SHARE,
@@ -88,6 +88,15 @@ class _Solution:
     losses: Float[Array, "n p"]
     coefficients: Float[Array, " k"]  # of laws
 
+    def values(self, base: BaseParameters) -> Float[Array, " m"]:
+        """All parameters in the estimate's order."""
+        values = np.array(self.estimate.values)
+        values[: base.rank] = base.mapping @ self.change
+        for joint, losses in enumerate(self.losses):
+            values[self.estimate.index(joint)] = losses
+        values[self.estimate.first_law :] = self.coefficients
+        return values
+
 
 def identify(sums: FitSums, choice: Choice | None = None) -> Identified:
     """Identifies an arm from one pass over its runs.
@@ -115,23 +124,24 @@ def identify(sums: FitSums, choice: Choice | None = None) -> Identified:
     prior_share = PRIOR_SHARE.get(mode, 0.0) if choice is None else choice.share
     bounds = (_nonnegative(unbounded, nominal.n, sums.laws), zero)
     solution = _within_bounds(unbounded, nominal, base, mode, bounds, prior_share)
+    values = solution.values(base)
     inertia = _inertia_results(sums, solution, mode)
     inertias: tuple[InertiaFigure, ...] = ()
     if mode != "nominal":
-        inertias = inertia.figures(quantile(unbounded.dof[: base.rank]) * inertia.std)
+        inertias = inertia.figures(unbounded.half_widths(values)[: base.rank])
     lossless = []
     for joint, name in enumerate(nominal.joint_names):
         if unbounded.index(joint)[0] in zero:
             lossless.append(name)
     return Identified(
         inertia=inertia,
-        loss=_loss_results(solution, nominal.joint_names, sums.baseline.loss.transition_speed),
+        loss=_loss_results(solution, values, sums),
         inertias=inertias,
         tied=tied_figures(unbounded, base, nominal.joint_names, sums.laws),
         urdf_share=share,
         through_reversals=sums.through_reversals,
         estimate=unbounded,
-        named=_with_figures(sums.laws, solution),
+        named=_with_figures(sums.laws, unbounded, values),
         lossless=tuple(lossless),
     )
 
@@ -176,14 +186,20 @@ def _inertia_results(sums: FitSums, solution: _Solution, mode: Inertia) -> Inert
     )
 
 
-def _with_figures(laws: Sequence[NamedLaw], solution: _Solution) -> tuple[NamedLaw, ...]:
-    """The laws with their coefficients and the ends of their intervals."""
-    first = solution.estimate.first_law
-    half = (quantile(solution.estimate.dof) * solution.estimate.std)[first:]
-    values = solution.coefficients
+def _with_figures(
+    laws: Sequence[NamedLaw], unbounded: JointEstimate, values: Float[Array, " m"]
+) -> tuple[NamedLaw, ...]:
+    """The laws with their coefficients and the ends of their intervals.
+
+    Args:
+        laws: The laws.
+        unbounded: The estimate without bounds.
+        values: All parameters within their bounds.
+    """
+    half = unbounded.half_widths(values)
     figures = np.stack([values, values - half, values + half], axis=1).tolist()
     fitted = []
-    start = 0
+    start = unbounded.first_law
     for law in laws:
         triples = [(value, low, high) for value, low, high in figures[start : start + law.size]]
         fitted.append(replace(law, figures=tuple(triples)))
@@ -194,10 +210,11 @@ def _with_figures(laws: Sequence[NamedLaw], solution: _Solution) -> tuple[NamedL
 def with_plain_rows(
     whitened: JointEstimate, choice: Choice, held: Float[Array, "r r"] | None = None
 ) -> JointEstimate:
-    """The estimate by plain rows, with intervals that hold what whitened ones say beside.
+    """The estimate by plain rows, which knows how far it lies beside that of whitened ones.
 
-    Where both are right, their difference has the variance by which plain rows are worse; where the
-    noise is not what whitening takes it for, it is what the interval has to hold beside.
+    Where both are right, those of whitened rows have the least variance, and the difference is
+    known: it is no further spread about the plain values. Where the noise is not what whitening
+    takes it for, an interval about the plain values holds those of whitened rows, too.
 
     Args:
         whitened: The estimate by whitened rows.
@@ -217,6 +234,7 @@ def with_plain_rows(
         covariance=covariance,
         information=problem.information,
         score=problem.score,
+        efficient=usual.values,
     )
 
 
@@ -304,29 +322,35 @@ def _within_bounds(
     return _Solution(unbounded, change, solved[np.array(joints)], solved[first_law:])
 
 
-def _loss_results(
-    solution: _Solution, joints: tuple[str, ...], widths: Float[Array, " n"]
-) -> LossResults:
+def _loss_results(solution: _Solution, values: Float[Array, " m"], sums: FitSums) -> LossResults:
+    """Loss parameters with what their intervals rest on."""
     unbounded = solution.estimate
     n, fitted = solution.losses.shape
-    values = np.zeros((n, len(NAMES)))
-    values[:, :fitted] = solution.losses
+    losses = np.zeros((n, len(NAMES)))
+    losses[:, :fitted] = solution.losses
     covariance = np.zeros((n, len(NAMES), len(NAMES)))
     dof = np.full((n, len(NAMES)), np.inf)
+    least_std = np.zeros((n, len(NAMES)))
+    shift = np.zeros((n, len(NAMES)))
     for j in range(n):
         index = unbounded.index(j)
         covariance[j, :fitted, :fitted] = unbounded.covariance[np.ix_(index, index)]
         dof[j, :fitted] = unbounded.dof[index]
+        least_std[j, :fitted] = unbounded.least_std()[index]
+        shift[j, :fitted] = unbounded.shift(values)[index]
     std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    on_bound = values <= ON_BOUND * std + 1e-12
+    on_bound = losses <= ON_BOUND * std + 1e-12
     at_bound = []
     for j in range(n):
         places = np.flatnonzero(on_bound[j, :LOSS_PARAMETERS])
         at_bound.append(tuple(NAMES[k] for k in places))
+    widths = sums.baseline.loss.transition_speed
     return LossResults(
-        params=LossParameters(values[:, 0], values[:, 1], values[:, 2], values[:, 3], widths),
-        joints=joints,
+        params=LossParameters(losses[:, 0], losses[:, 1], losses[:, 2], losses[:, 3], widths),
+        joints=sums.baseline.nominal.joint_names,
         covariance=covariance,
+        least_std=freeze(least_std),
+        shift=freeze(shift),
         residual_rms=freeze(unbounded.noise),
         at_bound=tuple(at_bound),
         dof=freeze(dof),

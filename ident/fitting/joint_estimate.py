@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import stdtrit
 
 from ident.arrays import Array, Float, Int
 from ident.fitting.fit_sums import FitSums
+from ident.model.intervals import half_width
 from ident.regression.design import LOSS_PARAMETERS
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection, project
@@ -23,8 +23,6 @@ PASSES = 3
 # Robust weights: blocks whose residual is beyond this many medians of all blocks' lose their pull
 # (Huber's k).
 HUBER_KNEE = 1.345
-# Degrees of freedom from which on Student's t is the normal distribution.
-MOST_DOF = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +30,7 @@ class JointEstimate:
     """All parameters: r changes of base parameters, three losses a joint, offsets if any, laws."""
 
     values: Float[Array, " m"]  # the parameters, shape (m,)
-    covariance: Float[Array, "m m"]  # their covariance, shape (m, m)
+    covariance: Float[Array, "m m"]  # mean products of their errors, shape (m, m)
     dof: Float[Array, " m"]  # degrees of freedom behind each standard deviation
     # Weighted normal equations of the data alone, without prior.
     information: Float[Array, "m m"]
@@ -42,10 +40,31 @@ class JointEstimate:
     spread: Float[Array, " n"]  # relative spread of each joint's friction from run to run
     rank: int  # number r of base parameters
     offset: bool  # whether each joint has an offset
+    # The values of least variance where these are others; the covariance counts how far they lie
+    # apart.
+    efficient: Float[Array, " m"] | None = None
 
     @property
     def std(self) -> Float[Array, " m"]:
         return np.sqrt(np.diag(self.covariance))
+
+    def shift(self, values: Float[Array, " m"]) -> Float[Array, " m"]:
+        """How far values that are reported lie beside those of least variance.
+
+        Zero where the estimate is the one of least variance itself: what bounds change is no doubt.
+        """
+        if self.efficient is None:
+            return np.zeros(len(values))
+        return np.asarray(values - self.efficient)
+
+    def least_std(self) -> Float[Array, " m"]:
+        """Standard deviations of the values of least variance."""
+        variance = np.diag(self.covariance) - self.shift(self.values) ** 2
+        return np.sqrt(np.maximum(variance, 0.0))
+
+    def half_widths(self, values: Float[Array, " m"]) -> Float[Array, " m"]:
+        """Half widths of 95 % intervals about values that are reported."""
+        return half_width(self.least_std(), self.shift(values), self.dof)
 
     @property
     def per_joint(self) -> int:
@@ -163,8 +182,3 @@ def _huber_weights(evidence: Evidence, model: Projection) -> Float[Array, "B n"]
     mean = np.where(evidence.rows > 0.0, mean, np.nan)
     usual = np.nan_to_num(np.nanmedian(mean, axis=0), nan=1.0)
     return np.minimum(1.0, HUBER_KNEE * usual / np.maximum(np.nan_to_num(mean), 1e-12))
-
-
-def quantile(dof: Float[Array, "..."], level: float = 0.95) -> Float[Array, "..."]:
-    """Half width of an interval in standard deviations, by Student's t."""
-    return np.asarray(stdtrit(np.minimum(dof, MOST_DOF), 0.5 + level / 2))

@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
 
 from ident.arrays import Array, Float, freeze
 from ident.laws.motion import direction
+from ident.model.intervals import half_width
 
 NAMES = ("motor_inertia", "viscous", "coulomb", "offset")
 UNITS = ("kg m²", "N m s/rad", "N m", "N m")
@@ -60,8 +60,11 @@ class LossResults:
 
     params: LossParameters  # the parameters
     joints: tuple[str, ...]  # joint names
-    # Covariance of (B_m, C_m, f_c, offset) of each joint, shape (n, 4, 4).
+    # Mean products of the errors of (B_m, C_m, f_c, offset) of each joint, shape (n, 4, 4).
     covariance: Float[Array, "n 4 4"]
+    # Standard deviations of the values of least variance, and how far the parameters lie beside.
+    least_std: Float[Array, "n 4"]
+    shift: Float[Array, "n 4"]
     # Root mean square of what is left, where the joint moves [N m].
     residual_rms: Float[Array, " n"]
     # Names of parameters that came to rest on zero, per joint: the data wanted them negative.
@@ -73,10 +76,9 @@ class LossResults:
 
         Each has degrees of freedom of its own.
         """
-        reach = stdtrit(np.minimum(self.dof, 1e6), 0.5 + level / 2)
-        std = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        half = half_width(self.least_std, self.shift, self.dof, level)
         values = np.stack([getattr(self.params, name) for name in NAMES], axis=1)
-        return np.stack([values - reach * std, values + reach * std], axis=-1)
+        return np.stack([values - half, values + half], axis=-1)
 
     def summary(self) -> str:
         """A table in text: one row a joint and parameter."""

@@ -40,7 +40,7 @@ MOST = 16
 # Triangles by which cuts are chosen, at most; area vectors of a closed surface add up to this share of it, or less.
 ENOUGH, CLOSED = 3000, 1e-3
 # Changes with the way of cutting, so that parts that were kept before are not taken up.
-VERSION = b"2"
+VERSION = b"3"
 
 
 def convex_parts(triangles: Float[Array, "m 3 3"]) -> tuple[list[Float[Array, "k 3"]], float | None]:
@@ -69,25 +69,38 @@ def convex_parts(triangles: Float[Array, "m 3 3"]) -> tuple[list[Float[Array, "k
 
 
 def _cut(triangles: Array) -> tuple[list[Array], float | None]:
-    a, b, c = (triangles[:, k] for k in range(3))
-    areas, parts, hulls, volume = np.cross(b - a, c - a), [triangles], [_hull(triangles)], None
-    whole = hulls[0][1]
-    if np.linalg.norm(areas.sum(axis=0)) <= CLOSED * np.linalg.norm(areas, axis=1).sum():
-        volume = float(abs(np.einsum("ij,ij->i", a - a[0], np.cross(b - a[0], c - a[0])).sum()) / 6.0) or None
-    cuts = [_best_cut(triangles, whole)] if volume is None or whole > (1.0 + LEAST) * volume else []
+    """Corners of the parts, and by how much they hold more than the mesh, as `convex_parts` returns them.
+
+    Where to cut is chosen by hulls of few corners; hulls of all corners are made of the last parts alone.
+    """
+    volume = _enclosed(triangles)
+    whole = _hull_volume(_farthest(triangles.reshape(-1, 3)))
+    parts = [triangles]
+    cuts = [_best_cut(triangles)] if volume is None or whole > (1.0 + LEAST) * volume else []
     while cuts and len(parts) < MOST:
         worst = max(range(len(parts)), key=lambda k: cuts[k][0])
         gain, axis, place = cuts[worst]
-        if gain < LEAST * whole:
+        if gain <= LEAST * whole:
             break
         sides = clip(parts[worst], axis, place)
-        pair = [_hull(side) for side in sides]
         parts[worst : worst + 1] = sides
-        hulls[worst : worst + 1] = pair
-        cuts[worst : worst + 1] = [_best_cut(side, held) for side, (_, held) in zip(sides, pair, strict=True)]
-    held = sum(held for _, held in hulls)
+        cuts[worst : worst + 1] = [_best_cut(side) for side in sides]
+    hulls = [_hull(part) for part in parts]
     corners = [corners for corners, _ in hulls]
-    return corners, None if volume is None else max(held / volume - 1.0, 0.0)
+    if volume is None:
+        return corners, None
+    held = sum(held for _, held in hulls)
+    return corners, max(held / volume - 1.0, 0.0)
+
+
+def _enclosed(triangles: Array) -> float | None:
+    """Volume that a mesh encloses [m³]; None of an open or a flat one."""
+    a, b, c = (triangles[:, k] for k in range(3))
+    areas = np.cross(b - a, c - a)
+    if np.linalg.norm(areas.sum(axis=0)) > CLOSED * np.linalg.norm(areas, axis=1).sum():
+        return None
+    cones = np.einsum("ij,ij->i", a - a[0], np.cross(b - a[0], c - a[0]))
+    return float(abs(cones.sum()) / 6.0) or None
 
 
 def _hull(triangles: Float[Array, "m 3 3"]) -> tuple[Float[Array, "k 3"], float]:
@@ -115,7 +128,7 @@ def _quick_hull(points: Float[Array, "k 3"]) -> ConvexHull | None:
         return None
 
 
-def _best_cut(triangles: Array, whole: float) -> tuple[float, int, float]:
+def _best_cut(triangles: Array) -> tuple[float, int, float]:
     """Volume that the best cut takes off the hull [m³], its axis and its place [m].
 
     Along each axis the mesh is cut into slabs once. Of each slab only the corners that lie farthest
@@ -123,14 +136,13 @@ def _best_cut(triangles: Array, whole: float) -> tuple[float, int, float]:
 
     Args:
         triangles: Corners of each [m].
-        whole: Volume of their hull [m³].
     """
     best = (0.0, 0, 0.0)
-    if whole == 0.0:
-        return best
     some = triangles[:: max(1, len(triangles) // ENOUGH)]
-    low, high = (pick(some.reshape(-1, 3), axis=0) for pick in (np.min, np.max))
     felt = _hull_volume(_farthest(some.reshape(-1, 3)))
+    if felt == 0.0:
+        return best
+    low, high = (pick(some.reshape(-1, 3), axis=0) for pick in (np.min, np.max))
     for axis in range(3):
         places, slabs, rest = low[axis] + PLACES * (high[axis] - low[axis]), [], some
         for place in places:

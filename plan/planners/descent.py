@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, Int
 from plan.planners.base import Ledger
 from plan.planners.local_model import LocalModel, Look
 from plan.planners.subproblem import ConstraintRows, solve_step
@@ -29,6 +29,15 @@ PROBE, STIFFEST = 0.01, (1e-3, 1e2)
 # clearance as a share of 10 cm, of a rule of the way in its unit. A quarter of a millimetre more than the margin is
 # asked for, and of a rule a tenth more.
 KEPT, KEPT_CLEAR, KEPT_RULE = 5e-5, 1e-3, 2e-4
+# Local times of a section's ends.
+ENDS = np.array([0.0, 1.0])
+# Sections of a finer grid for each of the one before, for energy and for time: where sections are
+# shorter only where limits switch, fewer do better (`bench_plan_grids.py`).
+FINER = (2.0, 1.5)
+# Share of a finer grid's sections that go by length, and the shortest one, as a share of the duration.
+EVENLY, NARROWEST = 0.5, 0.002
+# Share of a limit from which it binds.
+BINDS = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,11 +177,46 @@ def _learn(curvature: Float[Array, "d d"], step: Float[Array, " d"], change: Flo
     return curvature - np.outer(bent, bent) / curved + np.outer(change, change) / seen
 
 
+def count_finer(local: LocalModel) -> int:
+    """Sections of the next finer grid."""
+    return round(FINER[local.timed] * local.grid.sections)
+
+
 def refine(course: Course, width: float, power: float, nodes: tuple[Array, Array]) -> Course:
-    """The same trajectory on a grid with every section in two, with its own rounding of sign and power, and nodes."""
+    """The same trajectory on a finer grid, with its own rounding of sign and power, and nodes."""
     local, (coefficients, duration) = course.local, course.local.split(course.x)
-    grid = replace(local.grid.halved(), nodes=nodes[0])
-    aims = np.repeat(local.torque_aim, 2, axis=0)
+    parts = choose_parts(course)
+    grid = replace(local.grid.parted(parts), nodes=nodes[0])
+    aims = np.repeat(local.torque_aim, parts, axis=0)
     finer = replace(local, grid=grid, weights=nodes[1], width=width, power=power, torque_aim=aims)
     x = finer.join(grid.fit(local.grid.splines(coefficients, duration)), duration)
     return begin(finer, x)
+
+
+def choose_parts(course: Course) -> Int[Array, " K"]:
+    """Into how many parts each section goes, `count_finer` together.
+
+    For energy every section goes in two. The quickest motions switch from one limit to another: a
+    section in which acceleration or torque changes by much holds what is to be gained, so half of the
+    parts are shared out by that change, as a share of the limits, the others by length. A joint
+    counts by how much of the time it is at its limit: others could switch elsewhere as well.
+    """
+    local = course.local
+    sections = local.grid.sections
+    if not local.timed:
+        return np.full(sections, 2)
+    q, dq, ddq = local.splines(course.x).states(ENDS)
+    limits = local.problem.limits
+    used = local.problem.model.torque(q, dq, ddq)[0] / limits.torque
+    if limits.acceleration is not None:
+        used = np.concatenate([used, ddq[0] / limits.acceleration], axis=1)
+    used = used.reshape(sections, len(ENDS), -1)
+    binding = (np.abs(used) > BINDS).mean(axis=(0, 1)) ** 2
+    change = np.abs(used[:, 1] - used[:, 0]) @ binding
+    widths = np.diff(local.grid.knots)
+    wanted = EVENLY * widths + (1.0 - EVENLY) * change / max(change.sum(), 1e-12)
+    parts = np.ones(sections, dtype=int)
+    for _ in range(count_finer(local) - sections):
+        room = widths / (parts + 1) >= NARROWEST
+        parts[int(np.argmax(np.where(room, wanted / parts, 0.0)))] += 1
+    return parts

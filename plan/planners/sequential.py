@@ -15,7 +15,7 @@ from ident.errors import InputError
 from plan.dynamics.power import section_nodes
 from plan.initial.starts import at_its_limits, iterate_rule_ways, iterate_ways, quickest_of_each_joint, straight
 from plan.planners.base import BudgetSpentError, Candidate, Ledger, Planner
-from plan.planners.descent import KEPT, KEPT_CLEAR, KEPT_RULE, Course, begin, descend, refine
+from plan.planners.descent import KEPT, KEPT_CLEAR, KEPT_RULE, Course, begin, count_finer, descend, refine
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
 from plan.planners.transcription import Grid
@@ -56,6 +56,8 @@ FAR = 1.25
 LOST = 0.2
 # Grids are not made finer than this: a step's programme has as many variables as all joints' sections.
 FINEST = 96
+# Most refinements, for energy and for time.
+LEVELS = (3, 4)
 # Fewest via points that a motion without acceleration at its ends leaves free, and trajectories by which CMA-ES moves
 # time stamps that are named.
 SOFT_VIAS, STAMPS = 3, 4000
@@ -73,9 +75,10 @@ class Sequential(Planner):
     Motions start and end without acceleration, so that they are executed as they are planned. A search for the shortest
     time begins at the limits, so that it does not depend on the duration that the task guesses.
 
-    A grid with every section in two holds every trajectory of the one before, and the search begins with that, so more
-    freedom never ends worse. Where the user has named what is free, the knots stay the initial trajectory's, and the
-    time stamps, if they are free, are moved by CMA-ES: few numbers, whose slopes would need every knot's.
+    A grid whose sections are parts of those of the one before holds every trajectory of that, and the
+    search begins with it, so more freedom never ends worse. Where the user has named what is free, the
+    knots stay the initial trajectory's, and the time stamps, if they are free, are moved by CMA-ES: few
+    numbers, whose slopes would need every knot's.
     """
 
     starts: int = 10  # initial trajectories that are tried
@@ -86,7 +89,7 @@ class Sequential(Planner):
     kept: tuple[int, ...] = (4, 2, 1)
     # Share of the cost that a finer grid must bring for another one to follow, for energy and for time.
     gains: tuple[float, float] = (0.005, 0.001)
-    levels: int = 3  # most refinements
+    levels: int = max(LEVELS)  # most refinements, of which no more than `LEVELS` are made
     name: ClassVar[str] = "sqp"
     explores: ClassVar[bool] = True
 
@@ -150,7 +153,8 @@ class Sequential(Planner):
                 self._finer([best], ledger, known, LEADS[best.local.timed])
         if courses:
             courses.sort(key=lambda course: course.rank)
-            self._finer(courses, ledger, known, self.levels)
+            most = min(self.levels, LEVELS[courses[0].local.timed])
+            self._finer(courses, ledger, known, most)
 
     def _try(self, course: Course, ledger: Ledger, others: Sequence[Course]) -> Course:
         """Steps on the coarse grid; given up early where it collides or lies far above the best of the others."""
@@ -203,7 +207,7 @@ class Sequential(Planner):
         yield from iterate_ways(base, rng, lambda: ledger.solved, lambda: ledger.seconds_left)
 
     def _finer(self, courses: Sequence[Course], ledger: Ledger, done: Refined, most: int) -> None:
-        """Halves the sections until that brings less than the gain; from grid to grid for fewer of the courses.
+        """Parts the sections until that brings less than the gain; from grid to grid for fewer of the courses.
 
         What a course costs on a coarse grid tells little of what it will on a fine one: of ten starts the seventh best
         has ended 2 % below the best. So several go on, and are compared again on each grid.
@@ -218,7 +222,7 @@ class Sequential(Planner):
         for level in range(most):
             finer = []
             for course in _different(courses, self.kept[min(level, len(self.kept) - 1)]):
-                if course not in done and 2 * course.local.grid.sections > FINEST:
+                if course not in done and count_finer(course.local) > FINEST:
                     done[course] = (course.look.cost if course.kept else np.inf, course)
                 if course not in done:
                     done[course] = self._refine(course, ledger, level)
@@ -234,8 +238,8 @@ class Sequential(Planner):
             known = min(known, cost)
 
     def _refine(self, course: Course, ledger: Ledger, level: int) -> tuple[float, Course]:
-        """Cost and course after steps on a grid with every section in two."""
-        nodes = _nodes(course.local.timed, 2 * course.local.grid.sections)
+        """Cost and course after steps on a finer grid."""
+        nodes = _nodes(course.local.timed, count_finer(course.local))
         refined = refine(course, *WIDTHS[min(level + 1, 2)], nodes)
         tolerance = TOLERANCES[min(level, len(TOLERANCES) - 1)]
         refined = descend(refined, ledger, self.steps, 0.1, tolerance)

@@ -147,7 +147,10 @@ class Grid:
         rest -= design[:, -self.held :].sum(axis=1)[:, None] * goal
         return np.asarray(np.linalg.lstsq(design[:, self.held : -self.held], rest, rcond=None)[0])
 
-    def halved(self) -> Grid:
-        """The same grid with every section in two: what it could do, the new one can."""
-        middle = (self.knots[:-1] + self.knots[1:]) / 2
-        return Grid(np.sort(np.concatenate([self.knots, middle])), self.soft, self.nodes)
+    def parted(self, parts: Int[Array, " K"]) -> Grid:
+        """The same grid with each section in so many equal ones: what it could do, the new one can."""
+        widths = np.repeat(np.diff(self.knots) / parts, parts)
+        knots = np.concatenate([[0.0], np.cumsum(widths)])
+        whole = np.concatenate([[0], np.cumsum(parts)])
+        knots[whole] = self.knots
+        return Grid(freeze(knots), self.soft, self.nodes)

@@ -42,7 +42,12 @@ def draw_task(boxes: int, number: int) -> PlanningProblem:
     """A task whose straight line is blocked where there are boxes."""
     arm = arm_of(6)
     rng = np.random.default_rng([2036, boxes, number])
-    task = draw(arm, torque_of(arm, None), "time", boxes, rng)
+    return limit_acceleration(draw(arm, torque_of(arm, None), "time", boxes, rng))
+
+
+def limit_acceleration(task: PlanningProblem) -> PlanningProblem:
+    """The task with its arm's speed and `ACCELERATION` as limits, and none of torque."""
+    arm = task.scene.arm
     limits = replace(
         task.limits,
         speed=arm.velocity_limit,

@@ -10,7 +10,7 @@ from plan.dynamics.power import METRICS
 from plan.initial.starts import quickest_of_each_joint
 from plan.paper.brute_force import BruteForce
 from plan.planners import local_model, subproblem, velocity_reversals
-from plan.planners.descent import begin
+from plan.planners.descent import begin, choose_parts, count_finer, descend
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
 from plan.planners.sequential import Sequential, begin_course
@@ -30,14 +30,16 @@ def moved(task: PlanningProblem, seed: int = 1) -> tuple[LocalModel, np.ndarray]
     return course.local, course.x + 0.1 * np.random.default_rng(seed).normal(size=len(course.x))
 
 
+@pytest.mark.parametrize("parts", [[2, 2, 2, 2, 2], [1, 3, 1, 4, 2]])
 @pytest.mark.parametrize("soft", [False, True])
-def test_coefficients_hold_the_same_spline(soft: bool) -> None:
-    """Coefficients, knots and sections in two describe one curve; its ends are at rest, and soft ends without push."""
+def test_coefficients_hold_the_same_spline(soft: bool, parts: list[int]) -> None:
+    """Coefficients, knots and parted sections describe one curve; its ends are at rest, and soft ends without push."""
     rng = np.random.default_rng(0)
     grid = Grid(np.array([0.0, 0.1, 0.35, 0.5, 0.8, 1.0]), soft)
     free = rng.normal(size=(grid.free, 3))
     first = grid.splines(grid.coefficients(free, START, GOAL), 0.7)
-    finer = grid.halved()
+    finer = grid.parted(np.array(parts))
+    assert np.isin(grid.knots, finer.knots).all()
     second = finer.splines(finer.coefficients(finer.fit(first), START, GOAL), 0.7)
     times = np.linspace(0.0, 0.7, 200)
     for a, b in zip(first.at(times), second.at(times), strict=True):
@@ -47,6 +49,22 @@ def test_coefficients_hold_the_same_spline(soft: bool) -> None:
     states = grid.states(grid.coefficients(free, START, GOAL), 0.7)
     for a, b in zip(states[:2], first.at(grid.shares * 0.7)[:2], strict=True):
         assert a == pytest.approx(b, abs=1e-9)
+
+
+def test_a_finer_grid_is_finer_where_limits_switch() -> None:
+    """Law: the middle of a bang-bang motion and its ends get more parts than the mean, of as many as are due."""
+    task = problem(duration=1.0, objective="time", free="both")
+    limits = replace(task.limits, acceleration=np.full(3, 3.0), torque=np.full(3, 1e5))
+    each = quickest_of_each_joint(replace(task, limits=limits))
+    assert each is not None
+    course = descend(begin_course(each), ledger(), 30, 0.3, 1e-4)
+    sections = course.local.grid.sections
+    parts = choose_parts(course)
+    assert parts.sum() == count_finer(course.local) > sections
+    assert parts.min() >= 1
+    middle = parts[sections // 2 - 1 : sections // 2 + 1]
+    assert min(parts[0], parts[-1], middle.max()) > parts.mean()
+    assert choose_parts(begin_course(replace(each, objective="energy", free="vias"))).tolist() == [2] * len(parts)
 
 
 @pytest.mark.parametrize("objective", ["energy", "time"])
