@@ -21,12 +21,13 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.checks.between_runs import find_difference, followed
+from ident.checks.between_runs import find_difference
 from ident.checks.conventions.reread import read_conventions
 from ident.checks.effort_kind import mend_effort_kind
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.filtered_run import EffortSettings
 from ident.checks.foretold import RunStates, RunTables, mean_error, states_of
+from ident.checks.parting import followed
 from ident.checks.report import issue_of
 from ident.checks.run_changes import RunChange, zero_changes
 from ident.recordings.recording import Recording, Session, TelemetryIssue
