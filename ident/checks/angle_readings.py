@@ -22,21 +22,19 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks.between_runs import find_difference
-from ident.checks.conventions.reread import read_conventions
+from ident.checks.conventions.reread import PLACES, RATES, read_conventions
 from ident.checks.effort_kind import mend_effort_kind
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.filtered_run import EffortSettings
 from ident.checks.foretold import RunStates, RunTables, mean_error, states_of
+from ident.checks.lateness import FEWEST_STATES
 from ident.checks.parting import followed
 from ident.checks.report import issue_of
 from ident.checks.run_changes import RunChange, zero_changes
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
-FEWEST_STATES = 20  # of a piece: several a coefficient
 FACTORS = (0.5, 2.0)  # from which a factor is followed
-PLACES = ("position", "position_command")
-RATES = ("velocity", "acceleration", "velocity_command")
 
 
 @dataclass(frozen=True)
@@ -157,6 +155,8 @@ class AngleComparison:
         if not reading.issues and not issues:
             return 0.0
         runs = pieces_of(whole)
+        if not runs:
+            return 0.0
         tables = RunTables(reading.judged, runs)
         errors = tables.errors_among(np.array([tables.sums(run) for run in runs]))
         return float(np.nansum(self.errors) - np.nansum(errors))

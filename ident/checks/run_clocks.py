@@ -17,8 +17,6 @@ from ident.checks.filtered_run import compare_velocities
 from ident.checks.report import issue_of
 from ident.recordings.recording import Recording, Session, TelemetryIssue, cut_before
 
-FEWEST_JOINTS = 2  # one joint alone may have a velocity of another meaning
-
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
@@ -54,7 +52,8 @@ def clock_factor(run: Recording) -> float | None:
         return None
     moving, slope, correlation = compared
     slopes = slope[moving]
-    if len(slopes) < FEWEST_JOINTS or (correlation[moving] < LIMIT.clock_correlation).any():
+    # One joint alone may have a velocity of another meaning.
+    if len(slopes) < 2 or (correlation[moving] < LIMIT.clock_correlation).any():
         return None
     middle = float(np.median(slopes))
     if middle <= 0.0 or np.abs(slopes / middle - 1.0).max() > LIMIT.clock_spread:
