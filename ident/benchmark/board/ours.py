@@ -13,14 +13,16 @@ from ident.benchmark.board.baselines import UNNAMED, spread_unnamed, undecided_r
 from ident.benchmark.board.case import NONE, OTHER
 from ident.benchmark.board.entry import SCHEMA
 from ident.benchmark.board.files import Board
+from ident.benchmark.board.recorded import TABLES
 
 NOT_FITTED = ("refused", "not_testable")
 """Verdicts without a word on causes."""
 UNEXPLAINED = "changed_unexplained"
-MISSED = 64 / 208
-"""Share of listed effects in real recordings that a diagnosis doesn't name (docs/figures.toml, real_arms)."""
-MISSED_CHANGES = 14 / 43
-"""The same of changes between two halves of a recording (docs/figures.toml, compare)."""
+MISSES: dict[str, float] = TABLES["missed"]
+MISSED = MISSES["effects"] / MISSES["of_effects"]
+"""Share of listed effects in real recordings that a diagnosis doesn't name."""
+MISSED_CHANGES = MISSES["changes"] / MISSES["of_changes"]
+"""The same of changes between two halves of a recording."""
 Row = dict[str, Any]
 
 

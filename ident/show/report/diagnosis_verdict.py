@@ -289,8 +289,8 @@ OWN_INERTIAS = (
 # Where nothing but numbers of the URDF is wrong: what is left once they are right, and how they get there.
 RIGHTED = "With that put right, the model is as good as these recordings can tell."
 PATCH = (
-    "`ident patch why.json --robot … --out patched --into MINE.urdf`, or MINE.xml (why.json is what `--json why.json` "
-    "writes here)."
+    "`ident patch why.json --robot … --out patched --into MINE.urdf`, or MINE.xml "
+    "(why.json is what `--json why.json` writes here)."
 )
 WRITE_NUMBERS = f"Write these numbers into your model: {PATCH}"
 

@@ -164,7 +164,7 @@ def _fact_name(name: str) -> str:
     return name if " " in name else str(words.TABLES["facts"].get(name, name.replace("_", " ")))
 
 
-def _fact_text(value: Any) -> str:
+def _fact_text(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)

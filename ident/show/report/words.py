@@ -16,8 +16,6 @@ from ident.effects.effect_info import STATE
 MINUS, DASH = "−", "–"
 # A number below this is what sums leave of nothing, in any unit.
 ROUNDING = 1e-12
-# Powers of ten from which a number is written with one, and of the largest without a comma.
-LARGE, FOUR_DIGITS = 7, 4
 POWER = re.compile(r"\d[\d.]*e[+-]?\d+")
 AT_REST = ("stiffness_Nm_rad", "rest_rad")
 # A value that is less, as a share of its interval's width, is what a solver left of zero.
@@ -36,18 +34,18 @@ def fixed(value: float | None, places: int = 2) -> str:
 
 
 def significant(value: float | None, digits: int = 2) -> str:
-    """A number with so many significant digits, never in powers of ten between 0.0001 and 10 millions; rounding is 0.
+    """A number with so many significant digits; rounding is 0.
 
-    Whole numbers of five digits and more have their thousands apart.
+    Between 0.0001 and 10 millions never in powers of ten, from five digits on with thousands apart.
     """
     if value is None or not math.isfinite(value):
         return DASH
     if abs(value) < ROUNDING:
         return "0"
     size = math.floor(math.log10(abs(value)))
-    if not -5 < size < LARGE:
+    if not -5 < size < 7:
         return f"{value:.{digits - 1}e}".replace("-", MINUS)
-    if size >= FOUR_DIGITS:
+    if size > 3:
         return f"{round(value, digits - 1 - size):,.0f}".replace("-", MINUS)
     return fixed(value, max(0, digits - 1 - size))
 
