@@ -69,9 +69,9 @@ def convex_parts(triangles: Float[Array, "m 3 3"]) -> tuple[list[Float[Array, "k
 
 
 def _cut(triangles: Array) -> tuple[list[Array], float | None]:
-    """Corners of the parts, and by how much they hold more than the mesh, as `convex_parts` returns them.
+    """Corners of the parts, and by how much they hold more than the mesh: as of `convex_parts`.
 
-    Where to cut is chosen by hulls of few corners; hulls of all corners are made of the last parts alone.
+    Where to cut is chosen by hulls of few corners; of all corners only the last parts' are made.
     """
     volume = _enclosed(triangles)
     whole = _hull_volume(_farthest(triangles.reshape(-1, 3)))

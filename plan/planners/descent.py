@@ -34,7 +34,8 @@ ENDS = np.array([0.0, 1.0])
 # Sections of a finer grid for each of the one before, for energy and for time: where sections are
 # shorter only where limits switch, fewer do better (`bench_plan_grids.py`).
 FINER = (2.0, 1.5)
-# Share of a finer grid's sections that go by length, and the shortest one, as a share of the duration.
+# Share of a finer grid's sections that go by length, and the shortest one, as a share of the
+# duration.
 EVENLY, NARROWEST = 0.5, 0.002
 # Share of a limit from which it binds.
 BINDS = 0.95
@@ -197,8 +198,8 @@ def choose_parts(course: Course) -> Int[Array, " K"]:
     """Into how many parts each section goes, `count_finer` together.
 
     For energy every section goes in two. The quickest motions switch from one limit to another: a
-    section in which acceleration or torque changes by much holds what is to be gained, so half of the
-    parts are shared out by that change, as a share of the limits, the others by length. A joint
+    section in which acceleration or torque changes by much holds what is to be gained, so half of
+    the parts are shared out by that change, as a share of the limits, the others by length. A joint
     counts by how much of the time it is at its limit: others could switch elsewhere as well.
     """
     local = course.local

@@ -15,7 +15,16 @@ from ident.errors import InputError
 from plan.dynamics.power import section_nodes
 from plan.initial.starts import at_its_limits, iterate_rule_ways, iterate_ways, quickest_of_each_joint, straight
 from plan.planners.base import BudgetSpentError, Candidate, Ledger, Planner
-from plan.planners.descent import KEPT, KEPT_CLEAR, KEPT_RULE, Course, begin, count_finer, descend, refine
+from plan.planners.descent import (
+    KEPT,
+    KEPT_CLEAR,
+    KEPT_RULE,
+    Course,
+    begin,
+    count_finer,
+    descend,
+    refine,
+)
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
 from plan.planners.transcription import Grid
@@ -75,10 +84,10 @@ class Sequential(Planner):
     Motions start and end without acceleration, so that they are executed as they are planned. A search for the shortest
     time begins at the limits, so that it does not depend on the duration that the task guesses.
 
-    A grid whose sections are parts of those of the one before holds every trajectory of that, and the
-    search begins with it, so more freedom never ends worse. Where the user has named what is free, the
-    knots stay the initial trajectory's, and the time stamps, if they are free, are moved by CMA-ES: few
-    numbers, whose slopes would need every knot's.
+    A grid whose sections are parts of those of the one before holds every trajectory of that, and
+    the search begins with it, so more freedom never ends worse. Where the user has named what is
+    free, the knots stay the initial trajectory's, and the time stamps, if they are free, are moved
+    by CMA-ES: few numbers, whose slopes would need every knot's.
     """
 
     starts: int = 10  # initial trajectories that are tried
@@ -207,7 +216,7 @@ class Sequential(Planner):
         yield from iterate_ways(base, rng, lambda: ledger.solved, lambda: ledger.seconds_left)
 
     def _finer(self, courses: Sequence[Course], ledger: Ledger, done: Refined, most: int) -> None:
-        """Parts the sections until that brings less than the gain; from grid to grid for fewer of the courses.
+        """Parts the sections until that brings less than the gain, on each grid for fewer courses.
 
         What a course costs on a coarse grid tells little of what it will on a fine one: of ten starts the seventh best
         has ended 2 % below the best. So several go on, and are compared again on each grid.

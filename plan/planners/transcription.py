@@ -148,7 +148,7 @@ class Grid:
         return np.asarray(np.linalg.lstsq(design[:, self.held : -self.held], rest, rcond=None)[0])
 
     def parted(self, parts: Int[Array, " K"]) -> Grid:
-        """The same grid with each section in so many equal ones: what it could do, the new one can."""
+        """The same grid with each section in so many equal ones: what it could do, it still can."""
         widths = np.repeat(np.diff(self.knots) / parts, parts)
         knots = np.concatenate([[0.0], np.cumsum(widths)])
         whole = np.concatenate([[0], np.cumsum(parts)])

@@ -1,7 +1,7 @@
 """Time plans on grids that are finer where limits switch, beside the same search on even grids.
 
-    python tests/bench/bench_plan_grids.py [TASKS] [--joints 3,6] [--boxes 0,12] [--limits torque,acceleration]
-                                           [--seconds S] [--first SEED] [--rows FILE]
+    python tests/bench/bench_plan_grids.py [TASKS] [--joints 3,6] [--boxes 0,12] [--seconds S]
+                                           [--limits torque,acceleration] [--first SEED] [--rows FILE]
 
 Tasks as in bench_plan_optimum.py (torque and speed bind) and bench_plan_first.py (acceleration and
 speed bind), least time. Each is solved twice in turn from the same seed, once with every section
