@@ -14,6 +14,7 @@ from ident.checks.conventions.description import MASSES
 from ident.checks.conventions.find import Conventions, find_conventions, is_changed
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
 from ident.checks.conventions.search import LIMIT, Scored
+from ident.checks.conventions.words import columns_in_words, in_words
 from ident.checks.effort import collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
 from ident.checks.report import WORDS, issue_of
@@ -90,13 +91,6 @@ def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
     return {name: value for name, value in found.items() if value != {}}
 
 
-def in_words(scored: Scored, joints: tuple[str, ...]) -> str:
-    """A hypothesis in a few words, with what it explains."""
-    found = describe(scored.hypothesis, joints)
-    parts = [f"{name} {json.dumps(value)}" for name, value in found.items()] or ["as log and URDF say"]
-    return f"{', '.join(parts)} ({100.0 * scored.explains:.1f} % of the torque)"
-
-
 def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     """One issue a kind of change, each with what the best two readings explain and the line to write."""
     best, joints = found.best.hypothesis, session.joints
@@ -111,9 +105,9 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
             issues.append(issue_of(key, session, known[kind], names=names, lines=lines, **seen))
     moved = {**known.get("order", {}), **known.get("effort_order", {})}
     if moved:
-        parts = _columns_in_words(known)
+        parts = columns_in_words(best, joints)
         lines = ", ".join(_column_lines(known))
-        issues.append(issue_of("swapped", session, moved, parts=parts, lines=lines, **seen))
+        issues.append(issue_of("swapped", session, moved, parts="; ".join(parts), lines=lines, **seen))
     if "gravity_mps2" in known:
         issues.append(_mount(known["gravity_mps2"], session, arm, seen))
     if "mass_factor" in known:
@@ -146,13 +140,6 @@ def rivals(found: Conventions) -> list[Scored]:
     """What the best reading is compared with: the second best, and log and URDF as they say."""
     second = [] if found.second is None else [found.second]
     return second + [found.as_it_is] * all(each.hypothesis.changes for each in second)
-
-
-def _columns_in_words(known: dict[str, Any]) -> str:
-    """Which columns stand under another joint's name."""
-    parts = [f"{joint} stands under {place}" for joint, place in known.get("order", {}).items()]
-    parts += [f"the effort of {joint} stands under {place}" for joint, place in known.get("effort_order", {}).items()]
-    return "; ".join(parts)
 
 
 def _column_lines(known: dict[str, Any]) -> list[str]:
