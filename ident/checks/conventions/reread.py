@@ -11,9 +11,10 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
 from ident.checks.conventions.description import MASSES
-from ident.checks.conventions.find import Conventions, find_conventions, is_changed
+from ident.checks.conventions.find import Conventions, find_conventions, what_is_sure
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
 from ident.checks.conventions.search import LIMIT, Scored
+from ident.checks.conventions.words import columns_in_words, in_words
 from ident.checks.effort import collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
 from ident.checks.report import WORDS, issue_of
@@ -56,6 +57,8 @@ def _velocities_alike(session: Session) -> bool:
 
 def corrected_arm(arm: ArmModel, hypothesis: Hypothesis) -> ArmModel:
     """The arm with the masses that a hypothesis asks for."""
+    if hypothesis.parameters is not None:
+        return arm.with_inertial_parameters(np.array(hypothesis.parameters))
     parameters = np.array(arm.inertial_parameters) * hypothesis.mass_factor
     if hypothesis.body is not None:
         parameters[-10:-6] += np.array(hypothesis.body)
@@ -87,14 +90,9 @@ def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
     if hypothesis.body is not None:
         mass, *moment = hypothesis.body
         found["body"] = {"mass_kg": round(mass, 3), "moment_kgm": [round(value, 4) for value in moment]}
+    if hypothesis.parameters is not None:
+        found["masses"] = "guessed"
     return {name: value for name, value in found.items() if value != {}}
-
-
-def in_words(scored: Scored, joints: tuple[str, ...]) -> str:
-    """A hypothesis in a few words, with what it explains."""
-    found = describe(scored.hypothesis, joints)
-    parts = [f"{name} {json.dumps(value)}" for name, value in found.items()] or ["as log and URDF say"]
-    return f"{', '.join(parts)} ({100.0 * scored.explains:.1f} % of the torque)"
 
 
 def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryIssue]:
@@ -111,9 +109,9 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
             issues.append(issue_of(key, session, known[kind], names=names, lines=lines, **seen))
     moved = {**known.get("order", {}), **known.get("effort_order", {})}
     if moved:
-        parts = _columns_in_words(known)
+        parts = columns_in_words(best, joints)
         lines = ", ".join(_column_lines(known))
-        issues.append(issue_of("swapped", session, moved, parts=parts, lines=lines, **seen))
+        issues.append(issue_of("swapped", session, moved, parts="; ".join(parts), lines=lines, **seen))
     if "gravity_mps2" in known:
         issues.append(_mount(known["gravity_mps2"], session, arm, seen))
     if "mass_factor" in known:
@@ -124,6 +122,9 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         figures: dict[str, Any] = {"factor": factor, "weight": weight, "right": factor * weight}
         key = "mass_factor" if weighs_better(arm, factor) else "common_unit"
         issues.append(issue_of(key, session, joints, severity=severity, **figures, **seen))
+    if "masses" in known:
+        plain = f"{100.0 * found.as_it_is.explains:.1f} %"
+        issues.append(issue_of("guessed_masses", session, joints, plain=plain, **seen))
     if "body" in known:
         key = "body_lacks" if best.body is not None and best.body[0] > 0.0 else "body_too_much"
         mass, *moment = best.body or (0.0, 0.0, 0.0, 0.0)
@@ -146,13 +147,6 @@ def rivals(found: Conventions) -> list[Scored]:
     """What the best reading is compared with: the second best, and log and URDF as they say."""
     second = [] if found.second is None else [found.second]
     return second + [found.as_it_is] * all(each.hypothesis.changes for each in second)
-
-
-def _columns_in_words(known: dict[str, Any]) -> str:
-    """Which columns stand under another joint's name."""
-    parts = [f"{joint} stands under {place}" for joint, place in known.get("order", {}).items()]
-    parts += [f"the effort of {joint} stands under {place}" for joint, place in known.get("effort_order", {}).items()]
-    return "; ".join(parts)
 
 
 def _column_lines(known: dict[str, Any]) -> list[str]:
@@ -211,7 +205,8 @@ def read_conventions(session: Session, arm: ArmModel, settings: EffortSettings =
         return as_it_is(session, arm)
     kept = tuple(each for each in (found.best, found.second) if each is not None)
     record = tuple({"hypothesis": describe(s.hypothesis, session.joints), "explains": s.explains} for s in kept)
-    if not is_changed(found, settings.sign_explains):
+    found = what_is_sure(found, settings.sign_explains)
+    if found is None:
         return Reading(session, arm, arm, [], False, record)
     hypothesis = found.best.hypothesis
     reread_session = reread(session, hypothesis)
