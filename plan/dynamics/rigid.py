@@ -1,7 +1,10 @@
-"""A rigid chain in compiled loops: torque of many states, where frames and bodies are, and how points move.
+"""A rigid chain in compiled loops: torque of many states, where frames and bodies are, and how
+points move.
 
-Pinocchio stays the reference (the certificate uses it); these loops exist because a planner asks for 10⁷ states and
-needs them fused with the reading of trajectories. Vectors are tuples of three: the compiler keeps them in registers.
+Pinocchio stays the reference (the certificate uses it); these loops exist because a planner asks
+for 10⁷ states and needs them fused with the reading of trajectories. Vectors are tuples of three:
+the compiler keeps them in registers. Another order of the same steps changes the last bits of what
+comes out, and with them plans.
 """
 
 from __future__ import annotations
@@ -17,7 +20,11 @@ from ident.robot.arm import ArmModel
 
 @compiled(fastmath=True, nogil=True)
 def place_joint(chain, i, q, r):  # type: ignore[no-untyped-def]
-    """Axes of joint frame i in its parent's at a position, row by row into `r`; its origin in the parent's axes."""
+    """Axes of joint frame i in its parent's at a position, row by row into `r`.
+
+    Returns:
+        The frame's origin in the parent's axes [m].
+    """
     off, rot, slides = chain.offsets, chain.rotations, chain.sliding[i]
     s = 0.0 if slides else math.sin(q)
     c = 0.0 if slides else 1.0 - math.cos(q)
@@ -63,13 +70,15 @@ def _add(a, b, share=1.0):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True, nogil=True)
 def _carried(a, alpha, omega, p):  # type: ignore[no-untyped-def]
-    """Acceleration of a point p of a body whose origin has acceleration a: a + α × p + ω × (ω × p)."""
+    """Acceleration of a point p of a body: a + α × p + ω × (ω × p), a being its origin's."""
     return _add(_add(a, cross(alpha, p)), cross(omega, cross(omega, p)))
 
 
 @compiled(fastmath=True, nogil=True)
 def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
-    """Newton-Euler of one state: M ddq + C dq + G. Source: paper, eq. 2 (with the erratum: C(θ, dθ) dθ).
+    """Newton-Euler of one state: M ddq + C dq + G.
+
+    Source: paper, eq. 2 (with the erratum: C(θ, dθ) dθ).
 
     Args:
         chain: The arm.
@@ -103,7 +112,11 @@ def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
     for i in range(n - 1, -1, -1):
         r = work[i]
         first = 9 if chain.sliding[i] else 12
-        tau[i] = chain.axes[i, 0] * r[first] + chain.axes[i, 1] * r[first + 1] + chain.axes[i, 2] * r[first + 2]
+        tau[i] = (
+            chain.axes[i, 0] * r[first]
+            + chain.axes[i, 1] * r[first + 1]
+            + chain.axes[i, 2] * r[first + 2]
+        )
         if i > 0:
             force, moment = turn(r, (r[9], r[10], r[11])), turn(r, (r[12], r[13], r[14]))
             moment = _add(moment, cross((r[15], r[16], r[17]), force))
@@ -113,9 +126,14 @@ def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
 
 
 def random_positions(arm: ArmModel, count: int) -> Float[Array, "{count} n"]:
-    """Positions all over the joints' range, always the same: what is asked of them is a property of the arm [rad]."""
-    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
-    return np.random.default_rng(0).uniform(low, high, (count, arm.n))
+    """Positions all over the joints' range [rad], always the same.
+
+    What is asked of them is a property of the arm.
+    """
+    low = np.maximum(arm.lower, -np.pi)
+    high = np.minimum(arm.upper, np.pi)
+    rng = np.random.default_rng(0)
+    return rng.uniform(low, high, (count, arm.n))
 
 
 @compiled(fastmath=True, nogil=True)
@@ -133,7 +151,9 @@ def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
             for m in range(3):
                 frame_at[i + 1, k] += frame_rot[i, k, m] * p[m]
                 frame_rot[i + 1, k, m] = (
-                    frame_rot[i, k, 0] * r[m] + frame_rot[i, k, 1] * r[3 + m] + frame_rot[i, k, 2] * r[6 + m]
+                    frame_rot[i, k, 0] * r[m]
+                    + frame_rot[i, k, 1] * r[3 + m]
+                    + frame_rot[i, k, 2] * r[6 + m]
                 )
 
 
@@ -178,18 +198,28 @@ def _moves(chain, frame_rot, frame_at, j, point):  # type: ignore[no-untyped-def
     axis = joint_axis(chain, frame_rot, j)
     if chain.sliding[j]:
         return axis
-    return cross(axis, (point[0] - frame_at[j + 1, 0], point[1] - frame_at[j + 1, 1], point[2] - frame_at[j + 1, 2]))
+    return cross(
+        axis,
+        (
+            point[0] - frame_at[j + 1, 0],
+            point[1] - frame_at[j + 1, 1],
+            point[2] - frame_at[j + 1, 2],
+        ),
+    )
 
 
 @compiled(fastmath=True, nogil=True)
 def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-untyped-def]
-    """Derivatives by the joints of the distance of two points along a normal, each row at its own position [m/rad].
+    """Derivatives by the joints of the distance of two points along a normal [m/rad].
+
+    Each row stands at its own position.
 
     Args:
         chain: The arm.
         q: Positions, shape (m, n).
         joints: Joint frames that carry the points, 0 for the world, shape (m, 2).
-        points: The points in the base frame, the one that the normal leads away from first, shape (m, 2, 3) [m].
+        points: The points in the base frame, shape (m, 2, 3) [m]; the normal leads away from the
+            first.
         normals: Unit vectors, shape (m, 3).
     """
     n, out = q.shape[1], np.zeros(q.shape)
@@ -200,7 +230,9 @@ def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-unty
         for side in range(2):
             for j in range(joints[row, side]):
                 x, y, z = _moves(chain, rot, at, j, points[row, side])
-                out[row, j] += (2.0 * side - 1.0) * (normals[row, 0] * x + normals[row, 1] * y + normals[row, 2] * z)
+                out[row, j] += (2.0 * side - 1.0) * (
+                    normals[row, 0] * x + normals[row, 1] * y + normals[row, 2] * z
+                )
     return out
 
 
@@ -215,7 +247,8 @@ def frame_states(chain, q, joint, turn, place):  # type: ignore[no-untyped-def]
         turn, place: The frame in that joint's.
 
     Returns:
-        Place (T, 3) and axes (T, 3, 3) in the base frame; change of place (T, n, 3) and turn (T, n, 3) by the joints.
+        Place (T, 3) and axes (T, 3, 3) in the base frame; change of place (T, n, 3) and turn
+        (T, n, 3) by the joints.
     """
     count, n = q.shape
     at, axes = np.empty((count, 3)), np.empty((count, 3, 3))

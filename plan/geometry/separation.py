@@ -1,16 +1,21 @@
-"""Signed separation of two convex bodies, compiled: by the separating axes of their boxes, near ones by simplexes.
+"""Signed separation of two convex bodies, compiled.
 
-Overlapping boxes: the largest gap over the 15 axes is minus the exact penetration depth. Apart: it is a lower bound of
-the distance, refined by simplexes where the boxes are close enough to matter. Round bodies are boxes, rods or points
-with a radius; hulls are corners, with a radius where some of them were left out.
-Coal checks every returned plan; this loop is what the planners look at 10⁵ times.
+By the separating axes of their boxes, near ones by simplexes.
 
-Simplexes of the bodies' difference close in on the point nearest to the origin, and what is returned is the gap between
-two planes that stand on the line to it, a lower bound that ends at the distance. Overlapping: the best of some
-directions, improved a little; it is never above minus the depth's true value. Vectors are tuples of three.
+Overlapping boxes: the largest gap over the 15 axes is minus the exact penetration depth. Apart: it
+is a lower bound of the distance, refined by simplexes where the boxes are close enough to matter.
+Round bodies are boxes, rods or points with a radius; hulls are corners, with a radius where some of
+them were left out. Coal checks every returned plan; this loop is what the planners look at 10⁵
+times.
 
-Source: E. G. Gilbert, D. W. Johnson, S. S. Keerthi, 1988, "A fast procedure for computing the distance between
-complex objects in three-dimensional space"; nearest points of triangles by C. Ericson, 2005.
+Simplexes of the bodies' difference close in on the point nearest to the origin, and what is
+returned is the gap between two planes that stand on the line to it, a lower bound that ends at the
+distance. Overlapping: the best of some directions, improved a little; it is never above minus the
+depth's true value. Vectors are tuples of three.
+
+Source: E. G. Gilbert, D. W. Johnson, S. S. Keerthi, 1988, "A fast procedure for computing the
+distance between complex objects in three-dimensional space"; nearest points of triangles by C.
+Ericson, 2005.
 """
 
 from __future__ import annotations
@@ -29,6 +34,8 @@ EXACT = 1e-5
 TURNS, TURN = 8, 0.3
 # Corners of a tetrahedron's faces, and the corner opposite to each.
 FACES = ((0, 1, 2, 3), (0, 1, 3, 2), (0, 2, 3, 1), (1, 2, 3, 0))
+# Below this gap the bound for separated bodies is refined to the distance [m].
+BAND = 0.05
 
 
 @compiled(nogil=True)
@@ -61,7 +68,9 @@ def _farthest(d, i, bodies):  # type: ignore[no-untyped-def]
     else:
         chosen, best = bodies.first[i], -1e300
         for m in range(bodies.first[i], bodies.first[i] + bodies.number[i]):
-            along = bodies.corners[m, 0] * lx + bodies.corners[m, 1] * ly + bodies.corners[m, 2] * lz
+            along = (
+                bodies.corners[m, 0] * lx + bodies.corners[m, 1] * ly + bodies.corners[m, 2] * lz
+            )
             if along > best:
                 best, chosen = along, m
         x, y, z = bodies.corners[chosen, 0], bodies.corners[chosen, 1], bodies.corners[chosen, 2]
@@ -86,7 +95,8 @@ def simplex_gap(i, j, bodies, enough, warm):  # type: ignore[no-untyped-def]
         i, j: Numbers of the bodies.
         bodies: See `compiled.CompiledBodies`, in their places.
         enough: A gap that is known to be larger than this need not be known closer [m].
-        warm: A direction to start from, if not zero: the one that was found here last time. It is replaced.
+        warm: A direction to start from, if not zero: the one in which the bodies were seen last
+            time. It is replaced.
     """
     simplex, count = np.empty((4, 3)), 0
     x = (warm[0], warm[1], warm[2])
@@ -106,7 +116,11 @@ def simplex_gap(i, j, bodies, enough, warm):  # type: ignore[no-untyped-def]
             break
         known = False
         for m in range(count):
-            known = known or abs(simplex[m, 0] - w[0]) + abs(simplex[m, 1] - w[1]) + abs(simplex[m, 2] - w[2]) < 1e-12
+            known = (
+                known
+                or abs(simplex[m, 0] - w[0]) + abs(simplex[m, 1] - w[1]) + abs(simplex[m, 2] - w[2])
+                < 1e-12
+            )
         if known:
             break
         simplex[count, 0], simplex[count, 1], simplex[count, 2] = w
@@ -120,7 +134,7 @@ def simplex_gap(i, j, bodies, enough, warm):  # type: ignore[no-untyped-def]
 
 @compiled(nogil=True)
 def _deepest(first, i, j, bodies):  # type: ignore[no-untyped-def]
-    """The largest gap (the least depth) found among some directions, the best of them improved step by step."""
+    """The largest gap (the least depth) among some directions, the best improved step by step."""
     chosen, point, best = first, first, -1e300
     away, rot = _minus(bodies.placed_at[i], bodies.placed_at[j]), bodies.placed_rot
     for k in range(7):
@@ -150,9 +164,10 @@ def _deepest(first, i, j, bodies):  # type: ignore[no-untyped-def]
 
 @compiled(nogil=True)
 def _nearest(p, count):  # type: ignore[no-untyped-def]
-    """The number of corners that carry a simplex's point nearest to the origin, which come first in p, and the point.
+    """The corners that carry a simplex's point nearest to the origin: their number, and the point.
 
-    A simplex of fewer than three corners is a triangle in which the last corner stands more than once.
+    They come first in p. A simplex of fewer than three corners is a triangle in which the last
+    corner stands more than once.
     """
     least, nearest, carried, shares = 1e300, (0.0, 0.0, 0.0), FACES[0], (0.0, 0.0, 0.0)
     last = count - 1
@@ -162,7 +177,11 @@ def _nearest(p, count):  # type: ignore[no-untyped-def]
         if count == 4 and _hidden(a, b, c, p[face[3]]):
             continue
         u, v, w = _shares(a, b, c)
-        x = (u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1], u * a[2] + v * b[2] + w * c[2])
+        x = (
+            u * a[0] + v * b[0] + w * c[0],
+            u * a[1] + v * b[1] + w * c[1],
+            u * a[2] + v * b[2] + w * c[2],
+        )
         if _dot(x, x) < least:
             least, nearest, carried, shares = _dot(x, x), x, face, (u, v, w)
     if least == 1e300:
@@ -170,15 +189,19 @@ def _nearest(p, count):  # type: ignore[no-untyped-def]
     kept = 0
     for k in range(3):
         if shares[k] > 0.0:
+            # Never before its own place: faces name their corners in order.
             for m in range(3):
-                p[kept, m] = p[carried[k], m]  # never before its own place: faces name their corners in order
+                p[kept, m] = p[carried[k], m]
             kept += 1
     return kept, nearest
 
 
 @compiled(nogil=True)
 def _shares(a, b, c):  # type: ignore[no-untyped-def]
-    """Shares of a triangle's corners in its point nearest to the origin: a corner, on an edge, or inside."""
+    """Shares of a triangle's corners in its point nearest to the origin.
+
+    A corner, on an edge, or inside.
+    """
     ab, ac = _minus(b, a), _minus(c, a)
     square_b, square_c = _dot(ab, ab), _dot(ac, ac)
     area = square_b * square_c - _dot(ab, ac) ** 2
@@ -216,7 +239,7 @@ def _shares(a, b, c):  # type: ignore[no-untyped-def]
 
 @compiled(nogil=True)
 def _share(a, edge, square):  # type: ignore[no-untyped-def]
-    """How far along an edge from a lies its point nearest to the origin, as a share of its length."""
+    """How far along an edge from a its point nearest to the origin lies, as a share of it."""
     return min(max(-_dot(a, edge) / square, 0.0), 1.0) if square > 0.0 else 0.0
 
 
@@ -226,10 +249,6 @@ def _hidden(a, b, c, d):  # type: ignore[no-untyped-def]
     u, v = _minus(b, a), _minus(c, a)
     normal = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
     return -_dot(normal, _minus(d, a)) * _dot(normal, a) > 0.0
-
-
-# Below this gap the bound for separated bodies is refined to the distance [m].
-BAND = 0.05
 
 
 @compiled(fastmath=True, nogil=True)
@@ -249,7 +268,9 @@ def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
         gap = abs(t[i]) - ha[i] - hb[0] * abs(c[i, 0]) - hb[1] * abs(c[i, 1]) - hb[2] * abs(c[i, 2])
         best = max(best, gap)
         along = t[0] * c[0, i] + t[1] * c[1, i] + t[2] * c[2, i]
-        gap = abs(along) - hb[i] - ha[0] * abs(c[0, i]) - ha[1] * abs(c[1, i]) - ha[2] * abs(c[2, i])
+        gap = (
+            abs(along) - hb[i] - ha[0] * abs(c[0, i]) - ha[1] * abs(c[1, i]) - ha[2] * abs(c[2, i])
+        )
         best = max(best, gap)
     for i in range(3):
         i1, i2 = (i + 1) % 3, (i + 2) % 3
@@ -259,7 +280,12 @@ def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
                 continue
             j1, j2 = (j + 1) % 3, (j + 2) % 3
             along = t[i2] * c[i1, j] - t[i1] * c[i2, j]
-            reach = ha[i1] * abs(c[i2, j]) + ha[i2] * abs(c[i1, j]) + hb[j1] * abs(c[i, j2]) + hb[j2] * abs(c[i, j1])
+            reach = (
+                ha[i1] * abs(c[i2, j])
+                + ha[i2] * abs(c[i1, j])
+                + hb[j1] * abs(c[i, j2])
+                + hb[j2] * abs(c[i, j1])
+            )
             best = max(best, (abs(along) - reach) / math.sqrt(square))
     return best
 
@@ -277,8 +303,8 @@ def ball_gap(i, j, bodies):  # type: ignore[no-untyped-def]
 def body_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
     """Signed separation of two bodies by number, in their places [m]; `warm` as in `simplex_gap`.
 
-    What is known to be larger than `enough`, or than `band`, is not looked at closer: any lower bound above it may
-    come back.
+    What is known to be larger than `enough`, or than `band`, is not looked at closer: any lower
+    bound above it may come back.
     """
     rot, at = bodies.placed_rot, bodies.placed_at
     extra = bodies.radius[i] + bodies.radius[j]
@@ -301,12 +327,16 @@ def body_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-
 
 @compiled(fastmath=True, nogil=True)
 def shape_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
-    """As `body_gap`, of hulls that may have parts: where they are near, the smallest gap of any of these [m]."""
+    """As `body_gap`, of hulls that may have parts: near ones by the smallest gap of these [m]."""
     gap = body_gap(i, j, bodies, warm, enough, band)
     if bodies.parts[i] + bodies.parts[j] == 0 or gap > min(enough, band):
         return gap
-    first, last = (bodies.part[i], bodies.part[i] + bodies.parts[i]) if bodies.parts[i] > 0 else (i, i + 1)
-    begin, end = (bodies.part[j], bodies.part[j] + bodies.parts[j]) if bodies.parts[j] > 0 else (j, j + 1)
+    first, last = (
+        (bodies.part[i], bodies.part[i] + bodies.parts[i]) if bodies.parts[i] > 0 else (i, i + 1)
+    )
+    begin, end = (
+        (bodies.part[j], bodies.part[j] + bodies.parts[j]) if bodies.parts[j] > 0 else (j, j + 1)
+    )
     least, seen = 1e9, np.empty(3)
     for a in range(first, last):
         for b in range(begin, end):

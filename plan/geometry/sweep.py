@@ -1,7 +1,8 @@
 """Gaps of whole scenes, compiled: for positions, and swept along trajectories.
 
-What stands still is searched by a tree: for a link of the arm, only the bodies are looked at whose boxes come nearer
-than what was found so far. So a scene of a hundred obstacles costs little more than one.
+What stands still is searched by a tree: for a link of the arm, only the bodies are looked at whose
+boxes come nearer than what was found so far. So a scene of a hundred obstacles costs little more
+than one.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from plan.geometry.separation import BAND, ball_gap, shape_gap
 STEPS = 24
 # Where a gap is at its margin, a step changes it by this at most [m].
 FINE = 2e-3
-# Inside the margin no step is shorter than this share of the longest: there only the mean shortfall counts.
+# Inside the margin no step is shorter than this share of the longest: there only the mean shortfall
+# counts.
 SHORTEST = 0.3
 # Of the pairs that may be left out, none.
 ALL = np.ones((0, 0), dtype=np.bool_)
@@ -27,17 +29,21 @@ ALL = np.ones((0, 0), dtype=np.bool_)
 FAR = 1.0
 # Parts of a section of which each has its own top speeds.
 PARTS = 8
-# Bodies of the world from which each link remembers the direction in which it last saw them; more of them share places.
+# Bodies of the world of which each link remembers the direction in which it last saw them; more of
+# them share places.
 REMEMBERED = 256
 
 
 @compiled(fastmath=True, nogil=True)
-def _world_gap(tree, bodies, link, root, most, hint, seen, band=BAND):  # type: ignore[no-untyped-def]
-    """Smallest gap between a link and the bodies below a node of the tree, or `most` if none is nearer [m].
+def _world_gap(  # type: ignore[no-untyped-def]
+    tree, bodies, link, root, most, hint, seen, band=BAND
+):
+    """Smallest gap between a link and the bodies below a node, or `most` if none is nearer [m].
 
-    The body that was nearest last time, `hint`, is looked at first, and each from the direction in which it was seen
-    then, `seen`: that spares most of the others all but one look. Without places in `seen` every look begins anew.
-    Beyond `band` a gap is a lower bound, and another body than `hint` may be nearer.
+    The body that was nearest last time, `hint`, is looked at first, and each from the direction in
+    which it was seen then, `seen`: that spares most of the others all but one look. Without places
+    in `seen` every look begins anew. Beyond `band` a gap is a lower bound, and another body than
+    `hint` may be nearer.
     """
     if root < 0:
         return most
@@ -59,7 +65,9 @@ def _world_gap(tree, bodies, link, root, most, hint, seen, band=BAND):  # type: 
             if body == known:
                 continue
             anew[:] = 0.0
-            gap = shape_gap(body, link, bodies, seen[body % places] if places > 0 else anew, best, band)
+            gap = shape_gap(
+                body, link, bodies, seen[body % places] if places > 0 else anew, best, band
+            )
             if gap < best:
                 best, hint[0] = gap, body
             continue
@@ -81,8 +89,9 @@ def _world_gap(tree, bodies, link, root, most, hint, seen, band=BAND):  # type: 
 def _node_gap(tree, bodies, node, link, box, enough):  # type: ignore[no-untyped-def]
     """Lower bound of a link's signed separation from whatever a node holds [m].
 
-    The boxes along the base's axes are looked at first; where these are nearer than `enough`, the node's box against
-    the link's own, along the link's axes: a long link that lies askew fills little of its box along the base's axes.
+    The boxes along the base's axes are looked at first; where these are nearer than `enough`, the
+    node's box against the link's own, along the link's axes: a long link that lies askew fills
+    little of its box along the base's axes.
     """
     low, high = box
     deep, square = -1e300, 0.0
@@ -98,7 +107,9 @@ def _node_gap(tree, bodies, node, link, box, enough):  # type: ignore[no-untyped
         middle, reach = 0.0, bodies.half[link, m]
         for k in range(3):
             r = bodies.placed_rot[link, k, m]
-            middle += r * (0.5 * (tree.low[node, k] + tree.high[node, k]) - bodies.placed_at[link, k])
+            middle += r * (
+                0.5 * (tree.low[node, k] + tree.high[node, k]) - bodies.placed_at[link, k]
+            )
             reach += abs(r) * 0.5 * (tree.high[node, k] - tree.low[node, k])
         apart = abs(middle) - reach
         deep = max(deep, apart)
@@ -135,14 +146,16 @@ def _top_speeds(points, slopes, duration, out):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True, nogil=True)
 def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[no-untyped-def]
-    """Time in which no point of a link moves farther than `spare` against a frame; the section ends at most.
+    """Time in which no point of a link moves farther than `spare` against a frame [s].
 
-    A point of the link is as far from a joint's axis as it is now, and farther by no more than it moves.
+    To the section's end at the most. A point of the link is as far from a joint's axis as it is
+    now, and farther by no more than it moves.
 
     Args:
         chain, bodies, room: Parts of a world, which would cost more to take apart here.
         link, spare: Whose motion, and how far.
-        levers: Most that a gap can change for a unit of each joint, nought for those below the frame.
+        levers: Most that a gap can change for a unit of each joint, nought for those below the
+            frame.
         section: Top speeds of the joints in each of its parts, the time in it, and its duration.
     """
     (frame_rot, frame_at, reach), (peaks, t, duration) = room, section
@@ -157,7 +170,9 @@ def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[n
             away = bodies.placed_at[link, k] - frame_at[j + 1, k]
             along += axis[k] * away
             square += away * away
-        reach[j] = min(levers[j], math.sqrt(max(square - along * along, 0.0)) + bodies.ball[link] + spare)
+        reach[j] = min(
+            levers[j], math.sqrt(max(square - along * along, 0.0)) + bodies.ball[link] + spare
+        )
     now, part = t, min(int(t / duration * PARTS), PARTS - 1)
     for i in range(part, PARTS):
         rate = 1e-9
@@ -175,8 +190,8 @@ def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[n
 def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-def]
     """Signed separation of every pair at every position, shape (T, P) [m].
 
-    Pairs whose balls or boxes show them to be farther apart than `beyond` are not looked at: that itself stands for
-    them. So of a hundred obstacles only those near the arm cost something.
+    Pairs whose balls or boxes show them to be farther apart than `beyond` are not looked at: that
+    itself stands for them. So of a hundred obstacles only those near the arm cost something.
 
     Args:
         world: See `compiled.CompiledScene`.
@@ -228,7 +243,9 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
 
 @compiled(fastmath=True, nogil=True)
 def nearest_of_states(world, pairs, q):  # type: ignore[no-untyped-def]
-    """The body of the world's shape that is nearest to the link, each pair at a position of its own, shape (m,).
+    """The body of the world's shape that is nearest to the link, shape (m,).
+
+    Each pair stands at a position of its own.
 
     Args:
         world: See `compiled.CompiledScene`.
@@ -250,18 +267,23 @@ def nearest_of_states(world, pairs, q):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True, nogil=True)
 def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-untyped-def]
-    """Smallest gap beyond its margin along each trajectory, skipping as far as gap and top speed allow.
+    """Smallest gap beyond its margin along each trajectory.
+
+    Skips as far as gap and top speed allow.
 
     Args:
         world: See `compiled.CompiledScene`.
         pairs: Pairs of links.
         moving: Links that are checked against the world, each as a whole.
-        levers: Most that a gap can change for a unit of each joint, of the pairs and then of the moving links [m/rad].
+        levers: Most that a gap can change for a unit of each joint, of the pairs and then of the
+            moving links [m/rad].
         splines: Knots, velocities there, and section durations.
-        margins: Gap that counts as violated below, of the pairs and then of the moving links [m].
+        margins: Gap below which it counts as violated, of the pairs and then of the moving links
+            [m].
 
     Returns:
-        Smallest gap − margin seen [m] and the mean over time of the worst max(margin − gap, 0) [m], shape (B, 2).
+        Smallest gap − margin seen [m] and the mean over time of the worst max(margin − gap, 0) [m],
+        shape (B, 2).
     """
     points, slopes, h = splines
     chain, links, bodies, tree, frame_rot, frame_at, reach = world
@@ -269,7 +291,12 @@ def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-un
     batch, sections, n = points.shape[0], points.shape[1] - 1, points.shape[2]
     between, count = pairs.shape[0], pairs.shape[0] + moving.shape[0]
     room = frame_rot, frame_at, reach
-    q, clear, hints, peaks = np.empty(n), np.empty(count), np.full((links + 1, 1), -1), np.empty((PARTS, n))
+    q, clear, hints, peaks = (
+        np.empty(n),
+        np.empty(count),
+        np.full((links + 1, 1), -1),
+        np.empty((PARTS, n)),
+    )
     seen = np.zeros((links, min(bodies.carrier.shape[0] - links + 1, REMEMBERED), 3))
     warm, out = np.zeros((between, 3)), np.empty((batch, 2))
     for b in range(batch):
@@ -303,8 +330,12 @@ def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-un
                         worst = min(worst, gap)
                         # The gap reaches its margin no sooner than this, from either side.
                         spare = max(abs(gap), FINE)
-                        safe = _ahead(chain, bodies, room, link, spare, levers[p], (peaks, t, duration))
-                        clear[p] = t + (safe if gap > 0.0 else min(max(safe, SHORTEST * coarse), coarse))
+                        safe = _ahead(
+                            chain, bodies, room, link, spare, levers[p], (peaks, t, duration)
+                        )
+                        clear[p] = t + (
+                            safe if gap > 0.0 else min(max(safe, SHORTEST * coarse), coarse)
+                        )
                     ahead = min(ahead, clear[p])
                 least = min(least, worst)
                 violation += max(-worst, 0.0) * (ahead - t)
