@@ -105,9 +105,7 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
     return bool(changes) and found.gain > needed and found.best.explains >= least
 
 
-def what_is_sure(
-    found: Conventions, least: float = USUAL_EFFORT.sign_explains
-) -> Conventions | None:
+def what_is_sure(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> Conventions | None:
     """The best reading where it is surely right; else that the URDF's masses are guesses, where
     that is; else None.
     """

@@ -314,9 +314,7 @@ def guessed_masses(log: Log, model: Model) -> Variant | None:
     return Variant(guess, fit.plain_costs, fit.plain_sizes, length / DESCRIPTION.observations)
 
 
-def _least_change(
-    normal: Float[Array, "p p"], wanted: Float[Array, " p"]
-) -> tuple[Float[Array, " p"], int]:
+def _least_change(normal: Float[Array, "p p"], wanted: Float[Array, " p"]) -> tuple[Float[Array, " p"], int]:
     """The shortest solution of normal equations in the directions that are told, and how many
     are.
     """
