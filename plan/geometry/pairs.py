@@ -42,12 +42,17 @@ class Unchecked(Record):
 
 
 def choose_pairs(
-    arm: ArmModel, links: Sequence[Box], obstacles: Sequence[Box], left_out: Mapping[frozenset[str], str]
+    arm: ArmModel,
+    links: Sequence[Box],
+    obstacles: Sequence[Box],
+    left_out: Mapping[frozenset[str], str],
 ) -> tuple[list[tuple[int, int]], tuple[Unchecked, ...]]:
-    """Pairs to check, by numbers of links and then of obstacles, and those that could move and are not checked.
+    """Pairs to check, by numbers of links and then of obstacles, and those that could move and are
+    not checked.
 
-    Links whose joints meet in one point, as a shoulder's two, are neighbours too: the boxes round such a hub overlap
-    where the rounded castings do not. A floor is not checked against what stands on it wherever the arm is.
+    Links whose joints meet in one point, as a shoulder's two, are neighbours too: the boxes round
+    such a hub overlap where the rounded castings do not. A floor is not checked against what stands
+    on it wherever the arm is.
 
     Args:
         arm: The arm.
@@ -55,37 +60,115 @@ def choose_pairs(
         obstacles: Shapes fixed to the world.
         left_out: Pairs of links to leave out, by name, with the reason.
     """
-    lengths, boxes, count = np.linalg.norm(arm.chain.offsets, axis=1), (*links, *obstacles), len(links)
-    reasons: dict[tuple[int, int], str] = {}
-    pairs = [(i, k) for i, k in combinations(range(count), 2) if links[i].joint != links[k].joint]
-    for i, k in pairs:
-        a, b = links[i], links[k]
-        if abs(b.body - a.body) <= 1:
-            reasons[i, k] = "neighbours along the arm"
-        elif max(a.body, b.body) < CARRIED and lengths[a.joint + 1 : b.joint].sum() < HUB and b.joint - a.joint > 1:
-            reasons[i, k] = "their joints meet in one point"
-        elif frozenset((a.name, b.name)) in left_out:
-            reasons[i, k] = left_out[frozenset((a.name, b.name))]
-    pairs = [pair for pair in pairs if pair not in reasons]
-    share = (_probe(arm, links, count, pairs) < 0.0).mean(axis=0)
-    reasons |= {pair: OVERLAP for pair, often in zip(pairs, share, strict=True) if often >= ALWAYS}
-    floors = [count + k for k, box in enumerate(obstacles) if box.name == FLOOR]
-    near = [(count + f, i) for f in range(len(floors)) for i in range(count) if links[i].joint == 1]
-    sunk = np.asarray((_probe(arm, [*links, *(boxes[k] for k in floors)], count, near) < 0.0).all(axis=0))
-    standing = [(i, floors[f - count]) for (f, i), always in zip(near, sunk, strict=True) if always]
-    reasons |= dict.fromkeys(standing, "it stands there")
-    outside = [(k, i) for k in range(count, len(boxes)) for i in range(count) if links[i].joint > 0]
-    checked = [pair for pair in [*pairs, *outside] if pair not in reasons and pair[::-1] not in reasons]
-    unchecked = (Unchecked((boxes[i].name, boxes[k].name), reason) for (i, k), reason in reasons.items())
+    boxes = (*links, *obstacles)
+    count = len(links)
+    between = []
+    for i, k in combinations(range(count), 2):
+        if links[i].joint != links[k].joint:
+            between.append((i, k))
+    reasons = _reasons_by_build(arm, links, between, left_out)
+    between = [pair for pair in between if pair not in reasons]
+    overlapping = (_probe(arm, links, count, between) < 0.0).mean(axis=0)
+    for pair, share in zip(between, overlapping, strict=True):
+        if share >= ALWAYS:
+            reasons[pair] = OVERLAP
+    for pair in _standing_on_floors(arm, links, obstacles):
+        reasons[pair] = "it stands there"
+    outside = []
+    for obstacle in range(count, len(boxes)):
+        outside += [(obstacle, link) for link in range(count) if links[link].joint > 0]
+    checked = []
+    for first, second in [*between, *outside]:
+        if (first, second) not in reasons and (second, first) not in reasons:
+            checked.append((first, second))
+    unchecked = []
+    for (first, second), reason in reasons.items():
+        unchecked.append(Unchecked((boxes[first].name, boxes[second].name), reason))
+    # A shape of several solids is told once.
     return checked, tuple(dict.fromkeys(unchecked))
 
 
-def _probe(arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[int, int]]) -> Float[Array, "500 p"]:
-    """Gaps of some pairs at random positions [m]."""
+def _reasons_by_build(
+    arm: ArmModel,
+    links: Sequence[Box],
+    pairs: Sequence[tuple[int, int]],
+    left_out: Mapping[frozenset[str], str],
+) -> dict[tuple[int, int], str]:
+    """Why pairs of links are not looked at, of those that the arm's build or the user leaves out.
+
+    Args:
+        arm: The arm.
+        links: Its shapes and what it carries, from the base on.
+        pairs: Numbers of two of these each.
+        left_out: Pairs of links to leave out, by name, with the reason.
+    """
+    lengths = np.linalg.norm(arm.chain.offsets, axis=1)
+    reasons: dict[tuple[int, int], str] = {}
+    for i, k in pairs:
+        inner = links[i]
+        outer = links[k]
+        names = frozenset((inner.name, outer.name))
+        if abs(outer.body - inner.body) <= 1:
+            reasons[i, k] = "neighbours along the arm"
+        elif _meet_in_a_point(inner, outer, lengths):
+            reasons[i, k] = "their joints meet in one point"
+        elif names in left_out:
+            reasons[i, k] = left_out[names]
+    return reasons
+
+
+def _meet_in_a_point(inner: Box, outer: Box, lengths: Float[Array, " n"]) -> bool:
+    """Whether all joints between two links lie in the same place.
+
+    Args:
+        inner, outer: The links, the one nearer to the base first.
+        lengths: Distance of each joint from the one before it [m].
+    """
+    if max(inner.body, outer.body) >= CARRIED or outer.joint - inner.joint <= 1:
+        return False
+    return bool(lengths[inner.joint + 1 : outer.joint].sum() < HUB)
+
+
+def _standing_on_floors(
+    arm: ArmModel, links: Sequence[Box], obstacles: Sequence[Box]
+) -> list[tuple[int, int]]:
+    """Links of the first joint that are sunk in a floor wherever the arm is.
+
+    Returns:
+        Numbers of the link and, behind all links, of the floor.
+    """
+    count = len(links)
+    floors = [number for number, box in enumerate(obstacles) if box.name == FLOOR]
+    lowest = [number for number, box in enumerate(links) if box.joint == 1]
+    near = []
+    for place in range(len(floors)):
+        near += [(count + place, link) for link in lowest]
+    boxes = [*links, *(obstacles[number] for number in floors)]
+    is_sunk = np.asarray((_probe(arm, boxes, count, near) < 0.0).all(axis=0))
+    standing = []
+    for (place, link), always in zip(near, is_sunk, strict=True):
+        if always:
+            standing.append((link, count + floors[place - count]))
+    return standing
+
+
+def _probe(
+    arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[int, int]]
+) -> Float[Array, "500 p"]:
+    """Gaps of some pairs at random positions [m].
+
+    Args:
+        arm: The arm.
+        boxes: Its shapes and then others.
+        links: How many are its own.
+        pairs: Numbers of two shapes each.
+    """
     if not pairs:
         return np.empty((PROBES, 0))
-    which, q = np.array(pairs, dtype=np.int64), random_positions(arm, PROBES)
-    return np.asarray(gaps_of_states(compile_scene(arm.chain, boxes, links), which, q, 1e9, ALL))
+    scene = compile_scene(arm.chain, boxes, links)
+    numbers = np.array(pairs, dtype=np.int64)
+    q = random_positions(arm, PROBES)
+    return np.asarray(gaps_of_states(scene, numbers, q, 1e9, ALL))
 
 
 def read_srdf(path: Path, arm: ArmModel) -> ElementTree.Element:
@@ -96,9 +179,11 @@ def read_srdf(path: Path, arm: ArmModel) -> ElementTree.Element:
     """
     if not path.exists():
         raise InputError(path, "no such SRDF file", "give its path, from the scene file on")
-    root = read_xml(read_text(path, "give an SRDF file"), path, "give an SRDF file", InputError)
+    remedy = "give an SRDF file"
+    root = read_xml(read_text(path, remedy), path, remedy, InputError)
     if root.tag != "robot":
-        raise InputError(path, f"the root element is <{root.tag}>, not <robot>", "give an SRDF file")
+        what = f"the root element is <{root.tag}>, not <robot>"
+        raise InputError(path, what, remedy)
     if root.get("name") != arm.name:
         what = f"it is the SRDF of {root.get('name')!r}, the robot is {arm.name!r}"
         raise InputError(path, what, "give this robot's SRDF")
@@ -112,11 +197,14 @@ def read_disabled(path: Path, arm: ArmModel) -> dict[frozenset[str], str]:
         InputError: Not an SRDF file, or that of another robot.
     """
     root = read_srdf(path, arm)
-    links = {frame.name for frame in arm.model.frames if frame.type == pin.FrameType.BODY}
-    found = {}
+    frames = arm.model.frames
+    links = {frame.name for frame in frames if frame.type == pin.FrameType.BODY}
+    disabled = {}
     for element in root.findall("disable_collisions"):
         pair = frozenset((element.get("link1", ""), element.get("link2", "")))
         for name in sorted(pair - links):
-            raise InputError(path, f"the robot has no link {name!r}", "give this robot's SRDF")
-        found[pair] = f"left out by {path.name}: {element.get('reason', 'no reason given')}"
-    return found
+            what = f"the robot has no link {name!r}"
+            raise InputError(path, what, "give this robot's SRDF")
+        reason = element.get("reason", "no reason given")
+        disabled[pair] = f"left out by {path.name}: {reason}"
+    return disabled

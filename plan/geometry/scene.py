@@ -24,11 +24,16 @@ from plan.geometry.sweep import ALL, gaps_of_states, nearest_of_states, sweep
 from plan.geometry.tool import Carried, place_carried
 from plan.spline import Splines
 
-# Compiled gaps fall short of the distance by some millimetres: so far beyond a target Coal is asked [m].
+# Compiled gaps fall short of the distance by some millimetres: so far beyond a target Coal is asked
+# [m].
 SHARP = 0.01
-# Links with no more joints between them than this, the share of so many positions in which "hardly ever" is meant, and
-# the gap beyond which it does not matter [m].
-BESIDE, HARDLY, DRAWN, WIDE = 2, 0.95, 200, 0.1
+# Links with no more joints between them than this are beside one another.
+BESIDE = 2
+# The share of so many positions in which "hardly ever" is meant.
+HARDLY = 0.95
+DRAWN = 200
+# The gap of links beside one another beyond which it does not matter [m].
+WIDE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +42,7 @@ class Scene:
 
     arm: ArmModel
     boxes: tuple[Box, ...]  # links first, then obstacles
-    # Numbers of the two shapes of each pair that is checked; the first is the one nearer to the base.
+    # Numbers of the two shapes of each pair that is checked, the one nearer to the base first.
     pairs: Int[Array, "P 2"]
     # Pairs of links that can move against each other and are left out, each with the reason.
     unchecked: tuple[Unchecked, ...]
@@ -52,7 +57,8 @@ class Scene:
         carried: Sequence[Carried] = (),
         disabled: Mapping[frozenset[str], str] | None = None,
     ) -> Scene:
-        """Sets up the pairs: link against link unless they are neighbours, and every link against every obstacle.
+        """Sets up the pairs: link against link unless they are neighbours, and every link against
+        every obstacle.
 
         Args:
             arm: The arm.
@@ -65,13 +71,15 @@ class Scene:
             RobotError: A link has no shape and nothing stands in.
         """
         shapes = arm_shapes(arm, stand_in)
-        links, left_out = place_carried(arm, shapes.boxes, carried), dict(disabled or {})
-        for one in carried:
-            left_out |= {frozenset((one.box.name, name)): "it may touch what is carried" for name in one.touches}
-        pairs, unchecked = choose_pairs(arm, links, obstacles, left_out)
-        every = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-        every.setflags(write=False)
-        return cls(arm, (*links, *obstacles), every, unchecked, shapes)
+        links = place_carried(arm, shapes.boxes, carried)
+        left_out = dict(disabled or {})
+        for shape in carried:
+            for name in shape.touches:
+                left_out[frozenset((shape.box.name, name))] = "it may touch what is carried"
+        chosen, unchecked = choose_pairs(arm, links, obstacles, left_out)
+        pairs = np.array(chosen, dtype=np.int64).reshape(-1, 2)
+        pairs.setflags(write=False)
+        return cls(arm, (*links, *obstacles), pairs, unchecked, shapes)
 
     @property
     def obstacles(self) -> tuple[Box, ...]:
@@ -80,25 +88,38 @@ class Scene:
 
     @property
     def coarser(self) -> tuple[str, ...]:
-        """Obstacles that are larger here than in their files, because these hold too much; and by how much."""
-        return tuple(f"{box.name}: {box.solid.note}" for box in self.obstacles if box.solid.note)
+        """Obstacles that are larger here than in their files, because these hold too much.
+
+        And by how much.
+        """
+        noted = [box for box in self.obstacles if box.solid.note]
+        return tuple(f"{box.name}: {box.solid.note}" for box in noted)
 
     @property
     def limits_of_proof(self) -> list[str]:
-        """What a proof does not speak of, a line each: shapes that stand in or hold more, pairs left out."""
-        issue, meshes = self.shapes.issue, self.shapes.coarser
-        lines = [] if issue is None else [f"not the arm's own shape: {issue.evidence}"]
-        lines += [meshes] * bool(meshes) + [f"larger than its file says: {one}" for one in self.coarser]
+        """What a proof does not speak of, a line each.
+
+        Shapes that stand in or hold more, pairs left out.
+        """
+        lines = []
+        if self.shapes.issue is not None:
+            lines.append(f"not the arm's own shape: {self.shapes.issue.evidence}")
+        if self.shapes.coarser:
+            lines.append(self.shapes.coarser)
+        lines += [f"larger than its file says: {obstacle}" for obstacle in self.coarser]
         reasons: dict[str, list[str]] = {}
         for pair in self.unchecked:
             reasons.setdefault(pair.reason, []).append(" and ".join(pair.links))
-        return lines + [
-            f"{'warning: ' * (reason == OVERLAP)}not checked ({reason}): {'; '.join(pairs)}"
-            for reason, pairs in reasons.items()
-        ]
+        for reason, pairs in reasons.items():
+            warning = "warning: " if reason == OVERLAP else ""
+            lines.append(f"{warning}not checked ({reason}): {'; '.join(pairs)}")
+        return lines
 
     def to_dict(self) -> dict[str, Any]:
-        """The same for results: pairs left out, what stands in for which links, and the convex parts of meshes."""
+        """The same for results.
+
+        Pairs left out, what stands in for which links, and the convex parts of meshes.
+        """
         return {"unchecked_pairs": as_record(self.unchecked), **self.shapes.to_dict()}
 
     @property
@@ -124,93 +145,139 @@ class Scene:
         wanted: Bool[Array, "T P"] | None = None,
         pairs: Int[Array, "P 2"] | None = None,
     ) -> Float[Array, "T P"]:
-        """Signed separation of every pair [m]; at most the distance, equal to it, or nearly, under 5 cm.
+        """Signed separation of every pair [m].
+
+        At most the distance, equal to it, or nearly, under 5 cm.
 
         Args:
             q: Positions [rad].
-            beyond: Gap that may stand for any larger one: far pairs then cost next to nothing [m].
-            wanted: Which pairs to look at, position by position, if not all; `beyond` stands for the others.
+            beyond: Gap that may stand for any larger: far pairs then cost next to nothing [m].
+            wanted: Which pairs to look at, position by position, if not all; `beyond` stands for
+                the others.
             pairs: Other pairs than all that are checked.
         """
-        pairs, q = self.pairs if pairs is None else pairs, np.ascontiguousarray(q, dtype=float)
+        if pairs is None:
+            pairs = self.pairs
+        if wanted is None:
+            wanted = ALL
+        q = np.ascontiguousarray(q, dtype=float)
         if len(pairs) == 0:
             return np.empty((len(q), 0))
-        return np.asarray(gaps_of_states(self._world, pairs, q, beyond, ALL if wanted is None else wanted))
+        return np.asarray(gaps_of_states(self._world, pairs, q, beyond, wanted))
 
     def separation(
-        self, q: Float[Array, "T n"], margins: Float[Array, " P"] | float = 0.0, most: float = 1.0
+        self,
+        q: Float[Array, "T n"],
+        margins: Float[Array, " P"] | float = 0.0,
+        most: float = 1.0,
     ) -> Float[Array, " T"]:
-        """Smallest gap at each position beyond its pair's margin [m]; `most` where nothing is nearer than that."""
+        """Smallest gap at each position beyond its pair's margin [m].
+
+        `most` where nothing is nearer than that.
+        """
         beyond = most + float(np.max(margins, initial=0.0))
-        return np.asarray((self.gaps(q, beyond) - margins).min(axis=1, initial=most))
+        clear = self.gaps(q, beyond) - margins
+        return np.asarray(clear.min(axis=1, initial=most))
 
     def sweep(
         self, splines: Splines, margins: Float[Array, " P"] | float
     ) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
-        """Smallest gap along each trajectory beyond its pair's margin, and the mean shortfall from it, both [m].
+        """Smallest gap along each trajectory beyond its pair's margin, and the mean shortfall [m].
 
-        Skips ahead where shapes are far apart; where a gap is at its margin, no step changes it by more than 2 mm.
+        Skips ahead where shapes are far apart; where a gap is at its margin, no step changes it by
+        more than 2 mm.
         """
         if len(self.pairs) == 0:
             return np.ones(len(splines.points)), np.zeros(len(splines.points))
         between, moving, levers = self._swept
         # Of the pairs of links, then for each moving link the least of its pairs with the world.
-        pairs, world = np.broadcast_to(margins, len(self.pairs)), np.full(len(moving), np.inf)
-        np.minimum.at(world, np.searchsorted(moving, self.pairs[~self.own, 1]), pairs[~self.own])
-        kept = np.concatenate([pairs[self.own], world])
-        parts = (splines.points, splines.slopes, splines.durations)
-        found = sweep(self._world, between, moving, levers, parts, kept)
-        return np.minimum(found[:, 0], 1.0), found[:, 1]
+        of_pairs = np.broadcast_to(margins, len(self.pairs))
+        of_world = np.full(len(moving), np.inf)
+        links = np.searchsorted(moving, self.pairs[~self.own, 1])
+        np.minimum.at(of_world, links, of_pairs[~self.own])
+        least = np.concatenate([of_pairs[self.own], of_world])
+        motion = (splines.points, splines.slopes, splines.durations)
+        swept = sweep(self._world, between, moving, levers, motion, least)
+        return np.minimum(swept[:, 0], 1.0), swept[:, 1]
 
     # Exact: by Coal, one position at a time.
 
     def distances(self, q: Float[Array, " n"]) -> Float[Array, " P"]:
-        """Exact signed distance of every pair at one position [m]; negative inside a closed mesh too."""
-        found = self.proximity.distances(q)
+        """Exact signed distance of every pair at a position [m].
+
+        Negative inside a closed mesh too.
+        """
+        distances = self.proximity.distances(q)
         for pair in self._pieced:
             closed = self.boxes[self.pairs[pair, 0]].solid.kind == "surface"
-            if closed and found[pair] > 0.0 and self._engulfed(q, pair):
-                found[pair] = -found[pair]
-        return found
+            if closed and distances[pair] > 0.0 and self._engulfed(q, pair):
+                distances[pair] = -distances[pair]
+        return distances
 
-    def near_distances(self, q: Float[Array, " n"], target: float | Array, near: float) -> Float[Array, " P"]:
+    def near_distances(
+        self, q: Float[Array, " n"], target: float | Array, near: float
+    ) -> Float[Array, " P"]:
         """Exact signed distance of the pairs near a target, lower bounds of the others' [m].
 
-        What has thousands of pieces takes Coal milliseconds. There the compiled gap, which is never above the distance,
-        is looked at first, and Coal asked only where that comes close to the target.
+        What has thousands of pieces takes Coal milliseconds. There the compiled gap, which is never
+        above the distance, is looked at first, and Coal asked only where that comes close to the
+        target.
 
         Args:
             q: Position [rad].
-            target: Distance that is asked about, of all pairs or of each; minus infinity for those not of interest [m].
+            target: Distance that is asked about, of all pairs or of each; minus infinity for those
+                not of interest [m].
             near: How far beyond it exact distances are wanted [m].
         """
-        known, beyond = np.full(len(self.pairs), -np.inf), np.zeros(len(self.pairs)) + target + near
+        known = np.full(len(self.pairs), -np.inf)
+        beyond = np.zeros(len(self.pairs)) + target + near
         if len(self._pieced):
-            known[self._pieced] = self.gaps(q[None], float(np.max(beyond)), None, self.pairs[self._pieced])[0]
+            farthest = float(np.max(beyond))
+            gaps = self.gaps(q[None], farthest, None, self.pairs[self._pieced])
+            known[self._pieced] = gaps[0]
             beyond[self._pieced] += min(near, SHARP) - near
         return self.proximity.near_distances(q, beyond, known)
 
     def gradients(self, q: Float[Array, "m n"], pairs: Int[Array, " m"]) -> Float[Array, "m n"]:
-        """Derivatives of some pairs' signed distances by the joints, each at its own position [m/rad]."""
+        """Derivatives of some pairs' signed distances by the joints [m/rad].
+
+        Each is taken at its own position.
+        """
+        pieces = {}
         rows = np.flatnonzero(np.isin(pairs, self._pieced))
-        bodies = nearest_of_states(self._world, self.pairs[pairs[rows]], q[rows]) if len(rows) else ()
-        return self.proximity.gradients(q, pairs, dict(zip(rows, map(self._piece, bodies), strict=True)))
+        if len(rows):
+            bodies = nearest_of_states(self._world, self.pairs[pairs[rows]], q[rows])
+            for row, body in zip(rows, bodies, strict=True):
+                pieces[row] = self._piece(body)
+        return self.proximity.gradients(q, pairs, pieces)
 
     def _piece(self, number: int) -> Box:
         """A body of what stands in the world as a shape by itself."""
         bodies = self._world.bodies
-        solid = Solid.simple("sphere", bodies.radius[number])
-        if bodies.number[number] > 0:
-            corners = bodies.corners[bodies.first[number] :][: bodies.number[number]]
+        name = self.boxes[bodies.owner[number]].name
+        count = bodies.number[number]
+        if count > 0:
+            first = bodies.first[number]
+            corners = bodies.corners[first : first + count]
             solid = Solid.surface(corners, np.array([[0, 1, 2]]))
-        return Box(self.boxes[bodies.owner[number]].name, 0, bodies.rot[number], bodies.at[number], solid)
+        else:
+            solid = Solid.simple("sphere", bodies.radius[number])
+        return Box(name, 0, bodies.rot[number], bodies.at[number], solid)
 
     def _engulfed(self, q: Array, pair: int) -> bool:
-        """Whether a link that touches no triangle of a mesh lies inside it: then any of its points does."""
-        mesh, link = (self.boxes[i] for i in self.pairs[pair])
-        rotation, at = (part[0] for part in compute_joint_poses(self.arm.chain, q[None], [link.joint])[link.joint])
-        corner = link.solid.points[0] if len(link.solid.points) else np.zeros(3)
-        point = at + rotation @ (link.centre + link.rotation @ corner)
+        """Whether a link that touches no triangle of a mesh lies inside it.
+
+        Then any of its points does.
+        """
+        first, second = self.pairs[pair]
+        mesh = self.boxes[first]
+        link = self.boxes[second]
+        poses = compute_joint_poses(self.arm.chain, q[None], [link.joint])
+        rotations, origins = poses[link.joint]
+        corner = np.zeros(3)
+        if len(link.solid.points):
+            corner = link.solid.points[0]
+        point = origins[0] + rotations[0] @ (link.centre + link.rotation @ corner)
         return holds(mesh.solid, mesh.rotation.T @ (point - mesh.centre))
 
     # What is worked out once.
@@ -222,29 +289,40 @@ class Scene:
 
     @cached_property
     def widest(self) -> Float[Array, " P"]:
-        """Gap that links beside one another hardly ever exceed, whatever the position [m]; infinite for other pairs."""
+        """Gap that links beside one another hardly ever exceed, whatever the position [m].
+
+        Infinite for other pairs.
+        """
         joint = np.array([box.joint for box in self.boxes])
-        beside = self.own & (joint[self.pairs[:, 1]] - joint[self.pairs[:, 0]] <= BESIDE)
+        inner, outer = self.pairs.T
+        beside = self.own & (joint[outer] - joint[inner] <= BESIDE)
         q = random_positions(self.arm, DRAWN)
-        found = self.gaps(q, WIDE, np.repeat(beside[None], DRAWN, axis=0))
-        usual = np.quantile(found, HARDLY, axis=0)
-        return freeze(np.where(beside & (usual > 0.0) & (usual < WIDE), usual, np.inf))
+        gaps = self.gaps(q, WIDE, np.repeat(beside[None], DRAWN, axis=0))
+        usual = np.quantile(gaps, HARDLY, axis=0)
+        limited = beside & (usual > 0.0) & (usual < WIDE)
+        return freeze(np.where(limited, usual, np.inf))
 
     @cached_property
     def levers(self) -> Float[Array, "P n"]:
         """Most that a pair's gap can change for a unit of each joint [m/rad, or m/m].
 
-        No point of the outer shape is farther from a joint's axis than the links between reach, stretched out.
+        No point of the outer shape is farther from a joint's axis than the links between reach,
+        stretched out.
         """
-        chain, (inner, outer) = self.arm.chain, self.pairs.T
-        stroke = np.where(chain.sliding > 0, np.maximum(np.abs(self.arm.lower), np.abs(self.arm.upper)), 0.0)
-        ends = np.cumsum(np.append(0.0, np.linalg.norm(chain.offsets, axis=1) + stroke))
+        chain = self.arm.chain
+        slides = chain.sliding > 0
+        farthest = np.maximum(np.abs(self.arm.lower), np.abs(self.arm.upper))
+        stroke = np.where(slides, farthest, 0.0)
+        lengths = np.linalg.norm(chain.offsets, axis=1) + stroke
+        ends = np.cumsum(np.append(0.0, lengths))
         joints = np.array([box.joint for box in self.boxes], dtype=np.int64)
         far = np.array([box.farthest for box in self.boxes])
+        inner, outer = self.pairs.T
         reach = (far + ends[joints])[outer][:, None] - ends[1:]
-        each = np.arange(self.arm.n)
-        moved = (joints[inner][:, None] <= each) & (each < joints[outer][:, None])
-        return freeze(np.where(moved, np.where(chain.sliding > 0, 1.0, reach), 0.0))
+        joint = np.arange(self.arm.n)
+        moved = (joints[inner][:, None] <= joint) & (joint < joints[outer][:, None])
+        lever = np.where(slides, 1.0, reach)
+        return freeze(np.where(moved, lever, 0.0))
 
     @cached_property
     def proximity(self) -> Proximity:
@@ -253,16 +331,20 @@ class Scene:
 
     @cached_property
     def _swept(self) -> tuple[Int[Array, "p 2"], Int[Array, " m"], Float[Array, "c n"]]:
-        """Pairs of links, links that are checked against the world, and the levers of the ones and of the others."""
+        """Pairs of links, links that are checked against the world, and the levers of both."""
         moving, first = np.unique(self.pairs[~self.own, 1], return_index=True)
-        levers = np.concatenate([self.levers[self.own], self.levers[~self.own][first]])
+        of_world = self.levers[~self.own][first]
+        levers = np.concatenate([self.levers[self.own], of_world])
         return np.ascontiguousarray(self.pairs[self.own]), moving, levers
 
     @cached_property
     def _pieced(self) -> Int[Array, " s"]:
         """Pairs whose first shape is many bodies: a closed mesh or a cloud."""
-        kinds = [self.boxes[first].solid.kind for first, _ in self.pairs]
-        return np.array([i for i, kind in enumerate(kinds) if kind in ("surface", "cloud")], dtype=np.int64)
+        pieced = []
+        for number, (first, _) in enumerate(self.pairs):
+            if self.boxes[first].solid.kind in ("surface", "cloud"):
+                pieced.append(number)
+        return np.array(pieced, dtype=np.int64)
 
     @cached_property
     def _links(self) -> int:

@@ -1,4 +1,4 @@
-"""Shapes of the arm's links and of obstacles: what each is exactly, and the oriented box around it."""
+"""Shapes of the arm's links and of obstacles: what each is exactly, and the box around it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,11 @@ import numpy as np
 from ident.arrays import Array, Float, Int, freeze
 
 Kind = Literal["box", "sphere", "capsule", "cylinder", "hull", "surface", "cloud"]
+NO_TRIANGLES = np.empty((0, 3), dtype=np.int64)
+# Corners of a cube of edge length 2 about its middle.
+CORNERS = freeze(np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T)
+# Thickness of points in a plane, to either side [m].
+THICKNESS = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +26,9 @@ class Solid:
     """A shape in the axes of its box, about the box's centre."""
 
     kind: Kind  # what it is
-    # Half edge lengths of a box; radius of a sphere; radius and half length (along z) of a capsule, whose half length
-    # leaves its caps out, and of a cylinder; radius of a cloud's balls; empty for the others [m].
+    # Half edge lengths of a box; radius of a sphere; radius and half length (along z) of a capsule,
+    # whose half length leaves its caps out, and of a cylinder; radius of a cloud's balls; empty for
+    # the others [m].
     size: Float[Array, " s"]
     points: Float[Array, "k 3"]  # corners of a hull or a surface, middles of a cloud's balls [m]
     # Corners of each triangle of a surface, by number, seen from outside against the clock.
@@ -34,23 +40,28 @@ class Solid:
     @classmethod
     def simple(cls, kind: Kind, *size: float) -> Solid:
         """A box, a sphere, a capsule or a cylinder."""
-        return cls(kind, freeze(np.array(size)), np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
+        return cls(kind, freeze(np.array(size)), np.empty((0, 3)), NO_TRIANGLES)
 
     @classmethod
     def hull(cls, points: Float[Array, "k 3"], parts: Sequence[Float[Array, "p 3"]] = ()) -> Solid:
-        """The smallest convex body that holds some points; flat sets are given a thickness of a micrometre."""
-        flat, kept = np.empty((0, 3), dtype=np.int64), tuple(freeze(part) for part in parts)
-        return cls("hull", np.empty(0), freeze(hull_points(points)), flat, parts=kept)
+        """The smallest convex body that holds some points.
+
+        Flat sets are given a thickness of a micrometre.
+        """
+        corners = freeze(hull_points(points))
+        corners_of_parts = tuple(freeze(piece) for piece in parts)
+        return cls("hull", np.empty(0), corners, NO_TRIANGLES, parts=corners_of_parts)
 
     @classmethod
     def surface(cls, points: Float[Array, "k 3"], triangles: Int[Array, "m 3"]) -> Solid:
         """A surface of triangles."""
-        return cls("surface", np.empty(0), freeze(points), np.array(triangles, dtype=np.int64))
+        numbers = np.array(triangles, dtype=np.int64)
+        return cls("surface", np.empty(0), freeze(points), numbers)
 
     @classmethod
     def cloud(cls, points: Float[Array, "k 3"], radius: float, note: str = "") -> Solid:
         """Balls of one radius about some points."""
-        return cls("cloud", freeze(np.array([radius])), freeze(points), np.empty((0, 3), dtype=np.int64), note)
+        return cls("cloud", freeze(np.array([radius])), freeze(points), NO_TRIANGLES, note)
 
     @property
     def grown(self) -> float:
@@ -66,7 +77,8 @@ class Solid:
             return np.full(3, self.size[0])
         if self.kind in ("capsule", "cylinder"):
             radius, length = self.size
-            return np.array([radius, radius, length + (radius if self.kind == "capsule" else 0.0)])
+            cap = radius if self.kind == "capsule" else 0.0
+            return np.array([radius, radius, length + cap])
         return np.abs(self.points).max(axis=0) + self.grown
 
     @property
@@ -76,24 +88,30 @@ class Solid:
             return float(self.size.sum())
         if self.kind == "cylinder":
             return math.hypot(*self.size)
-        return float(np.linalg.norm(self.half if self.kind == "box" else self.points, axis=-1).max()) + self.grown
+        corners = self.half if self.kind == "box" else self.points
+        return float(np.linalg.norm(corners, axis=-1).max()) + self.grown
 
     def for_coal(self) -> coal.CollisionGeometry:
-        """The shape as Coal knows it; of a cloud the points alone, as triangles that are no larger."""
+        """The shape as Coal knows it.
+
+        Of a cloud the points alone, as triangles that are no larger.
+        """
         if self.kind == "box":
             return coal.Box(*(2.0 * self.size))
         if self.kind == "sphere":
             return coal.Sphere(float(self.size[0]))
         if self.kind in ("capsule", "cylinder"):
+            radius, length = self.size
             make = coal.Capsule if self.kind == "capsule" else coal.Cylinder
-            return make(float(self.size[0]), 2.0 * float(self.size[1]))
+            return make(float(radius), 2.0 * float(length))
         if self.kind == "hull":
             points = coal.StdVec_Vec3s()
             points.extend(np.array(point) for point in self.points)
             return coal.ConvexBase.convexHull(points, True, "Qt")
+        triangles = self.triangles
+        if self.kind == "cloud":
+            triangles = np.repeat(np.arange(len(self.points))[:, None], 3, axis=1)
         model = coal.BVHModelOBBRSS()
-        cloud = self.kind == "cloud"
-        triangles = np.repeat(np.arange(len(self.points))[:, None], 3, axis=1) if cloud else self.triangles
         model.beginModel(len(triangles), len(self.points))
         model.addVertices(np.array(self.points))
         model.addTriangles(triangles.astype(np.int32))
@@ -102,21 +120,27 @@ class Solid:
 
 
 def hull_points(points: Float[Array, "k 3"]) -> Float[Array, "m 3"]:
-    """Corners of the convex hull of some points; of points in a plane, those of the plane grown by a micrometre."""
+    """Corners of the convex hull of some points.
+
+    Of points in a plane, those of the plane grown by a micrometre.
+    """
     from scipy.spatial import ConvexHull, QhullError  # slow to load, and boxes need none of it
 
     points = np.asarray(points, dtype=float)
     try:
         return points[ConvexHull(points).vertices]
     except (QhullError, ValueError):
-        thick = 1e-6 * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
+        thick = THICKNESS * CORNERS
         grown = (points[:, None] + thick).reshape(-1, 3)
         return grown[ConvexHull(grown).vertices]
 
 
 def mesh_triangles(model: coal.BVHModelBase) -> Int[Array, "m 3"]:
     """Corners of a mesh's triangles, by number."""
-    corners = [[corner[k] for k in range(3)] for corner in map(model.tri_indices, range(model.num_tris))]
+    corners = []
+    for number in range(model.num_tris):
+        triangle = model.tri_indices(number)
+        corners.append((triangle[0], triangle[1], triangle[2]))
     return np.array(corners, dtype=np.int64).reshape(-1, 3)
 
 
@@ -133,7 +157,8 @@ class Box:
 
     def __post_init__(self) -> None:
         for field in ("rotation", "centre"):
-            object.__setattr__(self, field, freeze(np.asarray(getattr(self, field), dtype=float)))
+            values = np.asarray(getattr(self, field), dtype=float)
+            object.__setattr__(self, field, freeze(values))
         if not isinstance(self.solid, Solid):
             object.__setattr__(self, "solid", Solid.simple("box", *self.solid))
 
@@ -144,12 +169,24 @@ class Box:
 
     @classmethod
     def around_parts(
-        cls, name: str, parts: Sequence[Float[Array, "k 3"]], joint: int, rotation: Array, centre: Array, body: int
+        cls,
+        name: str,
+        parts: Sequence[Float[Array, "k 3"]],
+        joint: int,
+        rotation: Array,
+        centre: Array,
+        body: int,
     ) -> Box:
-        """Convex parts by their corners, which are given in axes of their own, placed in the joint frame like these."""
+        """Convex parts by their corners.
+
+        These are given in axes of their own, placed in the joint frame like the other arguments.
+        """
         points = np.concatenate(parts)
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        solid = Solid.hull(points - middle, [part - middle for part in parts] if len(parts) > 1 else ())
+        pieces = []
+        if len(parts) > 1:
+            pieces = [piece - middle for piece in parts]
+        solid = Solid.hull(points - middle, pieces)
         return cls(name, joint, rotation, centre + rotation @ middle, solid, body)
 
     @cached_property
@@ -157,17 +194,22 @@ class Box:
         """Its convex parts, each a shape by itself; itself alone if it has none."""
         if not self.solid.parts:
             return (self,)
-        place = self.joint, self.rotation, self.centre, self.body
-        return tuple(Box.around_parts(self.name, [part], *place) for part in self.solid.parts)
+        pieces = []
+        for corners in self.solid.parts:
+            piece = Box.around_parts(
+                self.name, [corners], self.joint, self.rotation, self.centre, self.body
+            )
+            pieces.append(piece)
+        return tuple(pieces)
 
     @property
     def corners(self) -> Float[Array, "8 3"]:
         """Corners in the joint frame [m]."""
-        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
-        return self.centre + (signs * self.half) @ self.rotation.T
+        return self.centre + (CORNERS * self.half) @ self.rotation.T
 
     @property
     def farthest(self) -> float:
         """Farthest that a point of it can be from the joint frame's origin [m]."""
         ball = float(np.linalg.norm(self.centre)) + self.solid.radius
-        return min(ball, float(np.linalg.norm(self.corners, axis=1).max()))
+        corner = float(np.linalg.norm(self.corners, axis=1).max())
+        return min(ball, corner)
