@@ -169,7 +169,7 @@ def compile_bodies(boxes: Sequence[Box]) -> CompiledBodies:
     pieces_of[begin[parted]] = pieces
     rotations = np.repeat([bodies.rotation for bodies in shape_bodies], counts, axis=0)
     centres = np.concatenate([bodies.centres for bodies in shape_bodies])
-    number = np.repeat([bodies.corners.shape[1] for bodies in shape_bodies], counts)
+    corner_counts = np.repeat([bodies.corners.shape[1] for bodies in shape_bodies], counts)
     corners = [bodies.corners.reshape(-1, 3) for bodies in shape_bodies]
     return CompiledBodies(
         carrier=np.repeat([shape.joint for shape in shapes], counts),
@@ -181,8 +181,8 @@ def compile_bodies(boxes: Sequence[Box]) -> CompiledBodies:
         core=np.concatenate([bodies.core for bodies in shape_bodies]),
         radius=np.repeat([bodies.radius for bodies in shape_bodies], counts),
         ball=np.concatenate([bodies.ball for bodies in shape_bodies]),
-        first=1 + np.cumsum(number) - number,
-        number=number,
+        first=1 + np.cumsum(corner_counts) - corner_counts,
+        number=corner_counts,
         corners=np.concatenate([np.zeros((1, 3)), *corners]),
         owner=np.repeat(owners, counts).astype(np.int64),
         part=first_piece,

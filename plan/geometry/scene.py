@@ -243,11 +243,11 @@ class Scene:
 
         Each is taken at its own position.
         """
-        pieces = {}
+        pieces: dict[int, Box] = {}
         rows = np.flatnonzero(np.isin(pairs, self._pieced))
         if len(rows):
             bodies = nearest_of_states(self._world, self.pairs[pairs[rows]], q[rows])
-            for row, body in zip(rows, bodies, strict=True):
+            for row, body in zip(rows.tolist(), bodies, strict=True):
                 pieces[row] = self._piece(body)
         return self.proximity.gradients(q, pairs, pieces)
 
