@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ident.checks.angle_readings import check_angle_readings
 from ident.checks.angles import mend_absurd, mend_channel_spikes, mend_degrees, mend_spikes, mend_wraps, split_at_jumps
 from ident.checks.arrangement import check_bodies
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
@@ -181,8 +180,6 @@ def inspect_alone(
         issues += [] if not session.samples else _check_channels(session)
         return TelemetryReport(session, tuple(issues), arm)
     if not is_damaged(issues):
-        session, told = check_angle_readings(session, arm, settings.effort)
-        issues += told
         session, told = check_odd_runs(session, arm)
         issues += told
     # Inertia and the bodies' places are part of every torque: where they are wrong, nothing else can be read.

@@ -266,14 +266,18 @@ def source_text(arm: ArmModel) -> str:
     if arm.source is None or not arm.source.is_file():
         return arm.urdf
     text = arm.source.read_text(encoding="utf-8")
-    fixed = dict(arm.locked_joints)
-    identified = ArmModel.from_urdf(arm.urdf, arm.source, fixed, arm.tip).content
-    on_disk = ArmModel.from_urdf(text, arm.source, fixed, arm.tip).content
-    if on_disk != identified:
+    if _content_of(text, arm) != _content_of(arm.urdf, arm):
         what = "its joints, lengths or inertias are no longer those of the arm that was identified"
         remedy = "identify the arm again, or put the file back as it was, or away"
         raise RobotError(arm.source, what, remedy)
     return text
+
+
+def _content_of(text: str, arm: ArmModel) -> str:
+    """What a URDF says of an arm with its joints locked; those that the text has fixed already stay so."""
+    whole = ArmModel.from_urdf(text, arm.source, {}, arm.tip)
+    locked = {name: at for name, at in arm.locked_joints.items() if name in whole.joint_names}
+    return ArmModel.from_urdf(text, arm.source, locked, arm.tip).content
 
 
 def _add_inertia(root: ET.Element, link: ET.Element, change: Float[Array, " 10"], locked: Mapping[str, float]) -> None:
