@@ -159,7 +159,7 @@ def test_a_link_that_is_off_by_itself_has_a_name(
 def test_what_the_last_link_has_more_may_hang_on_it(short_arm: ArmModel, factor: float, carried: bool) -> None:
     """Law: a last link that is heavier than its URDF carries a load, or is heavier; one that is lighter carries none.
 
-    Neither is an offset or a spring, though torque is so precise that its neighbours' tolerance hides the link.
+    What is heavier all along a link is the link before it is a load. Neither is an offset or a spring, though torque is so precise that its neighbours' tolerance hides the link.
     """
     numbers = short_arm.inertial_parameters * np.repeat((1.0, 1.0, factor), 10)
     names = ("link_inertial_error", "payload", "torque_offset", "spring_torque")
@@ -168,7 +168,7 @@ def test_what_the_last_link_has_more_may_hang_on_it(short_arm: ArmModel, factor:
     diagnosis = diagnose(motions, urdf, catalogue, common_clock=False).diagnosis
     (found,) = diagnosis.findings
     assert set(found.estimate.rivals) == ({*names[:2]} if carried else {names[0]})
-    assert found.estimate.rivals[0] == names[carried]
+    assert found.estimate.rivals[0] == names[0]
     # What is reported of the URDF is its own error, rotors and friction tuned: no inertia of it has moved.
     q, dq, ddq = (np.concatenate([getattr(one, name)[20:-20] for one in motions]) for name in ("q", "dq", "ddq"))
     apart = (short_arm.inverse_dynamics(q, dq, ddq) - urdf.inverse_dynamics(q, dq, ddq))[:, 1]
