@@ -159,7 +159,8 @@ def test_a_link_that_is_off_by_itself_has_a_name(
 def test_what_the_last_link_has_more_may_hang_on_it(short_arm: ArmModel, factor: float, carried: bool) -> None:
     """Law: a last link that is heavier than its URDF carries a load, or is heavier; one that is lighter carries none.
 
-    What is heavier all along a link is the link before it is a load. Neither is an offset or a spring, though torque is so precise that its neighbours' tolerance hides the link.
+    What is heavier all along a link is the link before it is a load. Neither is an offset or a spring, though torque
+    is so precise that its neighbours' tolerance hides the link.
     """
     numbers = short_arm.inertial_parameters * np.repeat((1.0, 1.0, factor), 10)
     names = ("link_inertial_error", "payload", "torque_offset", "spring_torque")
