@@ -21,8 +21,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError, RobotError
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
-from plan.geometry.convex_parts import clip as clip
-from plan.geometry.convex_parts import convex_parts as convex_parts
+from plan.geometry.convex_parts import convex_parts
 from plan.geometry.solids import Box, Solid, mesh_triangles
 
 StandIn = Literal["visual", "capsules", "boxes"]

@@ -11,9 +11,6 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from ident.errors import InputError
 from ident.robot.meshes import require_mesh
-from plan.geometry.clouds import read_cloud as read_cloud
-from plan.geometry.clouds import read_points as read_points
-from plan.geometry.clouds import thin_points as thin_points
 from plan.geometry.solids import Solid, hull_points, mesh_triangles
 
 # A surface of more triangles takes minutes to plan round; nobody needs so many to keep clear of a

@@ -11,18 +11,8 @@ from itertools import count
 import numpy as np
 
 from ident.arrays import Array, Float
-from plan.initial.limit_times import at_its_limits as at_its_limits
-from plan.initial.limit_times import quickest_of_each_joint as quickest_of_each_joint
-from plan.initial.line_pace import positions_along as positions_along
-from plan.initial.line_pace import quickest_pace as quickest_pace
-from plan.initial.line_pace import timed_line as timed_line
-from plan.initial.rule_ways import iterate_rule_ways as iterate_rule_ways
 from plan.initial.trees import Seed, Trees, endless, iterate_seeds
-from plan.initial.vias import MOST_VIAS as MOST_VIAS
-from plan.initial.vias import from_seeds as from_seeds
-from plan.initial.vias import from_vias as from_vias
-from plan.initial.vias import straight as straight
-from plan.initial.vias import time_stamps
+from plan.initial.vias import from_vias, straight, time_stamps
 from plan.problem.problem import PlanningProblem
 from plan.spline import Splines
 

@@ -19,8 +19,8 @@ from ident.model.hybrid import HybridModel
 from ident.results import made_by
 from plan.command_options import PaperOptions, SolveOptions, TaskOptions
 from plan.geometry.solids import Box, Solid
-from plan.initial.starts import from_vias
 from plan.initial.trees import find_seeds
+from plan.initial.vias import from_vias
 from plan.paper.brute_force import BruteForce
 from plan.paper.compression import Compression
 from plan.paper.genetic import Genetic

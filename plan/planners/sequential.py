@@ -13,7 +13,10 @@ import numpy as np
 from ident.arrays import Array, Float, freeze
 from ident.errors import InputError
 from plan.dynamics.power import section_nodes
-from plan.initial.starts import at_its_limits, iterate_rule_ways, iterate_ways, quickest_of_each_joint, straight
+from plan.initial.limit_times import at_its_limits, quickest_of_each_joint
+from plan.initial.rule_ways import iterate_rule_ways
+from plan.initial.starts import iterate_ways
+from plan.initial.vias import straight
 from plan.planners.base import BudgetSpentError, Candidate, Ledger, Planner
 from plan.planners.descent import (
     KEPT,

@@ -14,7 +14,8 @@ from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import InputError
 from ident.recordings.recording import Payload
 from ident.safe_read import read_toml, urdf_from
-from plan.geometry.obstacle_files import read_cloud, read_mesh
+from plan.geometry.clouds import read_cloud
+from plan.geometry.obstacle_files import read_mesh
 from plan.geometry.solids import Box, Kind, Solid
 from plan.geometry.tool import Carried
 from plan.problem.driveless import is_the_driven

@@ -10,7 +10,7 @@ from ident.arrays import Array
 from ident.errors import InputError
 from plan.geometry.clearance_proof import why_refused
 from plan.initial.inverse_kinematics import PoseSolver
-from plan.initial.starts import positions_along
+from plan.initial.line_pace import positions_along
 from plan.problem.problem import Limits, PlanningProblem
 from plan.problem.rule_values import TURNING
 from plan.problem.rules import Pose, ViaPoint

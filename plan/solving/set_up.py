@@ -20,7 +20,7 @@ from plan.geometry.pairs import read_disabled
 from plan.geometry.scene import Scene
 from plan.geometry.tool import hang
 from plan.initial.inverse_kinematics import reach_pose
-from plan.initial.starts import from_vias, straight
+from plan.initial.vias import from_vias, straight
 from plan.problem.makers_limits import find_makers_limits, say_limits
 from plan.problem.problem import ADVICE, FREE, OBJECTIVES, TRAINING, Free, PlanningProblem
 from plan.problem.rules import Pose

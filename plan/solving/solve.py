@@ -11,8 +11,8 @@ import numpy as np
 
 from ident.arrays import Array
 from plan.command_options import DEFAULT_METHOD, USUAL_BUDGET, SolveOptions
-from plan.initial.starts import from_seeds
 from plan.initial.trees import Seed, find_seeds
+from plan.initial.vias import from_seeds
 from plan.planners.base import Candidate, Ledger, Planner, make_planner
 from plan.planners.evolution import Evolution, start_compressed
 from plan.planners.sequential import Sequential, descend_on_knots

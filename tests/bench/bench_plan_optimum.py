@@ -32,8 +32,8 @@ from plan.command_options import SolveOptions
 from plan.dynamics.power import ChainTorque, torque_of_model
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Box
-from plan.initial.starts import from_vias, straight
 from plan.initial.trees import Trees
+from plan.initial.vias import from_vias, straight
 from plan.paper.toppra import Toppra
 from plan.planners.base import Ledger
 from plan.planners.evolution import Evolution

@@ -33,7 +33,8 @@ from ident.simulation.world import find_world
 from ident.trajectories.files import read_commands
 from ident.trajectories.plan_record import read_plan
 from plan.experiment.hypotheses import ask
-from plan.geometry.obstacle_files import read_cloud, read_mesh
+from plan.geometry.clouds import read_cloud
+from plan.geometry.obstacle_files import read_mesh
 from plan.geometry.pairs import read_disabled
 from plan.problem.task_file import load_surroundings, load_task
 from tests.fuzz.corpus import KEY, OPTIONS, training_data

@@ -15,7 +15,7 @@ from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.power import ChainTorque
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Box
-from plan.initial.starts import straight
+from plan.initial.vias import straight
 from plan.planners.base import Ledger
 from plan.problem.problem import Limits, PlanningProblem
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from plan.geometry.clearance_proof import find_margins
-from plan.initial.starts import from_vias
 from plan.initial.trees import Trees
+from plan.initial.vias import from_vias
 from plan.paper.toppra import Toppra
 from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem

@@ -21,7 +21,7 @@ from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
 from ident.trajectories.files import read_commands
-from plan.geometry.obstacle_files import read_points
+from plan.geometry.clouds import read_points
 from tests.ident.foreign import write_bag
 from tests.ident.recordings.test_bags import rows_of
 from tests.ident.recordings.test_foreign_files import write_old_bag

@@ -8,7 +8,7 @@ from plyfile import PlyData, PlyElement
 from pypcd4 import PointCloud
 
 from ident.errors import InputError
-from plan.geometry.obstacle_files import thin_points
+from plan.geometry.clouds import thin_points
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Box, Solid
 from plan.problem.task_file import load_task

@@ -9,7 +9,7 @@ import pytest
 
 from ident.arrays import Array
 from ident.robot.arm import ArmModel
-from plan.geometry.arm_shapes import clip, convex_parts
+from plan.geometry.convex_parts import clip, convex_parts
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Solid
 

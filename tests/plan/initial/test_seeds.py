@@ -11,8 +11,9 @@ import pytest
 
 from plan.api.planning import open_task
 from plan.initial import starts
-from plan.initial.starts import MOST_VIAS, any_way, follow_closely, from_seeds, from_vias, iterate_ways, straight
+from plan.initial.starts import any_way, follow_closely, iterate_ways
 from plan.initial.trees import STEP, Trees, find_seeds, midplane_targets, tip_solver
+from plan.initial.vias import MOST_VIAS, from_seeds, from_vias, straight
 from plan.problem.problem import PlanningProblem
 from plan.problem.rules import Pose
 from tests.plan.worlds import GOAL, MONITOR, START, problem

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError
-from plan.initial.starts import from_vias
+from plan.initial.vias import from_vias
 from plan.paper.brute_force import BruteForce
 from plan.paper.compression import Compression
 from plan.paper.genetic import Genetic

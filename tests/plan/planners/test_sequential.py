@@ -7,7 +7,7 @@ import pytest
 from numpy.random import Generator
 
 from plan.dynamics.power import METRICS
-from plan.initial.starts import quickest_of_each_joint
+from plan.initial.limit_times import quickest_of_each_joint
 from plan.paper.brute_force import BruteForce
 from plan.planners import local_model, subproblem, velocity_reversals
 from plan.planners.descent import begin, choose_parts, count_finer, descend

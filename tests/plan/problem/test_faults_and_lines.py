@@ -9,7 +9,7 @@ import pytest
 from ident.errors import InputError
 from plan.api.planning import open_task, solve
 from plan.command_options import SolveOptions, TaskOptions
-from plan.initial.starts import quickest_pace, timed_line
+from plan.initial.line_pace import quickest_pace, timed_line
 from plan.planners.sequential import Sequential
 from plan.solving.obstruction import find_obstruction
 from plan.solving.solve import cheapest_goal

@@ -13,7 +13,7 @@ from plan.command_options import CompareOptions, SolveOptions
 from plan.dynamics.power import power_integral, section_nodes
 from plan.geometry.solids import Box
 from plan.initial.inverse_kinematics import reach_pose
-from plan.initial.starts import straight
+from plan.initial.vias import straight
 from plan.planners.base import Candidate, processor_seconds
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
