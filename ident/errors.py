@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 # Control characters, marks that turn the direction of writing, and bytes of names that are not UTF-8.
@@ -31,6 +32,13 @@ def visible(text: str, lines: bool = False) -> str:
 def plural(count: int, noun: str) -> str:
     """A count with its noun: `1 run`, `2 runs`."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
+def join_words(words: Sequence[str]) -> str:
+    """Words as a list in a sentence: `a, b and c`."""
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def first_line(error: BaseException) -> str:

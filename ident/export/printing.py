@@ -9,13 +9,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ident.errors import plural
+from ident.errors import join_words, plural
 from ident.export.formats import FORMATS
 from ident.export.promotion import in_words
 from ident.show.console import say
 from ident.show.diagnosis_lines import print_numbers
 from ident.show.palette import FLEXIBLE, NAMED, NOISE, ORANGE
-from ident.show.report.words import effect_name, join_words
+from ident.show.report.words import effect_name
 
 # What people call the formats, and how far one says an effect.
 NAMES = {"urdf": "URDF", "mjcf": "MJCF", "parameters": "parameter file", "module": "Python module"}

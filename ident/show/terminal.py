@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from ident.errors import plural
+from ident.errors import join_words, plural
 from ident.show.console import print_issues, say
 from ident.show.palette import NAMED, NOISE, TUNED
 from ident.show.report.diagnosis_verdict import (
@@ -22,7 +22,6 @@ from ident.show.report.words import (
     TABLES,
     effect_name,
     fixed,
-    join_words,
     parameter_name,
     parameters_in_words,
     percent,

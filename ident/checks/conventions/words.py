@@ -8,6 +8,7 @@ import numpy as np
 
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, ZEROS, Hypothesis
 from ident.checks.conventions.search import Scored
+from ident.errors import join_words
 
 AS_THEY_SAY = "as log and URDF say"
 # What the file's positions are, by the unit's name.
@@ -34,13 +35,6 @@ def reading_in_words(hypothesis: Hypothesis, joints: Sequence[str]) -> str:
     phrases += _gravity(hypothesis)
     phrases += _masses(hypothesis, joints)
     return join_words(phrases) if phrases else AS_THEY_SAY
-
-
-def join_words(words: Sequence[str]) -> str:
-    """Words with commas, and an "and" before the last."""
-    if len(words) < 2:
-        return "".join(words)
-    return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def columns_in_words(hypothesis: Hypothesis, joints: Sequence[str]) -> list[str]:

@@ -20,18 +20,9 @@ from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.settings import USUAL_VERDICT
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import setup_for
+from ident.errors import join_words
 from ident.show.report.numbers import MOST_NAMED, describe_numbers
-from ident.show.report.words import (
-    TABLES,
-    effect_name,
-    fixed,
-    join_words,
-    pair,
-    percent,
-    sentence,
-    significant,
-    with_units,
-)
+from ident.show.report.words import TABLES, effect_name, fixed, pair, percent, sentence, significant, with_units
 
 # Tuned on other runs a model that errs by so many times what it does untuned has learned what does not carry over.
 OVERTUNED = 2.0

@@ -13,7 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ident.show.report.words import DASH, fixed, join_words, sentence, significant
+from ident.errors import join_words
+from ident.show.report.words import DASH, fixed, sentence, significant
 
 # Keys of a joint's figures with the words and units for them.
 LOSSES = {

@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from ident.diagnosis.settings import USUAL
-from ident.errors import plural
+from ident.errors import join_words, plural
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
 from ident.results import made_by
@@ -72,7 +72,13 @@ def render_page(title: str, sections: Sequence[Section | None], subtitle: str = 
     )
     own = {name: one for name, one in vars(words).items() if getattr(one, "__module__", "") == words.__name__}
     environment.filters |= own
-    environment.filters |= {"breakable": breakable, "coded": coded, "plural": plural, "rung": palette.rung_name}
+    environment.filters |= {
+        "breakable": breakable,
+        "coded": coded,
+        "plural": plural,
+        "join_words": join_words,
+        "rung": palette.rung_name,
+    }
     environment.globals |= {name: getattr(palette, name) for name in COLOURS} | {"pairs": words.pairs}
     bodies = [
         {

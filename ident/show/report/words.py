@@ -202,11 +202,6 @@ def interval_words(axis: str, low: float, high: float) -> str:
     return f"{significant(low)} to {significant(high)} {axis_unit(axis)}".strip()
 
 
-def join_words(words: Sequence[str]) -> str:
-    """A list in a sentence."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
-
-
 def shade(share: float) -> str:
     """A cell's style: how much of the page's colour of dense cells lies on its paper, light or dark."""
     return f"--dense: {100.0 * min(1.0, max(0.0, share)):.0f}%"
