@@ -98,22 +98,24 @@ class RunTables:
         beyond = np.einsum("jtp,jp->tj", table[:, :, :-1], coefficients)
         return np.asarray(run.tau - table[:, :, -1].T + beyond)
 
-    def error_of(self, sums: Float[Array, "n c c"], others: Fit) -> Float[Array, " n"]:
-        """Logarithm of each joint's root mean square error; not a number where it moves nowhere in the run."""
-        moves = sums[:, -1, -1] > 0.0
-        return np.where(moves, 0.5 * np.log(left_square(sums, others.coefficients)), np.nan)
+    def error_of(self, sums: Float[Array, "n c c"], others: Fit, own_losses: bool = False) -> Float[Array, " n"]:
+        """Logarithm of each joint's root mean square error; not a number where it moves nowhere in the run.
 
-    def error_beside_losses(self, sums: Float[Array, "n c c"], others: Fit) -> Float[Array, " n"]:
-        """The same where the run's friction, rotors and offsets are its own: they drift on a sound arm, too."""
+        Args:
+            sums: Of the run.
+            others: What others say.
+            own_losses: Whether friction, rotors and offsets are the run's own: they drift on a sound arm, too.
+        """
+        left = left_beside_losses if own_losses else left_square
         moves = sums[:, -1, -1] > 0.0
-        return np.where(moves, 0.5 * np.log(left_beside_losses(sums, others.coefficients)), np.nan)
+        return np.where(moves, 0.5 * np.log(left(sums, others.coefficients)), np.nan)
 
     def errors_of(
         self, sums: Float[Array, "R n c c"], others: Sequence[Fit], own_losses: bool = False
     ) -> Float[Array, "R n"]:
         """Each run's error, foretold by what others say; beside losses of its own, if asked for."""
-        error = self.error_beside_losses if own_losses else self.error_of
-        return np.array([error(run, fitted) for run, fitted in zip(sums, others, strict=True)])
+        errors = [self.error_of(run, fitted, own_losses) for run, fitted in zip(sums, others, strict=True)]
+        return np.array(errors)
 
     def errors_among(self, sums: Float[Array, "R n c c"], own_losses: bool = False) -> Float[Array, "R n"]:
         """Each run's error, foretold by all the others."""

@@ -164,16 +164,16 @@ class Parting:
         changes = [change for change in self._changes() if can_be_judged(change, self.foretold, self.runs)]
         if not changes:
             return
+        errors = [self.errors_of_odd(change) for change in changes]
         costs = []
-        for change in changes:
-            left = self.errors_of_odd(change)[self.foretold]
-            costs.append(float(np.nansum(left)) + self._units(change))
+        for change, left in zip(changes, errors, strict=True):
+            costs.append(float(np.nansum(left[self.foretold])) + self._units(change))
         least += float(np.log(len(changes)))
         for place in np.argsort(costs)[: LIMIT.closer]:
             change = changes[int(place)]
             gain, sure = self._gains_of(change)
             if sure > least:
-                yield self._difference(change, gain, self.errors_of_odd(change))
+                yield self._difference(change, gain, errors[int(place)])
 
     def _units(self, change: RunChange) -> float:
         """What a change of torque's unit adds to the logarithms of errors by itself, where joints move."""
@@ -223,12 +223,14 @@ def can_be_judged(change: RunChange, foretold: Bool[Array, " n"], runs: Sequence
     """
     if change.kind in OF_TORQUES:
         return bool(foretold[list(change.joints)].all())
-    if change.kind == "columns":
-        moves = np.concatenate([run.moves[:, list(change.joints)] for run in runs])
-        both = moves.all(axis=1).sum()
-        either = moves.any(axis=1).sum()
-        return bool(foretold.all()) and bool(2 * both > either)
-    return bool(foretold.all())
+    if not foretold.all():
+        return False
+    if change.kind != "columns":
+        return True
+    moves = np.concatenate([run.moves[:, list(change.joints)] for run in runs])
+    both = moves.all(axis=1).sum()
+    either = moves.any(axis=1).sum()
+    return bool(2 * both > either)
 
 
 def followed(change: RunChange, cost: Callable[[RunChange], float]) -> RunChange:
