@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from math import ceil, factorial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -266,18 +268,23 @@ def source_text(arm: ArmModel) -> str:
     if arm.source is None or not arm.source.is_file():
         return arm.urdf
     text = arm.source.read_text(encoding="utf-8")
-    if _content_of(text, arm) != _content_of(arm.urdf, arm):
+    locked = tuple(arm.locked_joints.items())
+    if _content_of(text, arm.source, locked, arm.tip) != _content_of(arm.urdf, arm.source, locked, arm.tip):
         what = "its joints, lengths or inertias are no longer those of the arm that was identified"
         remedy = "identify the arm again, or put the file back as it was, or away"
         raise RobotError(arm.source, what, remedy)
     return text
 
 
-def _content_of(text: str, arm: ArmModel) -> str:
-    """What a URDF says of an arm with its joints locked; those that the text has fixed already stay so."""
-    whole = ArmModel.from_urdf(text, arm.source, {}, arm.tip)
-    locked = {name: at for name, at in arm.locked_joints.items() if name in whole.joint_names}
-    return ArmModel.from_urdf(text, arm.source, locked, arm.tip).content
+@lru_cache(maxsize=4)
+def _content_of(text: str, source: Path, locked: tuple[tuple[str, float], ...], tip: str) -> str:
+    """What a URDF says of an arm with some joints locked; those that the text has fixed already stay so.
+
+    The last are kept: one arm is written in many variants.
+    """
+    whole = ArmModel.from_urdf(text, source, {}, tip)
+    there = {name: position for name, position in locked if name in whole.joint_names}
+    return ArmModel.from_urdf(text, source, there, tip).content
 
 
 def _add_inertia(root: ET.Element, link: ET.Element, change: Float[Array, " 10"], locked: Mapping[str, float]) -> None:
