@@ -246,8 +246,7 @@ class SetSearch:
                     bound = np.isin(np.arange(width), signed)
                     nats, size = solve_set(sums[k], target[k], deviation[k], bound)
                     gains[k] = nats + self.names.log_odds[group]
-            if gains[k] > 0.0 or group.prior is not None:
-                gains[k] += self._for_size(group, size)
+            gains[k] += self._for_size(group, size)
         return gains
 
     def best(
