@@ -12,12 +12,9 @@ Source: Bonferroni's bound on likelihood ratios of many alternatives.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
-from ident.checks.foretold import RunStates, states_of
 from ident.checks.parting import ComparedRuns, Parting, RunDifference
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
@@ -35,29 +32,24 @@ def partings(count: int) -> list[tuple[int, ...]]:
     return alone + parts
 
 
-def likeliest_difference(runs: Sequence[RunStates], arm: ArmModel) -> RunDifference | None:
-    """The difference by which most is gained; None where there is none.
+def find_difference(session: Session, arm: ArmModel) -> RunDifference | None:
+    """What some runs of a session have otherwise than the rest; None where they are alike, or too few.
 
-    Only partings whose odd runs the rest foretell worst are looked into.
+    It is the difference by which most is gained. Only partings whose odd runs the rest foretell
+    worst are looked into.
     """
-    session = ComparedRuns(runs, arm)
-    all_partings = [Parting(session, odd) for odd in partings(len(session.runs))]
+    compared = ComparedRuns(session, arm)
+    if len(compared.runs) < FEWEST_RUNS:
+        return None
+    all_partings = [Parting(compared, odd) for odd in partings(len(compared.runs))]
     least = float(np.log(len(all_partings) / LIMIT.chance))
     suspects = sorted(all_partings, key=lambda parting: parting.excess(), reverse=True)
-    told: list[RunDifference] = []
+    differences: list[RunDifference] = []
     for parting in suspects[: LIMIT.suspects]:
         if parting.possible() < least:
             continue
         other = parting.another_arm(least)
         if other is not None:
-            told.append(other)
-        told += parting.conventions(least)
-    return max(told, key=lambda difference: difference.gain, default=None)
-
-
-def find_difference(session: Session, arm: ArmModel) -> RunDifference | None:
-    """What some runs of a session have otherwise than the rest; None where they are alike, or too few."""
-    states = [run for run in map(states_of, session.runs) if run is not None]
-    if len(states) < FEWEST_RUNS:
-        return None
-    return likeliest_difference(states, arm)
+            differences.append(other)
+        differences += parting.conventions(least)
+    return max(differences, key=lambda difference: difference.gain, default=None)

@@ -99,12 +99,13 @@ class RunTables:
         return np.asarray(run.tau - table[:, :, -1].T + beyond)
 
     def error_of(self, sums: Float[Array, "n c c"], others: Fit, own_losses: bool = False) -> Float[Array, " n"]:
-        """Logarithm of each joint's root mean square error; not a number where it moves nowhere in the run.
+        """Logarithm of each joint's root mean square error; not a number where it never moves.
 
         Args:
             sums: Of the run.
             others: What others say.
-            own_losses: Whether friction, rotors and offsets are the run's own: they drift on a sound arm, too.
+            own_losses: Whether friction, rotors and offsets are the run's own, for on a sound arm
+                they drift, too.
         """
         left = left_beside_losses if own_losses else left_square
         moves = sums[:, -1, -1] > 0.0
@@ -114,8 +115,8 @@ class RunTables:
         self, sums: Float[Array, "R n c c"], others: Sequence[Fit], own_losses: bool = False
     ) -> Float[Array, "R n"]:
         """Each run's error, foretold by what others say; beside losses of its own, if asked for."""
-        errors = [self.error_of(run, fitted, own_losses) for run, fitted in zip(sums, others, strict=True)]
-        return np.array(errors)
+        pairs = zip(sums, others, strict=True)
+        return np.array([self.error_of(run, fitted, own_losses) for run, fitted in pairs])
 
     def errors_among(self, sums: Float[Array, "R n c c"], own_losses: bool = False) -> Float[Array, "R n"]:
         """Each run's error, foretold by all the others."""

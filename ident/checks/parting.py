@@ -13,8 +13,9 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
-from ident.checks.foretold import Fit, RunStates, RunTables, fit, fits_among, mean_error
+from ident.checks.foretold import Fit, RunStates, RunTables, fit, fits_among, mean_error, states_of
 from ident.checks.run_changes import OF_TORQUES, OTHER_ARM, RunChange, discrete_changes, scale_changes, zero_changes
+from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 
 FIRST_STEP = np.pi / 12.0  # of a zero that is followed [rad]
@@ -33,14 +34,26 @@ class RunDifference:
 
 
 class ComparedRuns:
-    """The runs of a session, each foretold by all the others."""
+    """The runs of a session that are long enough, each foretold by all the others."""
 
-    def __init__(self, runs: Sequence[RunStates], arm: ArmModel) -> None:
-        self.runs = list(runs)
+    def __init__(self, session: Session, arm: ArmModel) -> None:
         self.arm = arm
-        self.tables = RunTables(arm, runs)
-        self.sums = np.array([self.tables.sums(run) for run in runs])
-        self.errors = self.tables.errors_among(self.sums)
+        self.runs = [states for states in map(states_of, session.runs) if states is not None]
+
+    @cached_property
+    def tables(self) -> RunTables:
+        """What makes sums of runs."""
+        return RunTables(self.arm, self.runs)
+
+    @cached_property
+    def sums(self) -> Float[Array, "R n c c"]:
+        """The runs' inner products."""
+        return np.array([self.tables.sums(run) for run in self.runs])
+
+    @cached_property
+    def errors(self) -> Float[Array, "R n"]:
+        """Logarithms of their errors."""
+        return self.tables.errors_among(self.sums)
 
     @cached_property
     def errors_beside_losses(self) -> Float[Array, "R n"]:
