@@ -52,7 +52,8 @@ from ident.benchmark.tempering import choices, fit_growing_temper
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.files import atomic_write
-from ident.inference.calibration import SHAPE_LEFT, Temper, left_of_kind, sizes_of
+from ident.inference.calibration import Temper, left_of_kind, sizes_of
+from ident.inference.features import SHAPE_LEFT
 from ident.safe_read import read_toml
 
 SIGNS = Path(__file__).with_name("signs.toml")

@@ -268,8 +268,8 @@ def source_text(arm: ArmModel) -> str:
     if arm.source is None or not arm.source.is_file():
         return arm.urdf
     text = arm.source.read_text(encoding="utf-8")
-    locked = tuple(arm.locked_joints.items())
-    if _content_of(text, arm.source, locked, arm.tip) != _content_of(arm.urdf, arm.source, locked, arm.tip):
+    as_locked = (arm.source, tuple(arm.locked_joints.items()), arm.tip)
+    if _content_of(text, *as_locked) != _content_of(arm.urdf, *as_locked):
         what = "its joints, lengths or inertias are no longer those of the arm that was identified"
         remedy = "identify the arm again, or put the file back as it was, or away"
         raise RobotError(arm.source, what, remedy)
@@ -278,7 +278,7 @@ def source_text(arm: ArmModel) -> str:
 
 @lru_cache(maxsize=4)
 def _content_of(text: str, source: Path, locked: tuple[tuple[str, float], ...], tip: str) -> str:
-    """What a URDF says of an arm with some joints locked; those that the text has fixed already stay so.
+    """What a URDF says of an arm with some joints locked; those that it has fixed stay so.
 
     The last are kept: one arm is written in many variants.
     """

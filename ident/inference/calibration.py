@@ -39,8 +39,6 @@ PHASE = "phase_rad"
 COMPONENT = re.compile(r"_[xyz](?=_)")
 # Samples at which the temper is stated.
 LOG_THOUSAND = float(np.log(1000.0))
-# Name of the feature that says what a smooth function still finds beside a law.
-SHAPE_LEFT = "log_shape_left"
 
 
 def sizes_of(values: Mapping[str, float]) -> dict[str, float]:

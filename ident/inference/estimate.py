@@ -20,15 +20,9 @@ import numpy as np
 
 from ident.arrays import Float
 from ident.effects.base import Interval, SessionContext, impossible
-from ident.inference.calibration import (
-    SHAPE_LEFT,
-    NameCalibration,
-    Widths,
-    left_of_kind,
-    sizes_of,
-)
+from ident.inference.calibration import NameCalibration, Widths, left_of_kind, sizes_of
 from ident.inference.feature_words import FEATURE_WORDS
-from ident.inference.features import Described
+from ident.inference.features import SHAPE_LEFT, Described
 from ident.inference.profile import Profile
 from ident.inference.search import SetSearch, rest_of
 from ident.inference.solution import Solution

@@ -16,7 +16,6 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import SessionContext, impossible
-from ident.inference.calibration import SHAPE_LEFT
 from ident.inference.components import ModelSums, discrepancy_at
 from ident.inference.infer import Inference, Inferred, evidence_of
 from ident.inference.rivals import find_rivals, of_rivals, share_of_plain_law
@@ -29,6 +28,8 @@ from ident.regression.design import Group, Key
 
 # Divisor of the URDF's tolerance where its inertias are taken as they are.
 FIXED = 20.0
+# Name of the feature that says what a smooth function still finds beside a law.
+SHAPE_LEFT = "log_shape_left"
 
 
 @dataclass(frozen=True, eq=False)
