@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -30,7 +29,9 @@ from ident.effects.session_context import (
 )
 from ident.effects.settings import TRANSMISSION as LIMIT
 
-STRAIGHT, BENT, PERIODIC = range(3)
+# Numbers of a spring's laws in results. 1 was a cubic, which older results may still hold: it
+# followed any cable that pulls tight near the end of its way, so no search offers it.
+STRAIGHT, PERIODIC = 0, 2
 # Parameters of a spring with two rests a turn.
 WAVE = ("cosine_Nm", "sine_Nm")
 
@@ -157,9 +158,8 @@ def _other(variant: Variant) -> int:
 class SpringTorque(Effect):
     """A spring across the joint (hoses, cables, a balancer).
 
-    Three laws: straight, τ = k (q − q₀); bent, a cubic in q (hoses get stiffer as they stretch);
-    and with two rests a turn, τ = k sin(2 (q − q₀)) / 2 beside a constant. Stiffness k is that at
-    rest in all.
+    Two laws: straight, τ = k (q − q₀), and with two rests a turn, τ = k sin(2 (q − q₀)) / 2 beside
+    a constant. Stiffness k is that at rest in both.
     """
 
     id = "spring_torque"
@@ -167,18 +167,11 @@ class SpringTorque(Effect):
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         centre = sum(travel(session, joint)) / 2
         return tuple(
-            Variant(shape={"centre_rad": centre, "law": float(law)})
-            for law in (STRAIGHT, BENT, PERIODIC)
+            Variant(shape={"centre_rad": centre, "law": float(law)}) for law in (STRAIGHT, PERIODIC)
         )
 
-    def is_plain(self, variant: Variant) -> bool:
-        """A cubic follows whatever pulls by the angle."""
-        return variant.shape["law"] != BENT
-
     def signed(self, variant: Variant) -> tuple[int, ...]:
-        """The slope of a straight spring; one that is bent is judged at its rest, a wave pulls both
-        ways.
-        """
+        """The slope of a straight spring; a wave pulls both ways."""
         return (0,) if variant.shape["law"] == STRAIGHT else ()
 
     def columns(
@@ -218,23 +211,6 @@ class SpringTorque(Effect):
     ) -> dict[str, Interval]:
         """Stiffness at rest and the angle of rest."""
         centre = variant.shape["centre_rad"]
-        if variant.shape["law"] == BENT:
-            seen = travel(session, joint)
-            reach = max(np.ptp(seen), LIMIT.least_spring_range)
-            stiffness = delta_interval(lambda c: _at_rest(c, reach)[1], coefficients, covariance)
-            # it pulls towards its rest, however unsure its slope there is
-            if stiffness.value > 0.0:
-                stiffness = replace(stiffness, low=max(stiffness.low, 0.0))
-            rest = delta_interval(
-                lambda c: centre + _at_rest(c, reach)[0], coefficients, covariance
-            )
-            beyond = rest.value - centre
-            # nearer than that it has none: as far as the joint could be turned
-            if abs(beyond) >= reach:
-                low, high = joint_range(session, joint, seen)
-                farthest = low - np.pi if beyond < 0.0 else high + np.pi
-                rest = replace(rest, low=min(rest.low, farthest), high=max(rest.high, farthest))
-            return {"stiffness_Nm_rad": stiffness, "rest_rad": rest}
         if variant.shape["law"] == STRAIGHT:
             stiffness = coefficient_interval(0, coefficients, covariance)
             slope = max(abs(stiffness.value), 1e-9) * (1.0 if stiffness.value >= 0 else -1.0)
@@ -281,7 +257,7 @@ class SpringTorque(Effect):
         largest = max(
             LIMIT.largest_spring_share * rated_torque(session, joint), coulomb_level(session, joint)
         )
-        return np.full({STRAIGHT: 2, BENT: 4, PERIODIC: 3}[int(variant.shape["law"])], largest)
+        return np.full({STRAIGHT: 2, PERIODIC: 3}[int(variant.shape["law"])], largest)
 
     def law_figures(
         self,
@@ -304,36 +280,8 @@ class SpringTorque(Effect):
 
 
 def _spring(q: Float[Array, " T"], variant: Variant) -> Float[Array, "T k"]:
-    """Columns of a spring at angles: a line, a cubic about the middle of the range, or a wave with
-    two rests a turn.
-    """
-    x = q - variant.shape["centre_rad"]
+    """Columns of a spring at angles: a line, or a wave with two rests a turn beside a constant."""
+    constant = np.ones_like(q)
     if variant.shape["law"] == PERIODIC:
-        return np.stack([0.5 * np.cos(2 * q), 0.5 * np.sin(2 * q), np.ones_like(q)], axis=1)
-    return np.stack(
-        [x, np.ones_like(x)] + ([x**2, x**3] if variant.shape["law"] == BENT else []), axis=1
-    )
-
-
-def _at_rest(coefficients: Float[Array, " 4"], reach: float) -> tuple[float, float]:
-    """Where a cubic c₀ x + c₁ + c₂ x² + c₃ x³ is zero, nearest to the middle, and its slope there.
-
-    A cubic without a zero within a range's width is at rest where it comes nearest to one; a turn
-    has no slope.
-    """
-    cubic = np.polynomial.Polynomial(coefficients[[1, 0, 2, 3]])
-    slope = cubic.deriv()
-    roots = [
-        float(root.real)
-        for root in cubic.roots()
-        if abs(root.imag) < 1e-9 and abs(root.real) < reach
-    ]
-    turns = [
-        float(root.real)
-        for root in slope.roots()
-        if abs(root.imag) < 1e-9 and abs(root.real) < reach
-    ]
-    rest = (
-        min(roots, key=abs) if roots else min([*turns, -reach, reach], key=lambda x: abs(cubic(x)))
-    )
-    return rest, 0.0 if np.isclose(rest, turns).any() else float(slope(rest))
+        return np.stack([0.5 * np.cos(2 * q), 0.5 * np.sin(2 * q), constant], axis=1)
+    return np.stack([q - variant.shape["centre_rad"], constant], axis=1)
