@@ -12,8 +12,6 @@ from smooth_motion import COULOMB, VISCOUS, Recover, edit_runs, make_session
 from ident.arrays import Array
 from ident.effects.base import RunContext, SessionContext, Variant
 from ident.effects.catalogue import find_effect
-from ident.effects.session_context import joint_range, travel
-from ident.effects.transmission import BENT
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import sliding_arm
 
@@ -296,35 +294,6 @@ def test_ripple_of_an_unknown_gear_is_found_over_the_angle(
     assert nearest < 0.1 * 2 * np.pi / (high - low)
     found = recover(screened, unknown, 2, ripple)
     np.testing.assert_allclose(found["amplitude_Nm"].value, 0.6, rtol=0.15)
-
-
-def test_a_bent_spring_that_rests_out_of_reach_pulls_though_its_stiffness_there_is_unsure(
-    session: SessionContext,
-) -> None:
-    """Law: of a cubic without a zero within a range's width the rest is told up to as far as the joint could be turned,
-    the stiffness there not below zero by more than rounding; one that has a zero is told as before.
-    """
-    effect = find_effect("spring_torque")
-    bent = next(one for one in effect.variants(session, 1) if one.shape["law"] == BENT)
-    cells = np.diag([0.03, 0.03, 0.07, 0.3]) ** 2
-    outside = effect.parameters(session, 1, bent, np.array([1.5, -40.0, 0.0, 0.1]), cells)
-    assert outside["stiffness_Nm_rad"].low == 0.0
-    low, high = joint_range(session, 1, travel(session, 1))
-    assert outside["rest_rad"].high == pytest.approx(high + np.pi)
-    assert outside["rest_rad"].low > low - np.pi
-    inside = effect.parameters(session, 1, bent, np.array([1.5, -0.3, 0.0, 0.0]), cells)
-    assert inside["rest_rad"].high - inside["rest_rad"].low < 0.2
-
-
-def test_a_spring_that_turns_at_its_rest_has_no_slope_there(session: SessionContext) -> None:
-    """Law: of cubics that only touch zero, or turn before it, the stiffness at rest is zero and not rounding's."""
-    effect, rng = find_effect("spring_torque"), np.random.default_rng(8)
-    bent = next(one for one in effect.variants(session, 1) if one.shape["law"] == BENT)
-    for _ in range(200):
-        turn, size = rng.uniform(-0.4, 0.4), rng.choice([1e-3, 1.0, 1e3])
-        constant, linear, square, cube = size * np.polynomial.polynomial.polyfromroots([turn, turn, 5.0])
-        cubic = np.array([linear, constant - size * rng.integers(2), square, cube])
-        assert effect.parameters(session, 1, bent, cubic, np.zeros((4, 4)))["stiffness_Nm_rad"].value == 0.0
 
 
 def test_a_gain_error_is_no_load_friction(session: SessionContext) -> None:
