@@ -159,16 +159,16 @@ class SpringTorque(Effect):
     """A spring across the joint (hoses, cables, a balancer).
 
     Two laws: straight, τ = k (q − q₀), and with two rests a turn, τ = k sin(2 (q − q₀)) / 2 beside
-    a constant. Stiffness k is that at rest in both.
+    a constant. Stiffness k is that at rest in both. A joint that slides has no turn.
     """
 
     id = "spring_torque"
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         centre = sum(travel(session, joint)) / 2
-        return tuple(
-            Variant(shape={"centre_rad": centre, "law": float(law)}) for law in (STRAIGHT, PERIODIC)
-        )
+        slides = session.runs[0].arm.sliding_joints[joint]
+        laws = (STRAIGHT,) if slides else (STRAIGHT, PERIODIC)
+        return tuple(Variant(shape={"centre_rad": centre, "law": float(law)}) for law in laws)
 
     def signed(self, variant: Variant) -> tuple[int, ...]:
         """The slope of a straight spring; a wave pulls both ways."""
