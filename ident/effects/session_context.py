@@ -191,6 +191,11 @@ def coulomb_level(session: SessionContext, joint: int) -> float:
     return friction_level(session, joint)[0]
 
 
+def slides(session: SessionContext, joint: int) -> bool:
+    """Whether a joint slides instead of turning."""
+    return bool(session.runs[0].arm.sliding_joints[joint])
+
+
 def hardly_moves(session: SessionContext, joint: int) -> str | None:
     """The reason why friction can't show, if the joint hardly moves."""
     low, high = travel(session, joint)
@@ -221,8 +226,7 @@ def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> 
     """
     name = session.joint_names[joint]
     reasons = list[str | None]()
-    slides = bool(session.runs[0].arm.sliding_joints[joint])
-    scale, unit = (LIMIT.slide_per_turn, "m") if slides else (1.0, "rad")
+    scale, unit = (LIMIT.slide_per_turn, "m") if slides(session, joint) else (1.0, "rad")
     for need, least in needs.items():
         if need == "moves":
             reasons.append(hardly_moves(session, joint))

@@ -23,6 +23,7 @@ from ident.effects.session_context import (
     hardly_moves,
     joint_range,
     rated_torque,
+    slides,
     top_speed,
     travel,
     usual_speed,
@@ -31,7 +32,8 @@ from ident.effects.settings import TRANSMISSION as LIMIT
 
 # Numbers of a spring's laws in results. 1 was a cubic, which older results may still hold: it
 # followed any cable that pulls tight near the end of its way, so no search offers it.
-STRAIGHT, PERIODIC = 0, 2
+STRAIGHT = 0
+PERIODIC = 2
 # Parameters of a spring with two rests a turn.
 WAVE = ("cosine_Nm", "sine_Nm")
 
@@ -166,8 +168,7 @@ class SpringTorque(Effect):
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         centre = sum(travel(session, joint)) / 2
-        slides = session.runs[0].arm.sliding_joints[joint]
-        laws = (STRAIGHT,) if slides else (STRAIGHT, PERIODIC)
+        laws = (STRAIGHT,) if slides(session, joint) else (STRAIGHT, PERIODIC)
         return tuple(Variant(shape={"centre_rad": centre, "law": float(law)}) for law in laws)
 
     def signed(self, variant: Variant) -> tuple[int, ...]:
