@@ -11,6 +11,7 @@ from ident.arrays import Array, Float
 from ident.command_options import Inertia
 from ident.fitting.held_out_sums import HeldOutSums
 from ident.fitting.left_out import Errors, Problem, Selection, assemble, solve
+from ident.fitting.over_parts import no_worse_work
 from ident.laws.carried import NamedLaw
 from ident.model.loss import TRANSITION_GRID
 
@@ -39,8 +40,8 @@ class Choice:
     kind: Inertia
     share: float
     errors: dict[Inertia, Errors] = field(default_factory=dict)  # of each kind that was tried
-    # Whether the parameters come from whitened rows clear of reversals; from plain rows of all
-    # motion otherwise.
+    # Whether the parameters come from whitened rows clear of reversals in any case; otherwise where
+    # they foretell as well as those of plain rows of all motion.
     whitened: bool = False
     given: int = 0  # how many of the laws were asked for
 
@@ -72,6 +73,26 @@ class Choice:
     def solved(self, kind: Inertia, signed: bool = True) -> Float[Array, " m"]:
         """The unknowns of all parts together."""
         return solve(self.sums, self.problem(), kind, self.share, signed)
+
+    def foretells_as_well(self, values: Float[Array, " m"]) -> bool:
+        """Whether values foretell all parts as well as plain rows foretell parts left out.
+
+        Then they lie no farther from those of plain rows than these do from themselves when a part
+        is missing: the recordings do not tell the two apart, and the work is no worse.
+
+        Args:
+            values: All unknowns, of rows of another kind, from all parts.
+        """
+        problem = self.problem()
+        errors = self.errors[self.kind]
+        squares = np.zeros_like(errors.squares)
+        work = np.zeros_like(errors.work)
+        for joint, sums in enumerate(self.sums.squares):
+            weights = problem.row_weights(self.sums, values, joint)
+            squares[:, joint] = sums @ weights @ weights
+            work[:, joint] = self.sums.work[joint] @ weights
+        more = np.sum((squares - errors.squares) / self.noise**2)
+        return more <= 0.0 and no_worse_work(errors.work.sum(axis=1), work.sum(axis=1))
 
     def without(self, gone: Collection[tuple[str, int]]) -> Choice:
         """The same without some laws, by their effects and joints."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.fitting.fit_sums import FitSums
-from ident.model.intervals import half_width
+from ident.model.intervals import limits
 from ident.regression.design import LOSS_PARAMETERS
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection, project
@@ -62,9 +62,9 @@ class JointEstimate:
         variance = np.diag(self.covariance) - self.shift(self.values) ** 2
         return np.sqrt(np.maximum(variance, 0.0))
 
-    def half_widths(self, values: Float[Array, " m"]) -> Float[Array, " m"]:
-        """Half widths of 95 % intervals about values that are reported."""
-        return half_width(self.least_std(), self.shift(values), self.dof)
+    def limits(self, values: Float[Array, " m"]) -> Float[Array, "m 2"]:
+        """Ends of 95 % intervals of values that are reported."""
+        return limits(values, self.shift(values), self.least_std(), self.dof)
 
     @property
     def per_joint(self) -> int:
