@@ -297,7 +297,7 @@ def choose_and_gather(
             raise
         choice = choice.without(chosen)
         sums = FitSums.gather(motions, nominal, settled, choice.laws, choice.widths)
-    return replace(choice, whitened=options.robust), sums
+    return replace(choice, whitened=True if options.robust else None), sums
 
 
 def read_versions() -> dict[str, str]:

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arrays import Array, Float, Int, freeze
+from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.command_options import Inertia
 from ident.fitting.chosen import Choice
 from ident.fitting.fit_sums import FitSums
 from ident.fitting.frictionless import find_frictionless, lossless_parameters
-from ident.fitting.joint_estimate import JointEstimate, estimate
+from ident.fitting.held_out_sums import part_of_blocks
+from ident.fitting.joint_estimate import JointEstimate, estimate, estimates_left_out
 from ident.laws.carried import NamedLaw
 from ident.model.inertia import (
     PRIOR_SHARE,
@@ -31,6 +32,7 @@ from ident.model.inertia import (
 )
 from ident.model.loss import NAMES, InertiaFigure, LossParameters, LossResults
 from ident.regression.design import LOSS_PARAMETERS
+from ident.regression.partition import partition_motions
 from ident.robot.arm import ArmModel
 
 # Parameters whose estimates are correlated beyond this are reported as a pair that the recordings
@@ -129,9 +131,7 @@ def identify(sums: FitSums, choice: Choice | None = None) -> Identified:
         return _within_bounds(unbounded, nominal, base, mode, bounds, prior_share)
 
     solution = solve(whitened if prior is None else whitened.without_inertias(prior))
-    plain = False
-    if choice is not None and not choice.whitened:
-        plain = not choice.foretells_as_well(solution.values(base))
+    plain = choice is not None and not whitened_as_good(sums, frictionless, choice)
     if choice is not None and plain:
         solution = solve(with_plain_rows(whitened, choice, prior))
     unbounded = solution.estimate
@@ -156,6 +156,27 @@ def identify(sums: FitSums, choice: Choice | None = None) -> Identified:
         lossless=tuple(lossless),
         plain_rows=plain,
     )
+
+
+def whitened_as_good(sums: FitSums, frictionless: Bool[Array, " n"], choice: Choice) -> bool:
+    """Whether parts left out are foretold as well by whitened rows as by plain ones.
+
+    Of recordings so long that the choice was made by stretches of them, plain rows are taken.
+
+    Args:
+        sums: The pass over the runs.
+        frictionless: Joints all of whose moving rows count.
+        choice: What runs left out chose.
+    """
+    if choice.whitened is not None:
+        return choice.whitened
+    moving = np.sum([motion.moving.sum(axis=0) for motion in sums.motions], axis=0)
+    if not np.array_equal(moving, choice.sums.counts.sum(axis=0)):
+        return False
+    clear = sums.through(frictionless) if frictionless.any() else sums
+    partition = partition_motions(sums.motions, clear.evidence.settings)
+    blocks = part_of_blocks(sums.motions, partition)
+    return choice.foretell_as_well(estimates_left_out(clear, blocks, choice.sums.parts))
 
 
 def _kind_of_inertia(sums: FitSums, choice: Choice | None) -> Inertia:

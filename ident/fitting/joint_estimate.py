@@ -103,7 +103,7 @@ class JointEstimate:
 
 def estimate(sums: FitSums) -> JointEstimate:
     """All linear parameters of an arm with their covariance, from one pass over the runs."""
-    evidence = _weighted(sums)
+    evidence = weighted_evidence(sums)
     model = _solved(evidence, sums)
     inside = model.inside
     scale = evidence.scale[inside]
@@ -121,7 +121,26 @@ def estimate(sums: FitSums) -> JointEstimate:
     )
 
 
-def _weighted(sums: FitSums) -> Evidence:
+def estimates_left_out(
+    sums: FitSums, part_of_block: Int[Array, " B"], parts: int
+) -> list[Float[Array, " m"]]:
+    """The parameters without each part of the blocks in turn, what rows are worth as of all.
+
+    Args:
+        sums: The pass over the runs.
+        part_of_block: Part of each block of its sums.
+        parts: How many there are.
+    """
+    evidence = weighted_evidence(sums)
+    estimates = []
+    for part in range(parts):
+        others = (part_of_block != part).astype(float)
+        model = _solved(evidence.weighted(np.tile(others[:, None], evidence.layout.n)), sums)
+        estimates.append(model.estimate / evidence.scale[model.inside])
+    return estimates
+
+
+def weighted_evidence(sums: FitSums) -> Evidence:
     """The sums with friction's spread from run to run, what rows are worth, and robust weights."""
     given = sums.evidence
     n = sums.baseline.nominal.n
