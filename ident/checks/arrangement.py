@@ -16,7 +16,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from ident.arrays import Array, Float
 from ident.checks.effort import TRANSITION_RAD_S, States, fit_signed
@@ -85,6 +84,8 @@ def find_direction(pulls: list[Pull], scales: tuple[float, float] = LIMIT.scales
     def cost(along: Float[Array, "k 3"]) -> Float[Array, " k"]:
         unit = along / np.linalg.norm(along, axis=1)[:, None]
         return np.sum([np.log(left_of(pull, unit, scales)) for pull in pulls], axis=0)
+
+    from scipy.optimize import minimize  # slow to load, and hardly ever needed
 
     start = places[int(np.argmin(cost(places)))]
     best = minimize(lambda along: float(cost(along[None])[0]), start, method="Nelder-Mead", options={"xatol": 1e-5}).x

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float, least_squares
 from ident.checks.channels import flat_top
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, filter_run
 from ident.checks.report import issue_of
+from ident.optimum import non_negative_least_squares
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_key
@@ -100,7 +100,7 @@ def fit_signed(
     free, _ = np.linalg.qr(np.column_stack([np.ones(len(tau)), states.q[rows, joint]][: 1 + spring]))
     whole = np.column_stack([scaled, tau])
     triangle = np.asarray(np.linalg.qr(whole - free @ (free.T @ whole), mode="r"))
-    weights, left = nnls(triangle[:, :-1], triangle[:, -1])
+    weights, left = non_negative_least_squares(triangle[:, :-1], triangle[:, -1])
     variance = float(tau.var())
     coefficients = np.where(live, weights / np.where(live, size, 1.0), 0.0)
     explained = 1.0 - left**2 / len(tau) / variance if variance > 0.0 else 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,7 +10,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.command_options import Inertia
 from ident.fitting.held_out_sums import HeldOutSums
-from ident.fitting.left_out import Errors, Problem, Selection, assemble, solve
+from ident.fitting.left_out import Errors, Problem, Selection, assemble, left_out, solve
+from ident.fitting.over_parts import no_worse_work
 from ident.laws.carried import NamedLaw
 from ident.model.loss import TRANSITION_GRID
 
@@ -39,9 +40,9 @@ class Choice:
     kind: Inertia
     share: float
     errors: dict[Inertia, Errors] = field(default_factory=dict)  # of each kind that was tried
-    # Whether the parameters come from whitened rows clear of reversals; from plain rows of all
-    # motion otherwise.
-    whitened: bool = False
+    # Whether the parameters come from whitened rows clear of reversals, or from plain rows of all
+    # motion; where None, from whitened ones if they foretell as well.
+    whitened: bool | None = None
     given: int = 0  # how many of the laws were asked for
 
     @property
@@ -72,6 +73,27 @@ class Choice:
     def solved(self, kind: Inertia, signed: bool = True) -> Float[Array, " m"]:
         """The unknowns of all parts together."""
         return solve(self.sums, self.problem(), kind, self.share, signed)
+
+    def foretell_as_well(self, solutions: Sequence[Float[Array, " m"]]) -> bool:
+        """Whether solutions foretell parts left out as well as those of plain rows.
+
+        As well: within `AS_GOOD` of their error in units of noise, and with work that is no worse.
+
+        Args:
+            solutions: All unknowns by rows of another kind, without each part in turn.
+        """
+        problem = self.problem()
+        plain, _ = left_out(self.sums, self.selection, self.noise, "base", self.share)
+        squares = np.zeros_like(plain.squares)
+        work = np.zeros_like(plain.work)
+        for part, solution in enumerate(solutions):
+            for joint in range(self.sums.nominal.n):
+                weights = problem.row_weights(self.sums, solution, joint)
+                squares[part, joint] = weights @ self.sums.squares[joint][part] @ weights
+                work[part, joint] = self.sums.work[joint][part] @ weights
+        most = (1.0 + AS_GOOD) ** 2 * np.sum(plain.squares / self.noise**2)
+        as_good = bool(np.sum(squares / self.noise**2) <= most)
+        return as_good and no_worse_work(plain.work.sum(axis=1), work.sum(axis=1))
 
     def without(self, gone: Collection[tuple[str, int]]) -> Choice:
         """The same without some laws, by their effects and joints."""

@@ -178,6 +178,7 @@ def _fit_rigid(
     fitted = {(law.effect, law.joint) for law in identified.named}
     chosen = {(law.effect, law.joint) for law in choice.laws}
     choice = choice.without(chosen - fitted)
+    choice = replace(choice, whitened=not identified.plain_rows)
     alone = None
     if identified.named:
         plain = identify(sums.only(()), choice.without(fitted))
@@ -296,7 +297,7 @@ def choose_and_gather(
             raise
         choice = choice.without(chosen)
         sums = FitSums.gather(motions, nominal, settled, choice.laws, choice.widths)
-    return replace(choice, whitened=options.robust), sums
+    return replace(choice, whitened=True if options.robust else None), sums
 
 
 def read_versions() -> dict[str, str]:

@@ -25,6 +25,7 @@ from ident.laws.motion import direction
 from ident.model.inertia import BaseParameters
 from ident.model.loss import TRANSITION_GRID
 from ident.motion.motion import Motion
+from ident.regression.partition import Partition
 from ident.robot.arm import ArmModel
 
 # Parts that are left out in turn: at the most, and at the least, for which few runs are cut.
@@ -77,6 +78,21 @@ def split_parts(motions: Sequence[Motion]) -> list[Int[Array, " t"]]:
         parts.append(piece * min(all_pieces, MOST_PARTS) // all_pieces)
         before[run] += length
     return parts
+
+
+def part_of_blocks(motions: Sequence[Motion], partition: Partition) -> Int[Array, " B"]:
+    """The part that most of each block's samples lie in.
+
+    Args:
+        motions: The runs.
+        partition: How a regression cuts them into blocks.
+    """
+    parts = split_parts(motions)
+    size = (len(partition.folds), 1 + max(int(part.max()) for part in parts))
+    counts = np.zeros(size, dtype=int)
+    for run, part in enumerate(parts):
+        np.add.at(counts, (partition.blocks_of(run, len(part)), part), 1)
+    return np.argmax(counts, axis=1)
 
 
 def gather_sums(

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arrays import Array, Float, Int, freeze
+from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.command_options import Inertia
 from ident.fitting.chosen import Choice
 from ident.fitting.fit_sums import FitSums
 from ident.fitting.frictionless import find_frictionless, lossless_parameters
-from ident.fitting.joint_estimate import JointEstimate, estimate
+from ident.fitting.held_out_sums import part_of_blocks
+from ident.fitting.joint_estimate import JointEstimate, estimate, estimates_left_out
 from ident.laws.carried import NamedLaw
 from ident.model.inertia import (
     PRIOR_SHARE,
@@ -31,6 +32,7 @@ from ident.model.inertia import (
 )
 from ident.model.loss import NAMES, InertiaFigure, LossParameters, LossResults
 from ident.regression.design import LOSS_PARAMETERS
+from ident.regression.partition import partition_motions
 from ident.robot.arm import ArmModel
 
 # Parameters whose estimates are correlated beyond this are reported as a pair that the recordings
@@ -63,6 +65,9 @@ class Identified:
     named: tuple[NamedLaw, ...] = ()  # laws that were given, with their parameters
     # Joints whose effort holds neither friction nor a rotor: torque at the link.
     lossless: tuple[str, ...] = ()
+    # Whether the parameters come from plain rows of all motion; from whitened ones clear of
+    # reversals otherwise.
+    plain_rows: bool = False
 
     def record(self) -> dict[str, object]:
         """What a model keeps of it beside its parameters."""
@@ -87,6 +92,7 @@ class _Solution:
     change: Float[Array, " 10n"]  # of the links' inertial numbers
     losses: Float[Array, "n p"]
     coefficients: Float[Array, " k"]  # of laws
+    zero: Int[Array, " z"]  # positions of parameters that are held at zero
 
     def values(self, base: BaseParameters) -> Float[Array, " m"]:
         """All parameters in the estimate's order."""
@@ -114,24 +120,29 @@ def identify(sums: FitSums, choice: Choice | None = None) -> Identified:
         estimate(sums), nominal.n, lambda joints: estimate(sums.through(joints))
     )
     share = urdf_share(whitened, base, scale)
-    prior = base_prior(base, max(share, LEAST_SHARE) * scale) if mode == "nominal" else None
-    unbounded = whitened
-    if choice is not None and not choice.whitened:
-        unbounded = with_plain_rows(whitened, choice, prior)
-    elif prior is not None:
-        unbounded = whitened.without_inertias(prior)
-    zero = lossless_parameters(unbounded, frictionless)
+    prior = None
+    if mode == "nominal":
+        prior = base_prior(base, max(share, LEAST_SHARE) * scale)
     prior_share = PRIOR_SHARE.get(mode, 0.0) if choice is None else choice.share
-    bounds = (_nonnegative(unbounded, nominal.n, sums.laws), zero)
-    solution = _within_bounds(unbounded, nominal, base, mode, bounds, prior_share)
+
+    def solve(unbounded: JointEstimate) -> _Solution:
+        zero = lossless_parameters(unbounded, frictionless)
+        bounds = (_nonnegative(unbounded, nominal.n, sums.laws), zero)
+        return _within_bounds(unbounded, nominal, base, mode, bounds, prior_share)
+
+    solution = solve(whitened if prior is None else whitened.without_inertias(prior))
+    plain = choice is not None and not whitened_as_good(sums, frictionless, choice)
+    if choice is not None and plain:
+        solution = solve(with_plain_rows(whitened, choice, prior))
+    unbounded = solution.estimate
     values = solution.values(base)
     inertia = _inertia_results(sums, solution, mode)
     inertias: tuple[InertiaFigure, ...] = ()
     if mode != "nominal":
-        inertias = inertia.figures(unbounded.half_widths(values)[: base.rank])
+        inertias = inertia.figures(unbounded.limits(values)[: base.rank])
     lossless = []
     for joint, name in enumerate(nominal.joint_names):
-        if unbounded.index(joint)[0] in zero:
+        if unbounded.index(joint)[0] in solution.zero:
             lossless.append(name)
     return Identified(
         inertia=inertia,
@@ -143,7 +154,29 @@ def identify(sums: FitSums, choice: Choice | None = None) -> Identified:
         estimate=unbounded,
         named=_with_figures(sums.laws, unbounded, values),
         lossless=tuple(lossless),
+        plain_rows=plain,
     )
+
+
+def whitened_as_good(sums: FitSums, frictionless: Bool[Array, " n"], choice: Choice) -> bool:
+    """Whether parts left out are foretold as well by whitened rows as by plain ones.
+
+    Of recordings so long that the choice was made by stretches of them, plain rows are taken.
+
+    Args:
+        sums: The pass over the runs.
+        frictionless: Joints all of whose moving rows count.
+        choice: What runs left out chose.
+    """
+    if choice.whitened is not None:
+        return choice.whitened
+    moving = np.sum([motion.moving.sum(axis=0) for motion in sums.motions], axis=0)
+    if not np.array_equal(moving, choice.sums.counts.sum(axis=0)):
+        return False
+    clear = sums.through(frictionless) if frictionless.any() else sums
+    partition = partition_motions(sums.motions, clear.evidence.settings)
+    blocks = part_of_blocks(sums.motions, partition)
+    return choice.foretell_as_well(estimates_left_out(clear, blocks, choice.sums.parts))
 
 
 def _kind_of_inertia(sums: FitSums, choice: Choice | None) -> Inertia:
@@ -196,8 +229,7 @@ def _with_figures(
         unbounded: The estimate without bounds.
         values: All parameters within their bounds.
     """
-    half = unbounded.half_widths(values)
-    figures = np.stack([values, values - half, values + half], axis=1).tolist()
+    figures = np.column_stack([values, unbounded.limits(values)]).tolist()
     fitted = []
     start = unbounded.first_law
     for law in laws:
@@ -213,8 +245,8 @@ def with_plain_rows(
     """The estimate by plain rows, which knows how far it lies beside that of whitened ones.
 
     Where both are right, those of whitened rows have the least variance, and the difference is
-    known: it is no further spread about the plain values. Where the noise is not what whitening
-    takes it for, an interval about the plain values holds those of whitened rows, too.
+    known: intervals are those of the values of least variance. Where the noise is not what
+    whitening takes it for, plain values may lie outside; intervals then reach as far as they do.
 
     Args:
         whitened: The estimate by whitened rows.
@@ -319,7 +351,7 @@ def _within_bounds(
     solved = solved[numbers:]
     joints = [unbounded.index(joint) - rank for joint in range(arm.n)]
     first_law = unbounded.first_law - rank
-    return _Solution(unbounded, change, solved[np.array(joints)], solved[first_law:])
+    return _Solution(unbounded, change, solved[np.array(joints)], solved[first_law:], zero)
 
 
 def _loss_results(solution: _Solution, values: Float[Array, " m"], sums: FitSums) -> LossResults:

