@@ -22,6 +22,8 @@ from ident.show.report.diagnosis_verdict import (
     first_action,
     in_order_of_joints,
     in_units_of,
+    is_likely,
+    name_with_rivals,
     order_of,
     place_words,
     units_of,
@@ -90,8 +92,7 @@ def _print_findings(console: Console, record: Mapping[str, Any], details: bool) 
     runs, first = int(record["session"]["runs"]), first_action(record).removesuffix(".")
     for number, finding in enumerate(in_order_of_joints(record), start=1):
         lead = f"{number}. "
-        text = in_units_of(finding["joints"], record, describe_short(finding), finding["effect"])
-        say(console, text, lead, " " * len(lead))
+        say(console, describe_short(finding, record), lead, " " * len(lead))
         if details:
             text = in_units_of(finding["joints"], record, describe_long(finding, runs), finding["effect"])
             say(console, text, "   ")
@@ -100,20 +101,27 @@ def _print_findings(console: Console, record: Mapping[str, Any], details: bool) 
             say(console, f"Do: {action}.", "   ", "       ")
 
 
-def describe_short(finding: Mapping[str, Any]) -> str:
-    """A name in one sentence: where, how sure, what it closes."""
+def describe_short(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
+    """A name in one sentence: where, how sure, what it closes at the joint where it closes most."""
     joints = list(finding["heldout"]["rms_before_Nm"])
     before, after = (finding["heldout"][f"rms_{when}_Nm"] for when in ("before", "after"))
     worst = max(joints, key=lambda joint: before[joint] ** 2 - after[joint] ** 2)
-    closes = f"{significant(before[worst])} → {significant(after[worst])} N m at {worst}"
-    tied = [effect_name(name) for name in finding.get("class", ())[1:]]
-    others = f"; can't be told from {' or '.join(tied)} by these recordings" if tied else ""
-    sure = percent(finding["probability"])
+    old, new = significant(before[worst]), significant(after[worst])
+    closes = f"{old} → {new}" if old != new else f"stays at {old}"
+    closes += f" {in_units_of([worst], record, 'N m')} at {worst}"
     where = f" in {with_others(finding)}"
     if finding["effect"] in OF_THE_ARM:
         where = place_words(finding["effect"], finding["joints"])
-    name = sentence(effect_name(finding["effect"]))
-    return f"{name}{where}: {sure} sure; torque error on unseen runs {closes}{others}"
+    rivals = finding.get("class", ())[1:]
+    if rivals and not is_likely(finding):
+        sure = f"{percent(finding['class_probability'])} sure that it is one of these"
+        others = ""
+    else:
+        sure = f"{percent(finding['probability'])} sure"
+        tied = " or ".join(map(effect_name, rivals))
+        others = f"; can't be told from {tied} by these recordings" if tied else ""
+    name = sentence(name_with_rivals(finding))
+    return f"{name}{where}: {sure}; torque error on unseen runs {closes}{others}"
 
 
 def describe_long(finding: Mapping[str, Any], runs: int) -> str:
