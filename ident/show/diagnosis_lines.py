@@ -11,7 +11,6 @@ from ident.checks.report import MISREAD
 from ident.errors import plural
 from ident.show.console import print_issues, say, text_width
 from ident.show.report.diagnosis_verdict import (
-    OF_THE_ARM,
     PATCH,
     WRITE_NUMBERS,
     describe_findings,
@@ -22,10 +21,7 @@ from ident.show.report.diagnosis_verdict import (
     first_action,
     in_order_of_joints,
     in_units_of,
-    is_likely,
-    name_with_rivals,
     order_of,
-    place_words,
     units_of,
 )
 from ident.show.report.numbers import (
@@ -44,14 +40,11 @@ from ident.show.report.words import (
     parameters_in_words,
     percent,
     sentence,
-    significant,
 )
-from ident.show.terminal import describe_limits, group_silent, with_others
+from ident.show.terminal import REST, describe_limits, describe_name, group_silent
 
 # What a model is whose error has a column.
 MEANINGS = {"tuned": "tuned: with your arm's numbers above", "named": "named: with the named effects, too"}
-# Where the rest is, of a diagnosis whose first screen leaves something out.
-REST = "More: `--details` prints {}; `--html PAGE` has it with pictures."
 
 
 def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool = False) -> None:
@@ -92,36 +85,13 @@ def _print_findings(console: Console, record: Mapping[str, Any], details: bool) 
     runs, first = int(record["session"]["runs"]), first_action(record).removesuffix(".")
     for number, finding in enumerate(in_order_of_joints(record), start=1):
         lead = f"{number}. "
-        say(console, describe_short(finding, record), lead, " " * len(lead))
+        say(console, describe_name(finding, record, "on unseen runs"), lead, " " * len(lead))
         if details:
             text = in_units_of(finding["joints"], record, describe_long(finding, runs), finding["effect"])
             say(console, text, "   ")
         action = sentence(order_of(finding, record))
         if action and action != first:
             say(console, f"Do: {action}.", "   ", "       ")
-
-
-def describe_short(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
-    """A name in one sentence: where, how sure, what it closes at the joint where it closes most."""
-    joints = list(finding["heldout"]["rms_before_Nm"])
-    before, after = (finding["heldout"][f"rms_{when}_Nm"] for when in ("before", "after"))
-    worst = max(joints, key=lambda joint: before[joint] ** 2 - after[joint] ** 2)
-    old, new = significant(before[worst]), significant(after[worst])
-    closes = f"{old} → {new}" if old != new else f"stays at {old}"
-    closes += f" {in_units_of([worst], record, 'N m')} at {worst}"
-    where = f" in {with_others(finding)}"
-    if finding["effect"] in OF_THE_ARM:
-        where = place_words(finding["effect"], finding["joints"])
-    rivals = finding.get("class", ())[1:]
-    if rivals and not is_likely(finding):
-        sure = f"{percent(finding['class_probability'])} sure that it is one of these"
-        others = ""
-    else:
-        sure = f"{percent(finding['probability'])} sure"
-        tied = " or ".join(map(effect_name, rivals))
-        others = f"; can't be told from {tied} by these recordings" if tied else ""
-    name = sentence(name_with_rivals(finding))
-    return f"{name}{where}: {sure}; torque error on unseen runs {closes}{others}"
 
 
 def describe_long(finding: Mapping[str, Any], runs: int) -> str:

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from ident.errors import plural, visible
+from ident.errors import plural
 from ident.results import Result
-from ident.show.console import WIDE, PlainConsole, ladder_table, print_issues, say, styled
+from ident.show.console import WIDE, PlainConsole, ladder_table, print_issues, say, say_lines, styled
 from ident.show.palette import FLEXIBLE, MEASURED, NAMED, NOISE, TUNED, rung_colours
 from ident.show.report.words import TABLES, with_units
 
@@ -36,7 +36,7 @@ def write(console: Console, result: Result) -> None:
     if own is not None:
         own(console, result)
     elif type(result).summary is not Result.summary:
-        console.print(visible(result.summary(), lines=True), highlight=False, soft_wrap=True)
+        say_lines(console, result.summary())
     else:
         for name, value in result.to_dict().items():
             if not isinstance(value, dict | list):
@@ -111,7 +111,7 @@ def draw_evaluation(result: Evaluation) -> Figure:
 
 def print_fit(console: Console, result: FitResults) -> None:
     """What was identified, and what was left out of it."""
-    console.print(visible(result.loss.summary(), lines=True), highlight=False, soft_wrap=True)
+    say_lines(console, result.loss.summary())
     for line in describe_fit(result):
         say(console, with_units(line), hanging="  ")
 

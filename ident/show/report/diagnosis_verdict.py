@@ -293,10 +293,13 @@ def _explains(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any])
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
     """What to do about a name; of tied ones that are less likely than not no single order."""
-    names, action = finding.get("class", []), str(finding.get("action", ""))
+    names, action = finding.get("class", []), _with_joint_names(str(finding.get("action", "")), record)
     scale = _misread(record) if record.get("findings") else None
     if action and scale and _names_factor(finding, scale):
         return f"settle the factor above first; what is left of it with all masses tuned: {action}"
+    if action and _is_at_the_end(finding, record):
+        mass = finding["parameters"]["mass_change_kg"]["value"]
+        return f"{AT_THE_END[mass > 0.0]}, {action}"
     if is_likely(finding) or not action or len(names) < 2:
         return action
     lead, motion = leading_joint(record)[0], _next_motion(record)
@@ -311,10 +314,37 @@ def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
     return f"act on none yet, for it may be {tied} in {joint}; record this to tell them apart: {motion}"
 
 
+def _with_joint_names(text: str, record: Mapping[str, Any]) -> str:
+    """A sentence with the names of joints that an effect counts from the base."""
+    joints = record.get("joints", ())
+
+    def name(counted: re.Match[str]) -> str:
+        number = int(counted[1])
+        return str(joints[number - 1]) if 0 < number <= len(joints) else counted[0]
+
+    return re.sub(r"joint number (\d+)", name, text)
+
+
+def _is_at_the_end(finding: Mapping[str, Any], record: Mapping[str, Any]) -> bool:
+    """Whether a link's mass is what the check of the recordings has found at the arm's end."""
+    checked = {joint for one in record.get("telemetry", ()) if one["issue"] == BODY for joint in one["joints"]}
+    places = {*finding["joints"], *(one["joint"] for one in finding.get("elsewhere", ()))}
+    may_be_carried = not BODIES.isdisjoint(finding.get("class", ())[1:])
+    changes_link = finding["effect"] in BODIES and "mass_change_kg" in finding.get("parameters", {})
+    return changes_link and bool(checked) and (may_be_carried or not checked.isdisjoint(places))
+
+
 def _next_motion(record: Mapping[str, Any]) -> str:
     return str((record.get("next_experiment") or {}).get("motion", "")).removeprefix(NO_MOTION)
 
 
+# What the check of the recordings says of a body at the arm's end.
+BODY = "body_differs"
+# What to do about that first, of a mass too much in the URDF and of one that it lacks.
+AT_THE_END = {
+    False: "take the hand or tool that is not mounted out of the URDF; if all of it is",
+    True: "give what the arm carries at its end as [payload] of session.toml; if it carries nothing",
+}
 # A name below is less likely than not.
 LIKELY = 0.5
 # Tied names that one sentence holds.

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from ident.show.diagnosis_lines import describe_short
 from ident.show.report.diagnosis_verdict import (
     LONGEST_HEADLINE,
     diagnosis_headline,
@@ -14,7 +13,7 @@ from ident.show.report.diagnosis_verdict import (
     in_order_of_joints,
     order_of,
 )
-from ident.show.terminal import headline
+from ident.show.terminal import describe_name, headline
 
 SCALE = {
     "issue": "torque_scale",
@@ -259,7 +258,7 @@ def test_what_is_less_likely_than_not_is_told_by_all_that_it_may_be() -> None:
     record["findings"] = [finding | {"heldout": {f"rms_{when}_Nm": {"elbow": 1.0} for when in ("before", "after")}}]
     name = "pring torque or torque offset or joint coupling or one of 2 others in elbow"
     assert f"{name} (97 %)." in diagnosis_headline(record)
-    line = describe_short(record["findings"][0], record)
+    line = describe_name(record["findings"][0], record, "on unseen runs")
     assert line == f"S{name}: 97 % sure that it is one of these; torque error on unseen runs stays at 1.0 N m at elbow"
 
 
@@ -270,3 +269,21 @@ def test_a_gain_beside_a_factor_that_has_another_cause_waits_for_it() -> None:
     assert order_of(record["findings"][0], record).startswith("settle the factor above first; ")
     record["telemetry"] = []
     assert order_of(record["findings"][0], record) == "do so"
+
+
+@pytest.mark.parametrize(("mass", "first"), [(0.8, "give what the arm carries"), (-0.7, "take the hand or tool")])
+def test_a_links_mass_and_a_body_that_the_check_has_found_say_one_thing(mass: float, first: str) -> None:
+    """Law: at the arm's end the order is the check's, the link comes after it; elsewhere the link stands alone."""
+    body = {"issue": "body_differs", "joints": ["elbow"], "severity": "warning", "evidence": "…", "remedy": "…"}
+    record = acted_on("link_inertial_error", 0.97, body)
+    finding = record["findings"][0] | {"parameters": {"mass_change_kg": {"value": mass}}}
+    assert order_of(finding, record).startswith(first)
+    assert order_of(finding, record).endswith(", do so")
+    assert order_of(finding | {"joints": ["base"]}, record) == "do so"
+    assert order_of(finding | {"joints": ["base"], "class": ["link_inertial_error", "payload"]}, record) != "do so"
+
+
+def test_a_joint_that_an_effect_counts_goes_by_its_name() -> None:
+    record = acted_on("joint_coupling", 0.97) | {"joints": ["elbow", "wrist"]}
+    record["findings"][0]["action"] = "compensate elbow while joint number 2 moves"
+    assert order_of(record["findings"][0], record) == "compensate elbow while wrist moves"
