@@ -57,6 +57,8 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
     say(console, headline, style="bold")
     if action := first_action(record):
         say(console, f"Do: {action}", hanging="    ")
+    if record["verdict"] != "no_gap" and states_friction(record):
+        say(console, describe_numbers(record))
     _print_findings(console, record, details)
     _print_numbers(console, record)
     _print_errors(console, record)
@@ -109,8 +111,6 @@ def describe_long(finding: Mapping[str, Any], runs: int) -> str:
 def _print_numbers(console: Console, record: Mapping[str, Any]) -> None:
     """The table of what the URDF says and what was found, then readings and links that are not as they should be."""
     print_numbers(console, record)
-    if record["verdict"] != "no_gap" and states_friction(record):
-        say(console, describe_numbers(record))
     for line in (*describe_readings(record), *describe_links(record)):
         say(console, f"{line}.", "  ", "    ")
 

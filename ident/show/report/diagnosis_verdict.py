@@ -69,7 +69,7 @@ def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
         elsewhere = f"{scale['reading']}{scale['others']}." + f" {sentence(scale['remedy'])}." * (not told_below)
     if not misread and shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it itself
         acts = _acts_on(shown[0], joint, record)
-        there = "where a name of another joint shows" if acts else "and is unexplained there"
+        there = "where a cause elsewhere is felt" if acts else "and is unexplained there"
         lead = f"The gap is largest at {joint}, {size}, {there}."
     # A gain of a joint that reads a factor is only another name of it.
     other = [one for one in shown if not (scale and misread and _names_factor(one, scale))]
@@ -78,7 +78,7 @@ def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
     size = "" if misread or not joint else f": {joint} is off by {size}"
     rest = _largest_rest(record) if with_rest else ""
-    words = words.format(has=has, named=_first_names(listed, names, joint), size=size, rest=rest)
+    words = words.format(has=has, named=_first_names(listed, names, record), size=size, rest=rest)
     if key == "no_gap" and (wrong := describe_numbers(record)):
         words = wrong if misread else f"{wrong} {RIGHTED}"
     if scale and misread and scale["bodily"] and not first:
@@ -88,9 +88,12 @@ def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
     return " ".join(filter(None, (lead, words, elsewhere)))
 
 
-def _first_names(listed: Sequence[Mapping[str, Any]], most: int, lead: str) -> str:
-    """The first names with their joints, `lead` first, and how many more there are."""
-    names = [called(finding, lead) for finding in listed[:most]]
+def _first_names(listed: Sequence[Mapping[str, Any]], most: int, record: Mapping[str, Any]) -> str:
+    """The first names with their joints, the leading one first, and how many more there are."""
+    lead, names = leading_joint(record)[0], []
+    for finding in listed[:most]:
+        at_the_end = is_likely(finding) and _is_at_the_end(finding, record)
+        names.append(MASS_AT_THE_END[_adds_mass(finding)] if at_the_end else called(finding, lead))
     joined = "; ".join(names) if " and " in "".join(names) else join_words(names)
     left = len(listed) - most
     return f"{joined}, and {left} more" if left > 0 else joined
@@ -298,8 +301,7 @@ def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
     if action and scale and _names_factor(finding, scale):
         return f"settle the factor above first; what is left of it with all masses tuned: {action}"
     if action and _is_at_the_end(finding, record):
-        mass = finding["parameters"]["mass_change_kg"]["value"]
-        return f"{AT_THE_END[mass > 0.0]}, {action}"
+        return f"{AT_THE_END[_adds_mass(finding)]}, {action}"
     if is_likely(finding) or not action or len(names) < 2:
         return action
     lead, motion = leading_joint(record)[0], _next_motion(record)
@@ -334,12 +336,21 @@ def _is_at_the_end(finding: Mapping[str, Any], record: Mapping[str, Any]) -> boo
     return changes_link and bool(checked) and (may_be_carried or not checked.isdisjoint(places))
 
 
+def _adds_mass(finding: Mapping[str, Any]) -> bool:
+    """Whether a link weighs more than its URDF has it."""
+    return bool(finding["parameters"]["mass_change_kg"]["value"] > 0.0)
+
+
 def _next_motion(record: Mapping[str, Any]) -> str:
     return str((record.get("next_experiment") or {}).get("motion", "")).removeprefix(NO_MOTION)
 
 
 # What the check of the recordings says of a body at the arm's end.
 BODY = "body_differs"
+MASS_AT_THE_END = {
+    False: "less mass at the arm's end than the URDF has",
+    True: "more mass at the arm's end than the URDF has",
+}
 # What to do about that first, of a mass too much in the URDF and of one that it lacks.
 AT_THE_END = {
     False: "take the hand or tool that is not mounted out of the URDF; if all of it is",

@@ -122,7 +122,7 @@ def test_a_name_that_shows_at_the_first_place_is_a_name_there(mapped: str) -> No
     record["gap"] = {name: {"rms_Nm": rms, "noise_floor_Nm": 0.3} for name, rms in {"base": 0.9, "elbow": 0.5}.items()}
     line = diagnosis_headline(record)
     assert (first_action(record), "unexplained there" in line) == ("Do so.", False)
-    assert ("largest at elbow, " in line and "where a name of another joint shows" in line) is (mapped != "wrist")
+    assert ("largest at elbow, " in line and "where a cause elsewhere is felt" in line) is (mapped != "wrist")
     record["findings"].append({**record["findings"][0], "joints": ["elbow"], "probability": 0.3})
     assert in_order_of_joints(record)[0]["joints"] == ["wrist" if mapped == "wrist" else "elbow"]
 
@@ -277,7 +277,9 @@ def test_a_links_mass_and_a_body_that_the_check_has_found_say_one_thing(mass: fl
     body = {"issue": "body_differs", "joints": ["elbow"], "severity": "warning", "evidence": "…", "remedy": "…"}
     record = acted_on("link_inertial_error", 0.97, body)
     finding = record["findings"][0] | {"parameters": {"mass_change_kg": {"value": mass}}}
+    record["findings"] = [finding]
     assert order_of(finding, record).startswith(first)
+    assert diagnosis_headline(record).endswith(" mass at the arm's end than the URDF has.")
     assert order_of(finding, record).endswith(", do so")
     assert order_of(finding | {"joints": ["base"]}, record) == "do so"
     assert order_of(finding | {"joints": ["base"], "class": ["link_inertial_error", "payload"]}, record) != "do so"
