@@ -349,6 +349,12 @@ def compare(
         Writes("comparison"),
     ] = None,
     html: Html = None,
+    details: Annotated[
+        bool,
+        typer.Option(
+            "--details", help="Print all: sizes, doubts, what these recordings can't show."
+        ),
+    ] = False,
     json_file: JsonFile = None,
 ) -> None:
     """What changed between two sets of sessions of one arm: at which joint, by how much."""
@@ -356,6 +362,7 @@ def compare(
     from ident.files import atomic_folder
     from ident.show.report.diagnosis_pages import render_comparison_report
     from ident.show.report.page import save_page
+    from ident.show.terminal import print_comparison
 
     if not after and len(before) != 2:
         what = f"{len(before)} sessions and no --after: it is open which of them are the later ones"
@@ -381,6 +388,7 @@ def compare(
         write_page,
         write_folder,
         places={"page": html, "result and page": out},
+        tell=lambda: print_comparison(console, comparison.to_dict(), details),
     )
 
 

@@ -78,7 +78,7 @@ class ReportedEffect:
         where = [joint for effect, joint in self.elsewhere if effect == self.effect]
         joints = [*self.joints, *where] if where and self.estimate.refined.effect.scope == "joint" else self.joints
         action, sure = self.action_at((" or " if where else ", ").join(joints)), self.estimate.probability
-        doubt = f"only {100.0 * sure:.0f}% sure, so act on it if it shows again: " * (sure < EVEN_ODDS)
+        doubt = f"only {100.0 * sure:.0f} % sure, so act on it if it shows again: " * (sure < EVEN_ODDS)
         return f"{doubt}{action}{self.caveat}"
 
     def action_at(self, where: str) -> str:

@@ -397,7 +397,7 @@ def describe(identified: Identified) -> list[str]:
     spreads = ", ".join(f"{name} {spread:.1f}" for name, spread in joints)
     lines = [
         f"condition number of the motions: {condition:.0f}",
-        f"the URDF's inertias are off by about {off:.1f} % of each link's scale",
+        f"the URDF's inertias are off by about {off:.0f} % of each link's scale",
         f"friction changes from run to run by (%): {spreads}",
     ]
     if identified.tied:

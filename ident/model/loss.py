@@ -80,16 +80,19 @@ class LossResults:
         return limits(values, self.shift, self.least_std, self.dof, level)
 
     def summary(self) -> str:
-        """A table in text: one row a joint and parameter."""
-        lines = [f"{'joint':<19} {'':<15} {'value':>9}  {'95 % interval':<20}unit"]
+        """A table in text: one row a joint and parameter; one at zero can't be negative."""
+        wide = max(len(joint) for joint in (*self.joints, "joint"))
+        lines = [f"{'joint':<{wide}} {'':<15} {'value':>9}  {'95 % interval':<20} unit"]
         bounds = dict(zip(self.joints, self.at_bound, strict=True))
         for figure in self.figures():
             if figure.low == figure.high == 0.0:
                 continue  # was not fitted
-            note = "  on its bound" if figure.name in bounds[figure.joint] else ""
-            interval = f"[{figure.low:.4g}, {figure.high:.4g}]"
-            name = f"{figure.joint:<19} {WORDS[figure.name]:<15}"
-            lines.append(f"{name} {figure.value:>9.4g}  {interval:<20}{figure.unit}{note}")
+            value, low, note = figure.value, figure.low, ""
+            if figure.name in bounds[figure.joint]:
+                value, low, note = 0.0, 0.0, ", at zero"
+            interval = f"[{low:.4g}, {figure.high:.4g}]"
+            name = f"{figure.joint:<{wide}} {WORDS[figure.name]:<15}"
+            lines.append(f"{name} {value:>9.4g}  {interval:<20} {figure.unit}{note}")
         return "\n".join(lines)
 
     def figures(self) -> list[LossFigure]:

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int, least_squares
-from ident.errors import RecordingError
+from ident.errors import RecordingError, join_words
 from ident.motion.motion import Motion, prepare_run, session_noise
 from ident.motion.settings import USUAL_MOTION
 from ident.recordings.load import load_session
@@ -139,6 +139,15 @@ class ServoJoint:
     untold: dict[str, str]  # figures that are not, with the reason and what would help
     rms_before: float  # following error on stretches left out: as it is, and less what the figures say [rad]
     rms_after: float
+
+    def describe_untold(self) -> list[str]:
+        """Figures that are not reported, a line for each reason: all by it alone where there is no other."""
+        reasons = dict[str, list[str]]()
+        for name, reason in self.untold.items():
+            reasons.setdefault(reason, []).append(FIGURES[name]["name"])
+        if not self.figures and len(reasons) == 1:
+            return list(reasons)
+        return [f"{join_words(names)}: {reason}" for reason, names in reasons.items()]
 
 
 def fit_servos(runs: Sequence[GoalRun], arm: ArmModel | None) -> tuple[ServoJoint, ...]:
@@ -337,7 +346,7 @@ class ServoArm(Result):
                     lines.append("  " + FIGURES[name]["words"].format(*(1e3 * end for end in figure)))
             if "dead_band_rad" in one.figures:
                 lines.append(f"    dead band, dry friction or backlash: {TEXT['parted_by']}")
-            lines += [f"  not reported: {FIGURES[name]['name']}: {reason}" for name, reason in one.untold.items()]
+            lines += [f"  not reported: {line}" for line in one.describe_untold()]
         for model in self.rolled:
             held = f"{1e3 * model.held_error:.0f} mrad on average over {len(model.held)} runs held back"
             lines.append(f"{model.joint}: rolled out from its goals alone it is off by {held}")

@@ -150,3 +150,13 @@ def say(console: Console, text: str, indent: str = "", hanging: str | None = Non
     """Prints a paragraph, wrapped."""
     lines = wrap(visible(text), text_width(console), indent, hanging)
     console.print(Text(lines, style=style), soft_wrap=True, highlight=False)
+
+
+def say_lines(console: Console, text: str) -> None:
+    """Prints a text of several lines as they stand; those longer than a sentence may be are wrapped."""
+    for line in text.splitlines():
+        if len(line) <= text_width(console):
+            console.print(visible(line), soft_wrap=True, highlight=False)
+        else:
+            indent = line[: len(line) - len(line.lstrip())]
+            say(console, line.strip(), indent, f"{indent}  ")

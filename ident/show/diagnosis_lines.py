@@ -11,7 +11,6 @@ from ident.checks.report import MISREAD
 from ident.errors import plural
 from ident.show.console import print_issues, say, text_width
 from ident.show.report.diagnosis_verdict import (
-    OF_THE_ARM,
     PATCH,
     WRITE_NUMBERS,
     describe_findings,
@@ -23,7 +22,6 @@ from ident.show.report.diagnosis_verdict import (
     in_order_of_joints,
     in_units_of,
     order_of,
-    place_words,
     units_of,
 )
 from ident.show.report.numbers import (
@@ -42,14 +40,11 @@ from ident.show.report.words import (
     parameters_in_words,
     percent,
     sentence,
-    significant,
 )
-from ident.show.terminal import describe_limits, group_silent, with_others
+from ident.show.terminal import REST, describe_limits, describe_name, group_silent
 
 # What a model is whose error has a column.
 MEANINGS = {"tuned": "tuned: with your arm's numbers above", "named": "named: with the named effects, too"}
-# Where the rest is, of a diagnosis whose first screen leaves something out.
-REST = "More: `--details` prints {}; `--html PAGE` has it with pictures."
 
 
 def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool = False) -> None:
@@ -62,6 +57,8 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
     say(console, headline, style="bold")
     if action := first_action(record):
         say(console, f"Do: {action}", hanging="    ")
+    if record["verdict"] != "no_gap" and states_friction(record):
+        say(console, describe_numbers(record))
     _print_findings(console, record, details)
     _print_numbers(console, record)
     _print_errors(console, record)
@@ -90,30 +87,13 @@ def _print_findings(console: Console, record: Mapping[str, Any], details: bool) 
     runs, first = int(record["session"]["runs"]), first_action(record).removesuffix(".")
     for number, finding in enumerate(in_order_of_joints(record), start=1):
         lead = f"{number}. "
-        text = in_units_of(finding["joints"], record, describe_short(finding), finding["effect"])
-        say(console, text, lead, " " * len(lead))
+        say(console, describe_name(finding, record, "on unseen runs"), lead, " " * len(lead))
         if details:
             text = in_units_of(finding["joints"], record, describe_long(finding, runs), finding["effect"])
             say(console, text, "   ")
         action = sentence(order_of(finding, record))
         if action and action != first:
             say(console, f"Do: {action}.", "   ", "       ")
-
-
-def describe_short(finding: Mapping[str, Any]) -> str:
-    """A name in one sentence: where, how sure, what it closes."""
-    joints = list(finding["heldout"]["rms_before_Nm"])
-    before, after = (finding["heldout"][f"rms_{when}_Nm"] for when in ("before", "after"))
-    worst = max(joints, key=lambda joint: before[joint] ** 2 - after[joint] ** 2)
-    closes = f"{significant(before[worst])} → {significant(after[worst])} N m at {worst}"
-    tied = [effect_name(name) for name in finding.get("class", ())[1:]]
-    others = f"; can't be told from {' or '.join(tied)} by these recordings" if tied else ""
-    sure = percent(finding["probability"])
-    where = f" in {with_others(finding)}"
-    if finding["effect"] in OF_THE_ARM:
-        where = place_words(finding["effect"], finding["joints"])
-    name = sentence(effect_name(finding["effect"]))
-    return f"{name}{where}: {sure} sure; torque error on unseen runs {closes}{others}"
 
 
 def describe_long(finding: Mapping[str, Any], runs: int) -> str:
@@ -131,8 +111,6 @@ def describe_long(finding: Mapping[str, Any], runs: int) -> str:
 def _print_numbers(console: Console, record: Mapping[str, Any]) -> None:
     """The table of what the URDF says and what was found, then readings and links that are not as they should be."""
     print_numbers(console, record)
-    if record["verdict"] != "no_gap" and states_friction(record):
-        say(console, describe_numbers(record))
     for line in (*describe_readings(record), *describe_links(record)):
         say(console, f"{line}.", "  ", "    ")
 

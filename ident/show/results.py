@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from ident.errors import plural, visible
+from ident.errors import plural
 from ident.results import Result
-from ident.show.console import WIDE, PlainConsole, ladder_table, print_issues, say, styled
-from ident.show.palette import FLEXIBLE, MEASURED, NAMED, NOISE, TUNED, rung_colours
-from ident.show.report.words import TABLES, with_units
+from ident.show.console import WIDE, PlainConsole, ladder_table, print_issues, say, say_lines
+from ident.show.palette import FLEXIBLE, MEASURED, NAMED, NOISE, TUNED, rung_colours, rung_name
+from ident.show.report.words import TABLES, significant, with_units
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +36,7 @@ def write(console: Console, result: Result) -> None:
     if own is not None:
         own(console, result)
     elif type(result).summary is not Result.summary:
-        console.print(visible(result.summary(), lines=True), highlight=False, soft_wrap=True)
+        say_lines(console, result.summary())
     else:
         for name, value in result.to_dict().items():
             if not isinstance(value, dict | list):
@@ -95,10 +95,20 @@ def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
 def print_evaluation(console: Console, result: Any) -> None:
     """The ladders of one evaluation, or of several."""
     for evaluation in getattr(result, "models", (result,)):
-        console.print(styled((evaluation.model, "bold")))
+        say(console, describe_evaluation(evaluation), style="bold")
         several = len(evaluation.sessions) > 1
         for one in (*evaluation.sessions, evaluation.pooled) if several else evaluation.sessions:
             console.print(ladder_table(one))
+
+
+def describe_evaluation(evaluation: Evaluation) -> str:
+    """What the whole model errs by, and what its first rung does, all joints together."""
+    score = evaluation.pooled
+    torque, energy = score.rmse_mean[:, -1], score.energy_mean[:, -1]
+    before, after = (f"{significant(torque[k])} N m and {significant(energy[k])} J a run" for k in (0, -1))
+    first = rung_name(score.rungs[0])
+    runs = plural(len(score.runs), "run")
+    return f"{evaluation.model} is off by {after} on {runs} of {score.name}; the {first} alone by {before}."
 
 
 def draw_evaluation(result: Evaluation) -> Figure:
@@ -111,7 +121,7 @@ def draw_evaluation(result: Evaluation) -> Figure:
 
 def print_fit(console: Console, result: FitResults) -> None:
     """What was identified, and what was left out of it."""
-    console.print(visible(result.loss.summary(), lines=True), highlight=False, soft_wrap=True)
+    say_lines(console, result.loss.summary())
     for line in describe_fit(result):
         say(console, with_units(line), hanging="  ")
 

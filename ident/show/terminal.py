@@ -15,7 +15,9 @@ from ident.show.report.diagnosis_verdict import (
     OF_THE_ARM,
     in_units_of,
     is_likely,
+    name_with_rivals,
     order_of,
+    place_words,
     units_of,
 )
 from ident.show.report.words import (
@@ -149,8 +151,8 @@ def with_others(one: Mapping[str, Any]) -> str:
     return join_words(one["joints"]) + (f" (or {join_words(others)})" if others else "")
 
 
-def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
-    """Verdict, changes with what to do, and what could not be judged."""
+def print_comparison(console: Console, record: Mapping[str, Any], details: bool = False) -> None:
+    """Verdict and changes with what to do; all else where `details` are asked for."""
     for name in ("before", "after"):
         side = record[name]
         size = f"{plural(side['runs'], 'run')}, {side['samples']} samples, {side['duration_s']:.0f} s"
@@ -161,11 +163,24 @@ def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
     if order:
         say(console, f"Do: {order}.", hanging="    ")
     for number, change in enumerate(record["changes"], start=1):
-        say(console, f"{sentence(describe_change(change, record))}.", f"{number}. ", "   ")
+        say(console, describe_name(change, record, "in the later set"), f"{number}. ", "   ")
+        if details:
+            say(console, f"{sentence(describe_sizes(change, record))}.", "   ")
         say(console, f"Do: {order_of(change, record)}.", "   ", "       ")
-    lines = [*describe_notes(record), describe_spread(record), *group_silent(without_still(record))]
-    for line in filter(None, lines):
+    lines = [*describe_unnamed_changes(record), *describe_still(record)]
+    rest = [*describe_unreported(record), *describe_used(record), describe_spread(record)]
+    rest += group_silent(without_still(record))
+    for line in filter(None, [*lines, *rest] if details else lines):
         say(console, f"{sentence(line)}.", "  ", "    ")
+    if not details:
+        parts = ["the sizes of each change"] if record["changes"] else []
+        parts += ["what fits and is not reported"] if record["reservations"] else []
+        parts += ["how much friction differs from run to run, what these recordings can't show"]
+        say(console, REST.format(", ".join(parts)))
+
+
+# Where the rest is of a result whose first screen leaves something out.
+REST = "More: `--details` prints {}; `--html PAGE` has it with pictures."
 
 
 def without_still(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -174,37 +189,71 @@ def without_still(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [one for one in record["not_testable"] if one["reason"] not in said]
 
 
-def describe_change(change: Mapping[str, Any], record: Mapping[str, Any]) -> str:
-    """One change in one line: where, what, how large, how sure, how much it explains."""
-    rivals, heldout = [effect_name(name) for name in change["class"][1:]], change["heldout"]
-    open_between = f"; can't be distinguished from {join_words(rivals)}" if rivals else ""
+def describe_name(one: Mapping[str, Any], record: Mapping[str, Any], measured: str) -> str:
+    """A name in one sentence: where, how sure, what it closes at the joint where it closes most.
+
+    Args:
+        one: A finding or a change.
+        record: The result that holds it.
+        measured: Where the error was measured.
+    """
+    before, after = (one["heldout"][f"rms_{when}_Nm"] for when in ("before", "after"))
+    worst = max(before, key=lambda joint: before[joint] ** 2 - after[joint] ** 2)
+    old, new = significant(before[worst]), significant(after[worst])
+    closes = f"{old} → {new}" if old != new else f"stays at {old}"
+    closes += f" {in_units_of([worst], record, 'N m')} at {worst}"
+    where = f" in {with_others(one)}"
+    if one["effect"] in OF_THE_ARM:
+        where = place_words(one["effect"], one["joints"])
+    rivals, others = one.get("class", ())[1:], ""
+    if rivals and not is_likely(one):
+        sure = f"{percent(one['class_probability'])} sure that it is one of these"
+    else:
+        sure = f"{percent(one['probability'])} sure"
+        tied = " or ".join(map(effect_name, rivals))
+        others = f"; can't be told from {tied} by these recordings" if tied else ""
+    return f"{sentence(name_with_rivals(one))}{where}: {sure}; torque error {measured} {closes}{others}"
+
+
+def describe_sizes(change: Mapping[str, Any], record: Mapping[str, Any]) -> str:
+    """How large a change is, and what it explains at each of its joints."""
+    heldout = change["heldout"]
     parts = [
         f"{name} {fixed(before)} → {fixed(heldout['rms_after_Nm'][name])} {in_units_of([name], record, 'N m')}"
         for name, before in heldout["rms_before_Nm"].items()
     ]
     sizes = in_units_of(change["joints"], record, parameters_in_words(change["parameters"]), change["effect"])
-    name = ": ".join(filter(None, (places_of(change), effect_name(change["effect"]))))
-    return (
-        f"{name}{open_between}; {sizes}; "
-        f"error in the later set {', '.join(parts)} ({percent(heldout['shrink'])} of what can be closed)"
-    )
+    return f"{sizes}; error in the later set {', '.join(parts)} ({percent(heldout['shrink'])} of what can be closed)"
 
 
 def describe_notes(record: Mapping[str, Any]) -> list[str]:
-    """What fits and is not reported, a line for each reason; joints of which little was used, or that stood still."""
+    """What fits and is not reported, and what has no name; joints of which little was used, or that stood still."""
+    lines = [*describe_unreported(record), *describe_unnamed_changes(record)]
+    return [*lines, *describe_used(record), *describe_still(record)]
+
+
+def describe_unreported(record: Mapping[str, Any]) -> list[str]:
+    """What fits and is not reported, a line for each reason."""
     found: dict[str, list[str]] = {}
     for one in record["reservations"]:
         reason = in_units_of(one["joints"], record, with_units(one["reason"]), one["effect"])
         found.setdefault(reason, []).append(f"{effect_name(one['effect'])} in {join_words(one['joints'])}")
-    lines = [f"not reported: {join_words(what)}: {reason}" for reason, what in found.items()]
-    still = [f"of {one['joint']} {STILL}: {one['reason']}" for one in record.get("still", ())]
-    if record["changes"]:
-        lines += [f"torque that follows no law has grown beside the changes: {one}" for one in describe_risen(record)]
-        lines += [
-            f"no change is named where one set does not foretell the other: {one}"
-            for one in describe_unforetold(record)
-        ]
-    return [*lines, *describe_used(record), *still]
+    return [f"not reported: {join_words(what)}: {reason}" for reason, what in found.items()]
+
+
+def describe_unnamed_changes(record: Mapping[str, Any]) -> list[str]:
+    """What changed beside the changes that have a name."""
+    if not record["changes"]:
+        return []
+    risen = [f"torque that follows no law has grown beside the changes: {one}" for one in describe_risen(record)]
+    return risen + [
+        f"no change is named where one set does not foretell the other: {one}" for one in describe_unforetold(record)
+    ]
+
+
+def describe_still(record: Mapping[str, Any]) -> list[str]:
+    """Joints that stood still."""
+    return [f"of {one['joint']} {STILL}: {one['reason']}" for one in record.get("still", ())]
 
 
 def describe_spread(record: Mapping[str, Any]) -> str:

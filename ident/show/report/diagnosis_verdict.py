@@ -29,11 +29,32 @@ OVERTUNED = 2.0
 BODIES = {effect.id for effect in CATALOGUE if effect.as_change.body}
 GAINS = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
 OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
+# A joint that reads a factor, and the factor, in what the telemetry check says.
+READS = re.compile(r"(\S+) reads (-?\d+\.\d+)")
 ELSEWHERE = {effect.id for effect in CATALOGUE if effect.rows == "all"}  # they act on other joints' torque, too
 
 
+# A first line that is longer says less, step by step [characters].
+LONGEST_HEADLINE = 200
+# How many names a first line holds, and whether it says where most of the rest is: the fullest first.
+FULLNESS = ((3, True), (2, True), (1, True), (1, False))
+
+
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
-    """The leading joint's gap if no effect of its own explains it, the verdict, and a factor of a torque elsewhere."""
+    """The leading joint's gap if no effect of its own explains it, the verdict, and a factor of a torque elsewhere.
+
+    As many names as one sentence holds; all of them stand in the list below it.
+    """
+    line = ""
+    for names, with_rest in FULLNESS:
+        line = _headline_of(record, names, with_rest)
+        if len(line) <= LONGEST_HEADLINE:
+            break
+    return line
+
+
+def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
+    """The first line with so many names at most."""
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
     key, size, lead, elsewhere = verdict_key(record), f"{beyond} beyond noise", "", ""
     misread = scale is not None and joint in scale["joints"]
@@ -44,28 +65,38 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     elif scale and misread:
         lead = f"{scale['reading']}{f' ({size})' * bool(record.get('where'))}{scale['others']}."
     elif scale:
-        elsewhere = f"{scale['reading']}{scale['others']}." + f" {sentence(scale['remedy'])}." * (not scale["bodily"])
+        told_below = scale["bodily"] or not joint  # what to do is about it where no joint leads
+        elsewhere = f"{scale['reading']}{scale['others']}." + f" {sentence(scale['remedy'])}." * (not told_below)
     if not misread and shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it itself
         acts = _acts_on(shown[0], joint, record)
-        there = "where a name of another joint shows" if acts else "and is unexplained there"
+        there = "where a cause elsewhere is felt" if acts else "and is unexplained there"
         lead = f"The gap is largest at {joint}, {size}, {there}."
     # A gain of a joint that reads a factor is only another name of it.
     other = [one for one in shown if not (scale and misread and _names_factor(one, scale))]
     listed = other or shown
-    more = f", and {len(listed) - 3} more" if len(listed) > 3 else ""
-    names = [called(finding, joint) for finding in listed[:3]]
-    named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
     has = "has a name" if any(map(is_likely, listed[:1])) else "may have a name"
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
     size = "" if misread or not joint else f": {joint} is off by {size}"
-    words = words.format(has=has, named=named, size=size, rest=_largest_rest(record))
+    rest = _largest_rest(record) if with_rest else ""
+    words = words.format(has=has, named=_first_names(listed, names, record), size=size, rest=rest)
     if key == "no_gap" and (wrong := describe_numbers(record)):
-        words = f"{wrong} {RIGHTED}"
+        words = wrong if misread else f"{wrong} {RIGHTED}"
     if scale and misread and scale["bodily"] and not first:
         words = f"A load, or a link's wrong mass, may be why. {words}"
     elif misread and not first and (other or not shown):
         words = f"Beyond that, {words[:1].lower()}{words[1:]}"
     return " ".join(filter(None, (lead, words, elsewhere)))
+
+
+def _first_names(listed: Sequence[Mapping[str, Any]], most: int, record: Mapping[str, Any]) -> str:
+    """The first names with their joints, the leading one first, and how many more there are."""
+    lead, names = leading_joint(record)[0], []
+    for finding in listed[:most]:
+        at_the_end = is_likely(finding) and _is_at_the_end(finding, record)
+        names.append(MASS_AT_THE_END[_adds_mass(finding)] if at_the_end else called(finding, lead))
+    joined = "; ".join(names) if " and " in "".join(names) else join_words(names)
+    left = len(listed) - most
+    return f"{joined}, and {left} more" if left > 0 else joined
 
 
 def _acts_on(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any]) -> bool:
@@ -78,7 +109,7 @@ def _acts_on(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any]) 
 
 def _names_factor(finding: Mapping[str, Any], off: Mapping[str, Any]) -> bool:
     """Whether a name is a gain, of joints alone that read a factor, and as they do: too much or too little."""
-    reads = {joint: float(factor) for joint, factor in re.findall(r"(\S+) reads (\d+\.\d+)", off["evidence"])}
+    reads = {joint: float(factor) for joint, factor in READS.findall(off["evidence"])}
     gain = finding.get("parameters", {}).get("gain", {}).get("value")
     alike = all(
         gain is None or joint not in reads or (gain > 0.0) == (reads[joint] > 1.0) for joint in finding["joints"]
@@ -100,11 +131,22 @@ def _largest_rest(record: Mapping[str, Any]) -> str:
 def called(finding: Mapping[str, Any], lead: str = "") -> str:
     """A name with its joints, `lead` first; of one less likely than not those of its class, and how likely they are."""
     joints, likely = sorted(finding["joints"], key=lambda one: one != lead), is_likely(finding)
-    where = place_words(finding["effect"], joints)
-    tied = [finding["effect"]] if likely else finding["class"][:MOST_TIED]
-    words = " or ".join(map(effect_name, tied)) + where
-    sure = finding["probability"] if len(tied) == 1 and not likely else finding.get("class_probability", 1.0)
+    words = name_with_rivals(finding) + place_words(finding["effect"], joints)
+    rivals = finding.get("class", ())[1:]
+    sure = finding.get("class_probability", 1.0) if rivals else finding["probability"]
     return words if likely else f"{words} ({percent(sure)})"
+
+
+def name_with_rivals(finding: Mapping[str, Any]) -> str:
+    """A name; of one less likely than not those of its class beside it."""
+    if is_likely(finding):
+        return effect_name(finding["effect"])
+    tied = finding.get("class") or [finding["effect"]]
+    more = len(tied) - MOST_TIED
+    names = " or ".join(map(effect_name, tied[:MOST_TIED]))
+    if more <= 0:
+        return names
+    return f"{names} or another" if more == 1 else f"{names} or one of {more} others"
 
 
 def place_words(effect: str, joints: Sequence[str]) -> str:
@@ -187,7 +229,7 @@ def first_action(record: Mapping[str, Any]) -> str:
     """What to do first, about the leading joint: set its torque if that is off by a factor."""
     scale, (joint, beyond) = _misread(record), leading_joint(record)
     if scale and not scale["bodily"] and joint in ("", *scale["joints"]):
-        return f"{scale['readings']}: {scale['remedy']}."
+        return f"At {scale['places']}: {scale['remedy']}."
     named = [one for one in in_order_of_joints(record) if not joint or _acts_on(one, joint, record)]
     overtuned, hidden = overtuned_joints(record), tuned_away_joints(record)
     discount_by_discrepancy = any(map(is_likely, named)) or not (overtuned or hidden)
@@ -231,8 +273,16 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     joints = sorted(off["joints"], key=lambda one: one != lead)
     readings = sorted(evidence.split("; "), key=lambda one: not one.startswith(f"{lead} "))
     others = f"; off as well: {join_words(joints[1:])}" * (len(joints) > 1)
-    texts = {"reading": f"{readings[0]}{where}", "others": others, "readings": f"{'; '.join(readings)}{where}"}
+    texts = {"reading": f"{readings[0]}{where}", "others": others, "places": _with_factors(joints, evidence)}
     return {**off, **texts, "joints": joints, "bodily": body}
+
+
+def _with_factors(joints: Sequence[str], evidence: str) -> str:
+    """Joints that read a factor; of several each with its own."""
+    if len(joints) == 1:
+        return joints[0]
+    factors = dict(READS.findall(evidence))
+    return join_words([f"{joint} ({factors[joint]})" if joint in factors else joint for joint in joints])
 
 
 def _explains(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any]) -> bool:
@@ -246,7 +296,12 @@ def _explains(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any])
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
     """What to do about a name; of tied ones that are less likely than not no single order."""
-    names, action = finding.get("class", []), str(finding.get("action", ""))
+    names, action = finding.get("class", []), _with_joint_names(str(finding.get("action", "")), record)
+    scale = _misread(record) if record.get("findings") else None
+    if action and scale and _names_factor(finding, scale):
+        return f"settle the factor above first; what is left of it with all masses tuned: {action}"
+    if action and _is_at_the_end(finding, record):
+        return f"{AT_THE_END[_adds_mass(finding)]}, {action}"
     if is_likely(finding) or not action or len(names) < 2:
         return action
     lead, motion = leading_joint(record)[0], _next_motion(record)
@@ -261,10 +316,46 @@ def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
     return f"act on none yet, for it may be {tied} in {joint}; record this to tell them apart: {motion}"
 
 
+def _with_joint_names(text: str, record: Mapping[str, Any]) -> str:
+    """A sentence with the names of joints that an effect counts from the base."""
+    joints = record.get("joints", ())
+
+    def name(counted: re.Match[str]) -> str:
+        number = int(counted[1])
+        return str(joints[number - 1]) if 0 < number <= len(joints) else counted[0]
+
+    return re.sub(r"joint number (\d+)", name, text)
+
+
+def _is_at_the_end(finding: Mapping[str, Any], record: Mapping[str, Any]) -> bool:
+    """Whether a link's mass is what the check of the recordings has found at the arm's end."""
+    checked = {joint for one in record.get("telemetry", ()) if one["issue"] == BODY for joint in one["joints"]}
+    places = {*finding["joints"], *(one["joint"] for one in finding.get("elsewhere", ()))}
+    may_be_carried = not BODIES.isdisjoint(finding.get("class", ())[1:])
+    changes_link = finding["effect"] in BODIES and "mass_change_kg" in finding.get("parameters", {})
+    return changes_link and bool(checked) and (may_be_carried or not checked.isdisjoint(places))
+
+
+def _adds_mass(finding: Mapping[str, Any]) -> bool:
+    """Whether a link weighs more than its URDF has it."""
+    return bool(finding["parameters"]["mass_change_kg"]["value"] > 0.0)
+
+
 def _next_motion(record: Mapping[str, Any]) -> str:
     return str((record.get("next_experiment") or {}).get("motion", "")).removeprefix(NO_MOTION)
 
 
+# What the check of the recordings says of a body at the arm's end.
+BODY = "body_differs"
+MASS_AT_THE_END = {
+    False: "less mass at the arm's end than the URDF has",
+    True: "more mass at the arm's end than the URDF has",
+}
+# What to do about that first, of a mass too much in the URDF and of one that it lacks.
+AT_THE_END = {
+    False: "take the hand or tool that is not mounted out of the URDF; if all of it is",
+    True: "give what the arm carries at its end as [payload] of session.toml; if it carries nothing",
+}
 # A name below is less likely than not.
 LIKELY = 0.5
 # Tied names that one sentence holds.

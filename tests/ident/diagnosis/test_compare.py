@@ -32,7 +32,7 @@ from ident.regression.least_squares import project
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
 from ident.show.report.diagnosis_pages import render_comparison_report
-from ident.show.terminal import describe_change, headline
+from ident.show.terminal import describe_name, describe_sizes, headline
 from tests.ident.diagnosis.planted import (
     COULOMB,
     NOISE,
@@ -158,7 +158,8 @@ def test_a_change_of_a_joint_that_slides_is_of_forces_and_metres() -> None:
     assert record["slides"] == ["slide_2", "slide_4"]
     card, table = render_comparison_report(record).split('class="finding"')[1].split("RMS [", 1)
     assert table.startswith("N m; of joints that slide N]")
-    for text in (card, *(describe_change(one, record) for one in record["changes"])):
+    lines = [f"{describe_name(one, record, '')} {describe_sizes(one, record)}" for one in record["changes"]]
+    for text in (card, *lines):
         assert re.search(r"slide_2 [\d.]+ → [\d.]+ N\b", text)
         assert not re.search(r"N m\b|\brad\b", text)
 

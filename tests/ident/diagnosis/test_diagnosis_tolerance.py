@@ -17,7 +17,7 @@ from ident.regression.baseline import UrdfError
 from ident.regression.block_sums import SymmetricSums
 from ident.regression.least_squares import Prior, project
 from ident.robot.arm import ArmModel
-from ident.show.diagnosis_lines import describe_short
+from ident.show.terminal import describe_name
 from tests.ident.diagnosis.planted import (
     MASS,
     analyse,
@@ -226,4 +226,4 @@ def test_a_link_error_that_may_stand_at_another_joint_says_so(short_arm: ArmMode
     assert "joint_2" not in found.action
     assert either.to_dict()["elsewhere"] == [{"effect": "link_inertial_error", "joint": "joint_2"}]
     assert either.to_dict()["class_probability"] == pytest.approx(found.estimate.class_probability)
-    assert " in joint_3 (or joint_2): " in describe_short(either.to_dict())
+    assert " in joint_3 (or joint_2): " in describe_name(either.to_dict(), {}, "")

@@ -6,8 +6,14 @@ from typing import Any
 
 import pytest
 
-from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action, in_order_of_joints, order_of
-from ident.show.terminal import headline
+from ident.show.report.diagnosis_verdict import (
+    LONGEST_HEADLINE,
+    diagnosis_headline,
+    first_action,
+    in_order_of_joints,
+    order_of,
+)
+from ident.show.terminal import describe_name, headline
 
 SCALE = {
     "issue": "torque_scale",
@@ -46,7 +52,7 @@ def test_first_line_first_action_and_first_name_are_about_the_first_place(
     gap, reading = f"The gap is largest at {mapped}, 0.50 N m beyond noise", f"{scale} reads 1.10 ± 0.02 in session"
     if scale == mapped:
         assert line.startswith(f"{reading} (0.50 N m beyond noise). Beyond that, the gap ")
-        assert action == f"{reading}: check its drive gain."
+        assert action == f"At {mapped}: check its drive gain."
         return
     assert line.endswith(f" {reading}. Check its drive gain.") is bool(scale)
     assert line.startswith(f"{gap}, and is unexplained there.") is (named != mapped)
@@ -105,7 +111,7 @@ def test_of_several_joints_off_by_a_factor_the_leading_one_is_said_first() -> No
     record |= {"verdict": "no_gap", "findings": [], "where": []}
     record["gap"] = {name: {"rms_Nm": rms, "noise_floor_Nm": 0.3} for name, rms in {"base": 0.9, "elbow": 0.5}.items()}
     assert diagnosis_headline(record).startswith("elbow reads 1.32 ± 0.05; off as well: wrist. Beyond that, no gap: ")
-    assert first_action(record).startswith("elbow reads 1.32 ± 0.05; wrist reads 1.50 ± 0.02: check")
+    assert first_action(record).startswith("At elbow (1.32) and wrist (1.50): check")
 
 
 @pytest.mark.parametrize("mapped", ["elbow", "wrist", ""])
@@ -116,7 +122,7 @@ def test_a_name_that_shows_at_the_first_place_is_a_name_there(mapped: str) -> No
     record["gap"] = {name: {"rms_Nm": rms, "noise_floor_Nm": 0.3} for name, rms in {"base": 0.9, "elbow": 0.5}.items()}
     line = diagnosis_headline(record)
     assert (first_action(record), "unexplained there" in line) == ("Do so.", False)
-    assert ("largest at elbow, " in line and "where a name of another joint shows" in line) is (mapped != "wrist")
+    assert ("largest at elbow, " in line and "where a cause elsewhere is felt" in line) is (mapped != "wrist")
     record["findings"].append({**record["findings"][0], "joints": ["elbow"], "probability": 0.3})
     assert in_order_of_joints(record)[0]["joints"] == ["wrist" if mapped == "wrist" else "elbow"]
 
@@ -138,10 +144,10 @@ def test_a_zero_that_explains_a_factor_comes_in_its_place(left: float, off: bool
 def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
     """A gain of one joint says nothing of another that is off; a load acts on all."""
     assert first_action(acted_on(effect, 0.97, SCALE)) == "Do so."
-    assert first_action(acted_on(effect, 0.30, SCALE)).startswith("elbow reads 1.32")
+    assert first_action(acted_on(effect, 0.30, SCALE)) == "At elbow: check its drive gain."
     two = acted_on(effect, 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
     two["gap"] = {"elbow": {"rms_Nm": 0.5, "noise_floor_Nm": 0.3}}
-    assert first_action(two).startswith("Do so." if effect == "payload" else "elbow reads 1.32")
+    assert first_action(two).startswith("Do so." if effect == "payload" else "At elbow (1.32) and wrist: check")
     reading = "elbow reads 1.32 ± 0.05 times the model's gravity torque; off as well: wrist"
     line = diagnosis_headline(two)
     assert line.endswith(f"{reading}: the body may be why.") if effect == "payload" else line.startswith(f"{reading}.")
@@ -164,7 +170,7 @@ def test_a_gain_of_the_other_side_is_no_name_of_a_factor(gain: float, same: bool
     line = diagnosis_headline(record)
     assert line.startswith("elbow reads 1.32") is not same
     assert ("Beyond that, the gap has a name: torque gain error in elbow" in line) is not same
-    assert first_action(record) == "Do so." if same else first_action(record).startswith("elbow reads 1.32")
+    assert first_action(record) == ("Do so." if same else "At elbow: check its drive gain.")
 
 
 @pytest.mark.parametrize("joint", ["elbow", "wrist"])
@@ -204,7 +210,7 @@ def test_a_body_that_is_not_the_first_name_is_no_factor() -> None:
     """Law: a name at the joint that reads a factor, and a body behind it, do not come before its drive gain."""
     record = acted_on("load_dependent_friction", 0.97, SCALE) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
     record["findings"] += [{**one, "joints": ["wrist"]} for one in acted_on("link_inertial_error", 0.97)["findings"]]
-    assert first_action(record) == "elbow reads 1.32 ± 0.05 times the model's gravity torque: check its drive gain."
+    assert first_action(record) == "At elbow: check its drive gain."
 
 
 def test_headline_says_how_sure_a_name_is_that_is_less_likely_than_not() -> None:
@@ -227,3 +233,59 @@ def test_a_motion_that_parts_other_names_or_moves_another_joint_is_not_told() ->
     assert "--separate spring_torque,joint_coupling --joint elbow" in order_of(record["findings"][0], record)
     record["findings"][0]["class"] = ["payload", "link_inertial_error"]  # which no motion can part
     assert "take everything off the flange" in order_of(record["findings"][0], record)
+
+
+@pytest.mark.parametrize("scale", [(), (SCALE,)])
+def test_a_first_line_holds_as_many_names_as_one_sentence_takes(scale: tuple[dict[str, Any], ...]) -> None:
+    """Law: no more characters than it may have, whatever is named; the names that are left out are counted."""
+    record = acted_on("spring_torque", 0.3, *scale) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
+    tied = ["load_dependent_friction", "position_dependent_friction", "link_inertial_error", "torque_offset"]
+    record["findings"] += [{**record["findings"][0], "class": tied}, {**record["findings"][0], "class": tied}]
+    line = diagnosis_headline(record)
+    assert len(line) <= LONGEST_HEADLINE
+    listed = line.count("elbow (30 %)")
+    assert listed == (1 if scale else 2)
+    assert line.endswith(f", and {3 - listed} more.")
+    record["findings"] = record["findings"][:1]
+    assert "more" not in diagnosis_headline(record)
+
+
+def test_what_is_less_likely_than_not_is_told_by_all_that_it_may_be() -> None:
+    """Law: name and probability are those of the class, the same in the first line and in the list below it."""
+    record = acted_on("spring_torque", 0.3)
+    tied = ["spring_torque", "torque_offset", "joint_coupling", "joint_elasticity", "backlash"]
+    finding = record["findings"][0] | {"class": tied, "class_probability": 0.97}
+    record["findings"] = [finding | {"heldout": {f"rms_{when}_Nm": {"elbow": 1.0} for when in ("before", "after")}}]
+    name = "pring torque or torque offset or joint coupling or one of 2 others in elbow"
+    assert f"{name} (97 %)." in diagnosis_headline(record)
+    line = describe_name(record["findings"][0], record, "on unseen runs")
+    assert line == f"S{name}: 97 % sure that it is one of these; torque error on unseen runs stays at 1.0 N m at elbow"
+
+
+def test_a_gain_beside_a_factor_that_has_another_cause_waits_for_it() -> None:
+    """Law: where the first line says a factor, a gain of another size does not contradict it."""
+    record = acted_on("torque_gain_error", 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
+    record |= {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
+    assert order_of(record["findings"][0], record).startswith("settle the factor above first; ")
+    record["telemetry"] = []
+    assert order_of(record["findings"][0], record) == "do so"
+
+
+@pytest.mark.parametrize(("mass", "first"), [(0.8, "give what the arm carries"), (-0.7, "take the hand or tool")])
+def test_a_links_mass_and_a_body_that_the_check_has_found_say_one_thing(mass: float, first: str) -> None:
+    """Law: at the arm's end the order is the check's, the link comes after it; elsewhere the link stands alone."""
+    body = {"issue": "body_differs", "joints": ["elbow"], "severity": "warning", "evidence": "…", "remedy": "…"}
+    record = acted_on("link_inertial_error", 0.97, body)
+    finding = record["findings"][0] | {"parameters": {"mass_change_kg": {"value": mass}}}
+    record["findings"] = [finding]
+    assert order_of(finding, record).startswith(first)
+    assert diagnosis_headline(record).endswith(" mass at the arm's end than the URDF has.")
+    assert order_of(finding, record).endswith(", do so")
+    assert order_of(finding | {"joints": ["base"]}, record) == "do so"
+    assert order_of(finding | {"joints": ["base"], "class": ["link_inertial_error", "payload"]}, record) != "do so"
+
+
+def test_a_joint_that_an_effect_counts_goes_by_its_name() -> None:
+    record = acted_on("joint_coupling", 0.97) | {"joints": ["elbow", "wrist"]}
+    record["findings"][0]["action"] = "compensate elbow while joint number 2 moves"
+    assert order_of(record["findings"][0], record) == "compensate elbow while wrist moves"
