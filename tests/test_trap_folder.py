@@ -88,6 +88,7 @@ LONG = {
     "blind": "ident blind --cases 2 --workers 2 --out {o}/blind",
     "close": "ident close --out {o}/closed --arms 1 --rounds 2",
     "solve": "plan solve {o}/task.toml --model {c}/model --method reference --picture {o}/a.png --rrd {o}/a.rrd",
+    "solve by evolution": "plan solve {o}/task.toml --model {c}/model --method cma --beyond --evaluations 200",
     "board": "ident board make {o}/board --cases 1 --seed 1 --worlds development",
     "cycle": "plan cycle {o}/cycle.toml --out {o}/motions --evaluations 40",
     "plan's compare": "plan compare {o}/task.toml --model {c}/model --out {o}/compared",
@@ -95,6 +96,9 @@ LONG = {
 }
 # What a command starts on purpose: Python processes that do its work.
 WORKERS = {"blind": "loky|resource_tr"}
+# What is only looked for: settings of numba's, which are refused where they are there; the folder of a log that pycma
+# is told not to write; and a file by the robot's name, which goes behind the names of robots.
+ONLY_LOOKED_FOR = {".numba_config.yaml", "outcmaes", "tm5-900"}
 PROGRAM = "#!/bin/sh\necho started >> {log}\n"
 
 
@@ -157,6 +161,7 @@ def test_commands_take_nothing_from_the_folder_where_they_are_started(name: str,
     assert not re.search(r"Traceback|--help", seen.output), traps.told(seen)
     started = [line for line in seen.started if not re.search(WORKERS.get(name, "nothing of it"), line)]
     assert (seen.touched, started) == ([], []), traps.told(seen)
+    assert seen.looked <= ONLY_LOOKED_FOR, traps.told(seen)
     assert seen.status in (0, 2, 3), traps.told(seen)
 
 
@@ -207,3 +212,17 @@ def test_the_watch_sees_what_is_opened_and_started(tmp_path: Path) -> None:
         subprocess.run(["cat", tmp_path / "folder/trap"], check=True)
         (tmp_path / "folder/new").touch()
     assert {"trap", "new"} <= set(seen.touched)
+
+
+def test_the_watch_sees_what_is_only_looked_for() -> None:
+    """Law: names from where the process stands and from the root, of files that are not there, too."""
+    calls = [
+        '7 newfstatat(AT_FDCWD, "cma_signals.in", 0x7f, 0) = -1 ENOENT (No such file or directory)',
+        '7 access("./plug/in.so", R_OK) = -1 ENOENT (No such file or directory)',
+        '7 openat(AT_FDCWD, "/cell/sub/../lib.so", O_RDONLY) = 3',
+        '7 openat(AT_FDCWD, "/usr/lib/lib.so", O_RDONLY) = 3',
+        '7 unlinkat(5, "session.toml", 0) = 0',
+        '7 newfstatat(3, "", {st_mode=S_IFREG}, AT_EMPTY_PATH) = 0',
+        '7 execve("/usr/bin/true", ["true"], 0x7f) = 0',
+    ]
+    assert traps.names_within(calls, Path("/cell")) == {"cma_signals.in", "plug", "lib.so"}
