@@ -149,7 +149,10 @@ def test_pictures_obey_no_parameters_of_the_folder_nor_of_the_user(folder: Path)
 
 @pytest.mark.parametrize("name", [*LIGHT, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)])
 def test_commands_take_nothing_from_the_folder_where_they_are_started(name: str, corpus: Path, tmp_path: Path) -> None:
-    """Law: among traps a command opens nothing, changes nothing and starts nothing."""
+    """Law: among traps a command opens nothing, changes nothing, starts nothing and calls nobody.
+
+    In the user's home it keeps nothing but this package's cache.
+    """
     given, out = tmp_path / "traps", tmp_path / "out"
     out.mkdir()
     shutil.copy(corpus / "run.csv", out / "run.csv")
@@ -162,6 +165,7 @@ def test_commands_take_nothing_from_the_folder_where_they_are_started(name: str,
     started = [line for line in seen.started if not re.search(WORKERS.get(name, "nothing of it"), line)]
     assert (seen.touched, started) == ([], []), traps.told(seen)
     assert seen.looked <= ONLY_LOOKED_FOR, traps.told(seen)
+    assert (seen.homed, seen.called) == ([], []), traps.told(seen)
     assert seen.status in (0, 2, 3), traps.told(seen)
 
 

@@ -90,6 +90,7 @@ OPENED, CHANGED, IS_FOLDER = 0x21, 0xFCE, 0x40000000
 # Of what strace writes: a call that names a file from where the process stands, or from the root.
 NAMED = re.compile(r'\w+\((?:AT_FDCWD, )?"((?:[^"\\]|\\.)+)"')
 STARTS = ("execve(", "execveat(")
+OUR_CACHE = ".cache/armgap"
 HEAD = struct.Struct("iIII")
 
 
@@ -103,6 +104,8 @@ class Seen:
     started: list[str] = field(default_factory=list)  # processes
     # Names in the trap folder that were looked for, whether there is such a file or not; none without strace.
     looked: set[str] = field(default_factory=set)
+    homed: list[str] = field(default_factory=list)  # files in the user's home that are not in this package's cache
+    called: list[str] = field(default_factory=list)  # connections that were opened; none without strace
 
 
 def set_traps(folder: Path) -> None:
@@ -161,7 +164,15 @@ def run_among_traps(
         programs = [call for call in calls if call.endswith("= 0") and any(name in call for name in STARTS)]
         seen.started += programs[1:]  # the first is the command itself
         seen.looked = names_within(calls, traps)
+        seen.called = [call for call in calls if " connect(" in call and "AF_INET" in call]
+    seen.homed = files_without_cache(place / "home")
     return seen
+
+
+def files_without_cache(home: Path) -> list[str]:
+    """Files in a home, but for those in the cache that is this package's own."""
+    files = [path for path in sorted(home.rglob("*")) if path.is_file()]
+    return [str(path.relative_to(home)) for path in files if not path.is_relative_to(home / OUR_CACHE)]
 
 
 def names_within(calls: Sequence[str], folder: Path) -> set[str]:
@@ -214,7 +225,7 @@ def _tracer(trace: Path) -> list[str]:
     program = shutil.which("strace")
     if program is None:
         return []
-    line = [program, "-f", "--seccomp-bpf", "-qq", "-e", "trace=%file,execve,execveat", "-e", "signal=none"]
+    line = [program, "-f", "--seccomp-bpf", "-qq", "-e", "trace=%file,execve,execveat,connect", "-e", "signal=none"]
     line += ["-o", str(trace)]
     allowed = subprocess.run([*line, "true"], capture_output=True, check=False).returncode == 0
     trace.unlink(missing_ok=True)

@@ -30,6 +30,8 @@ HANG_S, WAITING_S = 10, 60
 GROWTH_KB = 2_000_000
 # What has had so much of a processor on one input hangs below Python.
 MOST_S = 2.0 * HANG_S
+# Between two looks at a child, and between two times that counts are written down.
+LOOKING_S, WRITING_S = 0.2, 60.0
 # Inputs that one child reads: leaks of libraries stay small, and what was counted is written down in between.
 BATCH = 5_000
 Snapshot = dict[str, tuple[int, int]]
@@ -77,10 +79,8 @@ class Readers:
             child = os.fork()
             if not child:
                 self._be_child(end)
-            self._watch(child)
-            if tally is not None:
-                rows = self.table().items()
-                tally.write({name: dict(zip(OUTCOMES, counts, strict=True)) for name, counts in rows})
+            self._watch(child, tally)
+            self._write(tally)
 
     def one(self, number: int) -> tuple[int, str, str]:
         """Spoils the file that a number stands for, reads it; returns the kind, the outcome and its evidence."""
@@ -149,15 +149,25 @@ class Readers:
             os._exit(3)
         os._exit(0)
 
-    def _watch(self, child: int) -> None:
+    def _write(self, tally: Tally | None) -> None:
+        """Adds what was counted to a file, if there is one."""
+        if tally is not None:
+            rows = self.table().items()
+            tally.write({name: dict(zip(OUTCOMES, counts, strict=True)) for name, counts in rows})
+
+    def _watch(self, child: int, tally: Tally | None) -> None:
         """Waits for a child; where it dies or hangs, its input is counted, and the next child goes on."""
         patience = Patience(child, MOST_S, WAITING_S)
+        written = time.monotonic()
         while True:
             ended, status = os.waitpid(child, os.WNOHANG)
             if ended:
                 break
             patience.look(int(self._shared[-1]))
-            time.sleep(0.05)
+            if time.monotonic() - written > WRITING_S:
+                self._write(tally)
+                written = time.monotonic()
+            time.sleep(LOOKING_S)
         if os.WIFSIGNALED(status):
             number = int(self._shared[-2])
             index = int(np.searchsorted(self._chance, np.random.default_rng([self.seed, number]).random()))
