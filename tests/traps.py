@@ -263,6 +263,5 @@ def _names(handle: int) -> list[str]:
 
 def told(seen: Seen) -> str:
     """What a failing test shows."""
-    return json.dumps(
-        [seen.status, seen.touched[:20], seen.started[:5], sorted(seen.looked), seen.output[-600:]], indent=1
-    )
+    beyond = [sorted(seen.looked), seen.homed[:20], seen.called[:5]]
+    return json.dumps([seen.status, seen.touched[:20], seen.started[:5], beyond, seen.output[-600:]], indent=1)
