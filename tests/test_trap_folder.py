@@ -89,6 +89,7 @@ LONG = {
     "close": "ident close --out {o}/closed --arms 1 --rounds 2",
     "solve": "plan solve {o}/task.toml --model {c}/model --method reference --picture {o}/a.png --rrd {o}/a.rrd",
     "solve by evolution": "plan solve {o}/task.toml --model {c}/model --method cma --beyond --evaluations 200",
+    "solve by learning": "plan solve {o}/task.toml --model {c}/model --method ppo --beyond --evaluations 60",
     "board": "ident board make {o}/board --cases 1 --seed 1 --worlds development",
     "cycle": "plan cycle {o}/cycle.toml --out {o}/motions --evaluations 40",
     "plan's compare": "plan compare {o}/task.toml --model {c}/model --out {o}/compared",
@@ -97,8 +98,9 @@ LONG = {
 # What a command starts on purpose: Python processes that do its work.
 WORKERS = {"blind": "loky|resource_tr"}
 # What is only looked for: settings of numba's, which are refused where they are there; the folder of a log that pycma
-# is told not to write; and a file by the robot's name, which goes behind the names of robots.
-ONLY_LOOKED_FOR = {".numba_config.yaml", "outcmaes", "tm5-900"}
+# is told not to write; the files that torch's own operators say they come from, which are asked for and not opened; and
+# a file by the robot's name, which goes behind the names of robots.
+ONLY_LOOKED_FOR = {".numba_config.yaml", "outcmaes", "_ops.py", "_classes.py", "tm5-900"}
 PROGRAM = "#!/bin/sh\necho started >> {log}\n"
 
 

@@ -72,6 +72,7 @@ LIBRARIES += ("libusd_ms", "libonnxruntime_providers_cuda", "libonnxruntime_prov
 FOLDERS = ("plugin", "plugins", "mujoco_plugin", "share", "lib", "etc", "__pycache__", ".dask", ".config", ".cache")
 FOLDERS += ("outcmaes", ".mujoco", ".matplotlib", ".jupyter", "stylelib", "locale", "cmeel.prefix", "numba_cache")
 FOLDERS += ("templates",)
+MODULES = ("usercustomize", "evil", "_ops", "_classes")
 MODULE = "open('RUN', 'a').write(__name__)\n"
 # Notes what Python starts, in every Python process.
 HOOK = """
@@ -118,7 +119,7 @@ def set_traps(folder: Path) -> None:
             (folder / f"{name}{ending}").write_bytes(b"\x7fELF evil")
     for name in FOLDERS:
         (folder / name).mkdir()
-    for name in sorted({*sys.stdlib_module_names, *packages_distributions(), "usercustomize", "evil"}):
+    for name in sorted({*sys.stdlib_module_names, *packages_distributions(), *MODULES}):
         if name.isidentifier():
             (folder / f"{name}.py").write_text(MODULE)
 

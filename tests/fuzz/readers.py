@@ -133,6 +133,7 @@ class Readers:
             signal.signal(signal.SIGPROF, _ring)
             for kind in self.kinds:  # what is loaded lazily is loaded here
                 kind.check(kind.read(kind.path))
+                kind.prepare()
                 self._shared[-1] += 1
             limit_memory()
             for _ in range(BATCH):
