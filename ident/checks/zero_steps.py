@@ -9,7 +9,7 @@ samples it has. One cut parts early runs from late ones; Student's t holds the s
 scatter within them, and its chance counts for every joint and every cut. What another load of the hand explains better
 is no step of a zero.
 
-Source: Student (1908), Bonferroni's bound, and for load against zero Schwarz's criterion (1978).
+Source: Student (1908), Bonferroni's bound, and Schwarz's criterion (1978) between load and zero.
 """
 
 from __future__ import annotations
@@ -22,17 +22,15 @@ from scipy.stats import t as student
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
-from ident.checks.foretold import LOSSES, RunStates, fit
-from ident.checks.parting import ComparedRuns
+from ident.checks.foretold import LOSSES, ROUNDING, RunStates, fit
+from ident.checks.parting import ComparedRuns, Parting, RunDifference, followed
+from ident.checks.run_changes import RunChange
+from ident.robot.arm import ArmModel
+from ident.robot.chain import PER_LINK
 
-STEP_RAD = 1e-3  # for derivatives by central differences
-# Fewer runs have no scatter within both parts.
-FEWEST_RUNS = 4
 FEWEST_STATES = 2 * LOSSES
 # Of a link's ten inertial parameters: its mass and first moments, which are what gravity feels of a load.
 OF_LOAD = slice(0, 4)
-PER_LINK = 10
-TINY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class ZeroStep:
 
     joint: int  # column
     first: int  # number of the first run behind the step, among those that are compared
-    size: float  # [rad]
+    size: float  # by how much the joint is read too far behind it [rad]
     chance: float  # of so clear a step by chance, over all joints and cuts [1]
 
 
@@ -59,26 +57,39 @@ class Sides:
     joints: int  # how many joints' errors stand in all that is left
 
     def gain(self, columns: list[int], late: Bool[Array, " R"]) -> float:
-        """By how much all that is left shrinks where some columns step once."""
-        side = np.where(late, 0.5, -0.5)
-        normal = self.normal[:, columns][:, :, columns]
-        total = np.einsum("r,rcd->cd", side**2, normal)
-        right = side @ self.right[:, columns]
-        solution = np.linalg.lstsq(total, right, rcond=TINY)[0]
-        return float(right @ solution)
+        """By how much all that is left shrinks where some changes are others on both sides of a cut, against one."""
+        sides = sum(self._explained(columns, side) for side in (late, ~late))
+        return sides - self._explained(columns, np.ones_like(late))
+
+    @property
+    def count(self) -> int:
+        """How many errors there are: one of each run at each joint."""
+        return len(self.left) * self.joints
+
+    def evidence(self, columns: list[int], late: Bool[Array, " R"]) -> float:
+        """The logarithm of the likelihood that is gained, the errors' size being open [nats]."""
+        total = float(self.left.sum())
+        rest = max(total - self.gain(columns, late), ROUNDING)
+        return float(0.5 * self.count * np.log(total / rest))
+
+    def _explained(self, columns: list[int], runs: Bool[Array, " R"]) -> float:
+        """By how much it shrinks where some runs have the same change."""
+        normal = self.normal[runs].sum(axis=0)[np.ix_(columns, columns)]
+        right = self.right[runs].sum(axis=0)[columns]
+        return float(right @ np.linalg.lstsq(normal, right, rcond=ROUNDING)[0])
 
 
-def find_zero_step(compared: ComparedRuns) -> ZeroStep | None:
+def find_zero_step(compared: ComparedRuns) -> RunDifference | None:
     """The step of a zero that explains most, of those that no chance explains; None without any.
 
     Args:
         compared: The runs of a session that are long enough, in their order.
     """
-    if len(compared.runs) < FEWEST_RUNS:
+    if not cuts_of(len(compared.runs)):
         return None
     sides = make_sides(compared)
     steps = list(all_steps(sides, compared.arm.n, len(compared.runs)))
-    clear = [step for step in steps if step.chance * len(steps) < LIMIT.chance]
+    clear = [step for step in steps if step.chance * len(steps) < LIMIT.step_chance]
     if not clear:
         return None
 
@@ -88,7 +99,34 @@ def find_zero_step(compared: ComparedRuns) -> ZeroStep | None:
     best = max(clear, key=gain)
     if is_load(sides, best, compared.arm.n):
         return None
-    return replace(best, chance=best.chance * len(steps))
+    return confirm(compared, replace(best, chance=best.chance * len(steps)))
+
+
+def confirm(compared: ComparedRuns, step: ZeroStep) -> RunDifference | None:
+    """What the runs on the shorter side of a step have otherwise than the rest, if reading them so says the same.
+
+    There the zero is followed to where the rest foretell these runs best, not by derivatives: it must end nearer to
+    the step than to none, and the runs must be foretold better so.
+    """
+    late = is_late(step.first, len(compared.runs))
+    is_odd = ~late if (~late).sum() < late.sum() else late
+    parting = Parting(compared, tuple(np.flatnonzero(is_odd).tolist()))
+    size = step.size if is_odd[-1] else -step.size
+
+    def cost(change: RunChange) -> float:
+        return float(np.nansum(parting.errors_of_odd(change)))
+
+    change = followed(RunChange("zero", (step.joint,), size), cost)
+    is_nearer_to_none = abs(change.size - size) > abs(change.size)
+    if is_nearer_to_none or cost(change) >= float(np.nansum(parting.errors_of_odd())):
+        return None
+    gain = -float(np.log(max(step.chance, ROUNDING)))
+    return parting.difference(change, gain, parting.errors_of_odd(change))
+
+
+def cuts_of(runs: int) -> range:
+    """Numbers of the runs that a late side may begin with: two runs or more are on both sides."""
+    return range(2, runs - 1)
 
 
 def is_late(first: int, runs: int) -> Bool[Array, " R"]:
@@ -100,10 +138,10 @@ def all_steps(sides: Sides, joints: int, runs: int) -> Iterator[ZeroStep]:
     """A step of each joint's zero at each cut with two runs or more on both of its sides."""
     for joint in range(joints):
         weight = sides.normal[:, joint, joint]
-        estimate = sides.right[:, joint] / np.maximum(weight, TINY)
-        for first in range(2, runs - 1):
+        estimate = sides.right[:, joint] / np.maximum(weight, ROUNDING)
+        for first in cuts_of(runs):
             late = is_late(first, runs)
-            if weight[late].sum() > TINY and weight[~late].sum() > TINY:
+            if weight[late].sum() > ROUNDING and weight[~late].sum() > ROUNDING:
                 yield step_between(estimate, weight, late, joint)
 
 
@@ -123,8 +161,8 @@ def step_between(
     freedom = len(estimate) - 2
     variance = float(weight @ scatter**2) / freedom
     error = np.sqrt(variance * (1.0 / weight[late].sum() + 1.0 / weight[~late].sum()))
-    size = means[1] - means[0]
-    chance = 2.0 * student.sf(abs(size) / max(float(error), TINY), freedom)
+    size = means[0] - means[1]  # an angle that is read too far is off by minus that
+    chance = 2.0 * student.sf(abs(size) / max(float(error), ROUNDING), freedom)
     return ZeroStep(joint, int(np.argmax(late)), size, float(chance))
 
 
@@ -132,20 +170,18 @@ def is_load(sides: Sides, step: ZeroStep, joints: int) -> bool:
     """Whether another load of the hand from the same run on explains more than the step, its numbers counted."""
     late = is_late(step.first, len(sides.left))
     load = list(range(joints, sides.normal.shape[1]))
-    total = float(sides.left.sum())
-    count = len(sides.left) * sides.joints
-    with_zero = max(total - sides.gain([step.joint], late), TINY)
-    with_load = max(total - sides.gain(load, late), TINY)
-    cost = 0.5 * (len(load) - 1) * np.log(count)
-    return bool(0.5 * count * np.log(with_zero / with_load) > cost)
+    more = sides.evidence(load, late) - sides.evidence([step.joint], late)
+    return more > 0.5 * (len(load) - 1) * np.log(sides.count)
 
 
 def make_sides(compared: ComparedRuns) -> Sides:
     """The normal equations of all runs: zeros of the joints first, then the load's mass and moments."""
     tables, runs = compared.tables, compared.runs
     coefficients = fit(compared.sums.mean(axis=0), len(runs)).coefficients
-    columns = [changes_of(compared, run, coefficients) for run in runs]
-    parts = [beside_losses(tables.table(run), run, coefficients, own) for run, own in zip(runs, columns, strict=True)]
+    parts = []
+    for run in runs:
+        changes = changes_of(compared.arm, run)
+        parts.append(beside_losses(tables.table(run), run, coefficients, changes))
     left = np.array([squares[:, -1, -1] for squares in parts])
     seen = left > 0.0
     usual = np.where(seen.any(axis=0), left.sum(axis=0) / np.maximum(seen.sum(axis=0), 1), np.inf)
@@ -153,20 +189,14 @@ def make_sides(compared: ComparedRuns) -> Sides:
     return Sides(sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1], int(np.isfinite(usual).sum()))
 
 
-def changes_of(compared: ComparedRuns, run: RunStates, coefficients: Float[Array, "n p"]) -> Float[Array, "n T c"]:
-    """What each joint's torque changes by, for a zero of each joint and for a load of the hand."""
-    arm, tables = compared.arm, compared.tables
-    columns = []
-    for joint in range(arm.n):
-        moved = np.zeros(arm.n)
-        moved[joint] = 0.0 if arm.sliding_joints[joint] else STEP_RAD
-        after = tables.foretell(replace(run, q=run.q + moved), coefficients)
-        before = tables.foretell(replace(run, q=run.q - moved), coefficients)
-        columns.append((after - before) / (2.0 * STEP_RAD))
+def changes_of(arm: ArmModel, run: RunStates) -> Float[Array, "n T c"]:
+    """What each joint's torque changes by, for a zero of each joint that turns and for a load of the hand."""
+    zeros, _, _ = arm.derivatives(run.q, run.dq, run.ddq)
+    turning = np.where(arm.sliding_joints, 0.0, 1.0)
     regressor = arm.regressor(run.q, run.dq, run.ddq)
     load = regressor[:, :, -PER_LINK:][:, :, OF_LOAD]
-    zeros = np.stack(columns, axis=-1)
-    return np.asarray(np.concatenate([zeros, load], axis=-1).transpose(1, 0, 2))
+    changes = np.concatenate([zeros * turning, load], axis=-1)
+    return np.asarray(changes.transpose(1, 0, 2))
 
 
 def beside_losses(
