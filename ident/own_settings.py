@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
@@ -30,6 +31,8 @@ READ_AT_LOADING = {
     "matplotlib.font_manager": {"MPL_IGNORE_SYSTEM_FONTS": "1"},
     "mujoco": {"MUJOCO_GL": "disable"},
 }
+# Without it ONNX Runtime makes an identifier in the user's home and reports its use to its makers; it asks once.
+WITHOUT_REPORTS = {"ORT_DISABLE_TELEMETRY": "1"}
 # Folder of styles and lists of fonts, in this package's cache: those of the user stay as they are.
 MATPLOTLIB_FOLDER = "matplotlib"
 
@@ -45,6 +48,16 @@ def keep_own_settings() -> None:
         raise InputError(NUMBA_FILE, "numba would take its settings from this file", "start the command elsewhere")
     if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Finder())
+
+
+def load_onnxruntime() -> Any:
+    """ONNX Runtime, which reports nothing to anybody.
+
+    Raises:
+        ImportError: It is not installed.
+    """
+    with _variables(WITHOUT_REPORTS):
+        return import_module("onnxruntime")
 
 
 class _Finder(MetaPathFinder):

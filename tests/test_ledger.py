@@ -13,9 +13,9 @@ LIBRARIES, PROMISES = "## What libraries read by themselves", "## Promises, and 
 TEST = re.compile(r"`(tests/[\w/]+\.py)::(test_\w+)`")
 # Libraries of ours that read no settings: each was looked at among the traps, by watched files and traced calls.
 SILENT = ("numpy", "scipy", "pin", "scikit-learn", "threadpoolctl", "tomli-w", "typer", "rich", "jinja2", "markupsafe")
-SILENT += ("filterpy", "llvmlite", "lz4", "backports.zstd", "PyYAML", "cma", "daqp", "toppra", "plyfile", "pypcd4")
+SILENT += ("filterpy", "llvmlite", "lz4", "backports.zstd", "PyYAML", "daqp", "toppra", "plyfile", "pypcd4")
 SILENT += ("ruckig", "pydantic", "typing_extensions", "armgap")
-CALLED = {"distributed": "Dask", "rerun-sdk": "Rerun", "onnxruntime": "ONNX Runtime"}
+CALLED = {"distributed": "Dask", "rerun-sdk": "Rerun", "onnxruntime": "ONNX Runtime", "cma": "pycma"}
 
 
 def rows(title: str) -> list[list[str]]:

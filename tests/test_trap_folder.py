@@ -88,6 +88,8 @@ LONG = {
     "blind": "ident blind --cases 2 --workers 2 --out {o}/blind",
     "close": "ident close --out {o}/closed --arms 1 --rounds 2",
     "solve": "plan solve {o}/task.toml --model {c}/model --method reference --picture {o}/a.png --rrd {o}/a.rrd",
+    "solve by evolution": "plan solve {o}/task.toml --model {c}/model --method cma --beyond --evaluations 200",
+    "solve by learning": "plan solve {o}/task.toml --model {c}/model --method ppo --beyond --evaluations 60",
     "board": "ident board make {o}/board --cases 1 --seed 1 --worlds development",
     "cycle": "plan cycle {o}/cycle.toml --out {o}/motions --evaluations 40",
     "plan's compare": "plan compare {o}/task.toml --model {c}/model --out {o}/compared",
@@ -95,6 +97,10 @@ LONG = {
 }
 # What a command starts on purpose: Python processes that do its work.
 WORKERS = {"blind": "loky|resource_tr"}
+# What is only looked for: settings of numba's, which are refused where they are there; the folder of a log that pycma
+# is told not to write; the files that torch's own operators say they come from, which are asked for and not opened; and
+# a file by the robot's name, which goes behind the names of robots.
+ONLY_LOOKED_FOR = {".numba_config.yaml", "outcmaes", "_ops.py", "_classes.py", "tm5-900"}
 PROGRAM = "#!/bin/sh\necho started >> {log}\n"
 
 
@@ -145,7 +151,10 @@ def test_pictures_obey_no_parameters_of_the_folder_nor_of_the_user(folder: Path)
 
 @pytest.mark.parametrize("name", [*LIGHT, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)])
 def test_commands_take_nothing_from_the_folder_where_they_are_started(name: str, corpus: Path, tmp_path: Path) -> None:
-    """Law: among traps a command opens nothing, changes nothing and starts nothing."""
+    """Law: among traps a command opens nothing, changes nothing, starts nothing and calls nobody.
+
+    In the user's home it keeps nothing but this package's cache.
+    """
     given, out = tmp_path / "traps", tmp_path / "out"
     out.mkdir()
     shutil.copy(corpus / "run.csv", out / "run.csv")
@@ -157,6 +166,8 @@ def test_commands_take_nothing_from_the_folder_where_they_are_started(name: str,
     assert not re.search(r"Traceback|--help", seen.output), traps.told(seen)
     started = [line for line in seen.started if not re.search(WORKERS.get(name, "nothing of it"), line)]
     assert (seen.touched, started) == ([], []), traps.told(seen)
+    assert seen.looked <= ONLY_LOOKED_FOR, traps.told(seen)
+    assert (seen.homed, seen.called) == ([], []), traps.told(seen)
     assert seen.status in (0, 2, 3), traps.told(seen)
 
 
@@ -207,3 +218,17 @@ def test_the_watch_sees_what_is_opened_and_started(tmp_path: Path) -> None:
         subprocess.run(["cat", tmp_path / "folder/trap"], check=True)
         (tmp_path / "folder/new").touch()
     assert {"trap", "new"} <= set(seen.touched)
+
+
+def test_the_watch_sees_what_is_only_looked_for() -> None:
+    """Law: names from where the process stands and from the root, of files that are not there, too."""
+    calls = [
+        '7 newfstatat(AT_FDCWD, "cma_signals.in", 0x7f, 0) = -1 ENOENT (No such file or directory)',
+        '7 access("./plug/in.so", R_OK) = -1 ENOENT (No such file or directory)',
+        '7 openat(AT_FDCWD, "/cell/sub/../lib.so", O_RDONLY) = 3',
+        '7 openat(AT_FDCWD, "/usr/lib/lib.so", O_RDONLY) = 3',
+        '7 unlinkat(5, "session.toml", 0) = 0',
+        '7 newfstatat(3, "", {st_mode=S_IFREG}, AT_EMPTY_PATH) = 0',
+        '7 execve("/usr/bin/true", ["true"], 0x7f) = 0',
+    ]
+    assert traps.names_within(calls, Path("/cell")) == {"cma_signals.in", "plug", "lib.so"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import re
 import shutil
 import signal
 import struct
@@ -20,6 +21,8 @@ ROOT = Path(__file__).parents[1]
 # Settings, plugins, credentials and libraries that some library of ours, or its own libraries, looks for somewhere.
 SETTINGS = {
     "ipopt.opt": "output_file victim.txt\nhsllib ./evil.so\n",
+    "cma_signals.in": '{"timeout": 0, "maxiter": 1}\n',
+    "je_arrow_malloc.conf": "narenas:1\n",
     "matplotlibrc": "text.usetex: True\nbackend: module://evil\n",
     "pyproject.toml": "[tool.numba]\n[tool.pytest.ini_options]\n",
     "setup.cfg": "[tool:pytest]\n",
@@ -67,7 +70,9 @@ LIBRARIES += ("libcasadi_nlpsol_ipopt", "libcasadi_linsol_ma27", "libopenblas", 
 LIBRARIES += ("libassimp", "libarrow", "libcuda", "libnuma", "libEGL", "libOSMesa")
 LIBRARIES += ("libusd_ms", "libonnxruntime_providers_cuda", "libonnxruntime_providers_shared")
 FOLDERS = ("plugin", "plugins", "mujoco_plugin", "share", "lib", "etc", "__pycache__", ".dask", ".config", ".cache")
-FOLDERS += (".mujoco", ".matplotlib", ".jupyter", "stylelib", "locale", "cmeel.prefix", "numba_cache", "templates")
+FOLDERS += ("outcmaes", ".mujoco", ".matplotlib", ".jupyter", "stylelib", "locale", "cmeel.prefix", "numba_cache")
+FOLDERS += ("templates",)
+MODULES = ("usercustomize", "evil", "_ops", "_classes")
 MODULE = "open('RUN', 'a').write(__name__)\n"
 # Notes what Python starts, in every Python process.
 HOOK = """
@@ -83,6 +88,10 @@ sys.addaudithook(hear)
 """
 # Of inotify(7): what happens in a folder, and the head of what tells it (watch, mask, cookie, length of the name).
 OPENED, CHANGED, IS_FOLDER = 0x21, 0xFCE, 0x40000000
+# Of what strace writes: a call that names a file from where the process stands, or from the root.
+NAMED = re.compile(r'\w+\((?:AT_FDCWD, )?"((?:[^"\\]|\\.)+)"')
+STARTS = ("execve(", "execveat(")
+OUR_CACHE = ".cache/armgap"
 HEAD = struct.Struct("iIII")
 
 
@@ -94,6 +103,10 @@ class Seen:
     output: str = ""
     touched: list[str] = field(default_factory=list)  # names in the trap folder that were opened or changed
     started: list[str] = field(default_factory=list)  # processes
+    # Names in the trap folder that were looked for, whether there is such a file or not; none without strace.
+    looked: set[str] = field(default_factory=set)
+    homed: list[str] = field(default_factory=list)  # files in the user's home that are not in this package's cache
+    called: list[str] = field(default_factory=list)  # connections that were opened; none without strace
 
 
 def set_traps(folder: Path) -> None:
@@ -106,7 +119,7 @@ def set_traps(folder: Path) -> None:
             (folder / f"{name}{ending}").write_bytes(b"\x7fELF evil")
     for name in FOLDERS:
         (folder / name).mkdir()
-    for name in sorted({*sys.stdlib_module_names, *packages_distributions(), "usercustomize", "evil"}):
+    for name in sorted({*sys.stdlib_module_names, *packages_distributions(), *MODULES}):
         if name.isidentifier():
             (folder / f"{name}.py").write_text(MODULE)
 
@@ -148,9 +161,37 @@ def run_among_traps(
         seen.status, seen.output = _run([*_tracer(trace), *line], traps, environment, meanwhile)
     seen.started = log.read_text().splitlines() if log.exists() else []
     if trace.exists():
-        programs = [line for line in trace.read_text(errors="replace").splitlines() if "= 0" in line]
+        calls = trace.read_text(errors="replace").splitlines()
+        programs = [call for call in calls if call.endswith("= 0") and any(name in call for name in STARTS)]
         seen.started += programs[1:]  # the first is the command itself
+        seen.looked = names_within(calls, traps)
+        seen.called = [call for call in calls if " connect(" in call and "AF_INET" in call]
+    seen.homed = files_without_cache(place / "home")
     return seen
+
+
+def files_without_cache(home: Path) -> list[str]:
+    """Files in a home, but for those in the cache that is this package's own."""
+    files = [path for path in sorted(home.rglob("*")) if path.is_file()]
+    return [str(path.relative_to(home)) for path in files if not path.is_relative_to(home / OUR_CACHE)]
+
+
+def names_within(calls: Sequence[str], folder: Path) -> set[str]:
+    """First parts of the names in a folder, where the process stands, that calls to the system ask for.
+
+    Args:
+        calls: Lines of strace.
+        folder: The folder.
+    """
+    names = set()
+    for call in calls:
+        named = NAMED.search(call)
+        if named is None or any(start in call for start in STARTS):
+            continue
+        path = Path(os.path.normpath(folder / named[1]))
+        if path != folder and path.is_relative_to(folder):
+            names.add(path.relative_to(folder).parts[0])
+    return names
 
 
 def _run(
@@ -185,7 +226,8 @@ def _tracer(trace: Path) -> list[str]:
     program = shutil.which("strace")
     if program is None:
         return []
-    line = [program, "-f", "-qq", "-e", "trace=execve,execveat", "-e", "signal=none", "-o", str(trace)]
+    line = [program, "-f", "--seccomp-bpf", "-qq", "-e", "trace=%file,execve,execveat,connect", "-e", "signal=none"]
+    line += ["-o", str(trace)]
     allowed = subprocess.run([*line, "true"], capture_output=True, check=False).returncode == 0
     trace.unlink(missing_ok=True)
     return line if allowed else []
@@ -222,4 +264,5 @@ def _names(handle: int) -> list[str]:
 
 def told(seen: Seen) -> str:
     """What a failing test shows."""
-    return json.dumps([seen.status, seen.touched[:20], seen.started[:5], seen.output[-600:]], indent=1)
+    beyond = [sorted(seen.looked), seen.homed[:20], seen.called[:5]]
+    return json.dumps([seen.status, seen.touched[:20], seen.started[:5], beyond, seen.output[-600:]], indent=1)

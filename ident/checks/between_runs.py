@@ -16,8 +16,6 @@ import numpy as np
 
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.parting import ComparedRuns, Parting, RunDifference
-from ident.recordings.recording import Session
-from ident.robot.arm import ArmModel
 
 FEWEST_RUNS = 3  # of two runs nobody knows the odd one
 
@@ -32,13 +30,12 @@ def partings(count: int) -> list[tuple[int, ...]]:
     return alone + parts
 
 
-def find_difference(session: Session, arm: ArmModel) -> RunDifference | None:
+def find_difference(compared: ComparedRuns) -> RunDifference | None:
     """What some runs of a session have otherwise than the rest; None where they are alike, or too few.
 
     It is the difference by which most is gained. Only partings whose odd runs the rest foretell
     worst are looked into.
     """
-    compared = ComparedRuns(session, arm)
     if len(compared.runs) < FEWEST_RUNS:
         return None
     all_partings = [Parting(compared, odd) for odd in partings(len(compared.runs))]

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from ident.checks.between_runs import find_difference
-from ident.checks.parting import RunDifference
+from ident.checks.parting import ComparedRuns, RunDifference
 from ident.checks.report import issue_of
 from ident.checks.run_changes import OTHER_ARM
+from ident.checks.zero_steps import find_zero_step
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
@@ -28,7 +29,8 @@ WORDS = {
 
 def check_odd_runs(session: Session, arm: ArmModel) -> tuple[Session, list[TelemetryIssue]]:
     """Finds runs that have a convention otherwise than the rest; later checks see the session without them."""
-    difference = find_difference(session, arm)
+    compared = ComparedRuns(session, arm)
+    difference = find_difference(compared) or find_zero_step(compared)
     if difference is None:
         return session, []
     rest = [run for run in session.runs if run.name not in difference.odd]

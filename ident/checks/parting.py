@@ -144,7 +144,7 @@ class Parting:
         beside_losses = self._among_themselves(usual, own_losses=True)
         if self._gain(session.errors_beside_losses, beside_losses, usual) <= least:
             return None
-        return self._difference(RunChange(OTHER_ARM, ()), gain, mean_error(own))
+        return self.difference(RunChange(OTHER_ARM, ()), gain, mean_error(own))
 
     def _among_themselves(self, usual: Float[Array, "r n"], own_losses: bool) -> Float[Array, "k n"]:
         """Errors of the odd runs, each foretold by the other odd ones; none is below the rest's.
@@ -186,7 +186,7 @@ class Parting:
             change = changes[int(place)]
             gain, sure = self._gains_of(change)
             if sure > least:
-                yield self._difference(change, gain, errors[int(place)])
+                yield self.difference(change, gain, errors[int(place)])
 
     def _units(self, change: RunChange) -> float:
         """What a change of torque's unit adds to the logarithms of errors by itself, where joints move."""
@@ -223,7 +223,8 @@ class Parting:
             if tried:
                 yield followed(min(tried, key=cost), cost)
 
-    def _difference(self, change: RunChange, gain: float, after: Float[Array, " n"]) -> RunDifference:
+    def difference(self, change: RunChange, gain: float, after: Float[Array, " n"]) -> RunDifference:
+        """What is told of a change of the odd runs: its gain [nats], and the errors that it leaves."""
         names = tuple(run.name for run in self.runs)
         before, usual = self.errors_of_odd(), mean_error(self.usual)
         return RunDifference(names, change, gain, np.exp(before), np.exp(after), np.exp(usual))

@@ -29,6 +29,7 @@ from ident.model.hybrid import HybridModel
 from ident.model.joint_nets import DIRECTION_SCALES, LOAD_ROUNDING, JointNets
 from ident.model.memory import RANGES, TIMES, TURNING
 from ident.model.sampling import sampling_interval
+from ident.own_settings import load_onnxruntime
 
 FILE = "torque_model.onnx"
 # What a joint's averages are of.
@@ -337,8 +338,7 @@ def run_onnx(path: Path, runs: Sequence[Run], model: HybridModel) -> list[Float[
         runs: The motions, with the model's joints.
         model: The model, whose state's size is asked for.
     """
-    import onnxruntime
-
+    onnxruntime = load_onnxruntime()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1

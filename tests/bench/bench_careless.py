@@ -35,6 +35,7 @@ SLOW_HZ = 10.0
 FAST_HZ = 100.0
 LATE_S = 0.1
 ZERO_RAD = 0.3
+SMALL_ZERO_RAD = 0.1
 FEWEST_RUNS = 3
 
 Change = Callable[[Recording], Recording]
@@ -210,8 +211,11 @@ def faults(log: Log, others: Sequence[Log]) -> dict[str, Fault]:
         return found
     middle, half = len(names) // 2, range(len(names) // 2, len(names))
     differ = ("runs_differ",)
-    moved = each(session, shifted(heavy, ZERO_RAD), half)
-    found["zero moved"] = Fault(moved, (*differ, "zero_shifted"), (joints[heavy],), tuple(names[middle - 1 :]))
+    zeros = {"zero moved": ZERO_RAD, "zero moved a little": SMALL_ZERO_RAD}
+    for name, angle in zeros.items():
+        moved = each(session, shifted(heavy, angle), half)
+        kinds = (*differ, "zero_shifted")
+        found[name] = Fault(moved, kinds, (joints[heavy],), tuple(names[middle - 1 :]))
     signs = (*differ, "effort_sign_flipped")
     only = (names[middle],)
     found["sign of a run"] = Fault(each(session, turned(range(count)), [middle]), signs, (), only)

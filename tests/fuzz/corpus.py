@@ -84,6 +84,8 @@ def _recordings(folder: Path) -> None:
     (folder / "foreign.txt").write_text("\n".join(foreign))
     columns = "\n".join(f'{k} = "{name}"' for k, name in enumerate(table.column_names, start=1))
     (folder / "foreign.toml").write_text(f"[columns]\n{columns}\n")
+    (folder / "trapped").mkdir()
+    (folder / "trapped/seed.txt").write_text("all of a trap folder follows from these bytes\n")
     recording = load_session(folder / "run.parquet").runs[0]
     write_old_bag(folder / "old.bag", recording)
     for storage in StoragePlugin:

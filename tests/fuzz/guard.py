@@ -61,6 +61,8 @@ class Guard:
         if event == "exec" or (event == "compile" and "<unknown>" not in repr(arguments)):
             self.compiled.append(repr(arguments)[:300])
         paths = [one for one in arguments if isinstance(one, str | bytes | Path)]
+        if event == "os.symlink":  # what a link leads to stays as it is
+            paths = paths[1:]
         if event in BESIDE and isinstance(arguments[-1], int) and arguments[-1] >= 0:  # seen from an open folder
             paths = [Path(os.readlink(f"/proc/self/fd/{arguments[-1]}"), os.fsdecode(one)) for one in paths]
         if event in (*RUNNING, *NETWORK, "pickle.find_class") or (event in CHANGING and not all(map(self._may, paths))):

@@ -38,12 +38,15 @@ from plan.geometry.obstacle_files import read_mesh
 from plan.geometry.pairs import read_disabled
 from plan.problem.task_file import load_surroundings, load_task
 from tests.fuzz.corpus import KEY, OPTIONS, training_data
+from tests.fuzz.trapped import lay_traps
 
 # Of nanoseconds since 1970, in seconds or metres no figure of an arm; and no figure that is told has more digits.
 BEYOND = 1e12
 # A control character of a name is shown by its code, \x1e say, which begins no figure.
 UNTOLD = re.compile(r"(?<!\\x)\d[eE]\+?(\d{2,})")
 LARGEST_TOLD = 20
+# One in so many recordings is inspected as well, which takes long; the others are read only.
+INSPECTED = 12
 # No drive holds so many times what it is rated for.
 MOST_RATED = 20.0
 Read = Callable[[Path], object]
@@ -63,6 +66,7 @@ class Kind:
     check: Callable[[Any], None] = lambda found: None  # raises WrongError where what was read must not have been taken
     share: float = 1.0  # how often it is drawn against the others
     writes: bool = False  # whether the reader may write the file anew where it is damaged
+    prepare: Callable[[], object] = lambda: None  # loads what no good file alone has loaded
 
 
 def must(holds: object, what: str) -> None:
@@ -133,6 +137,8 @@ def check_boxes(around: Any) -> None:
         finite("an obstacle", box.centre, box.rotation, box.half)
 
 
+# What is made by its reader: it is no file that is only read.
+MADE = ("trap folder",)
 NETS = ("model/residual.json", "model/residual.safetensors", "checkpoint")
 
 
@@ -163,7 +169,15 @@ def recordings(folder: Path, arm: ArmModel) -> list[Kind]:
     def data_set(path: Path) -> TelemetryReport:
         return load(path.parents[2])
 
-    found = [Kind(path.suffix[1:], path, load, check_loaded) for path in (folder / "run.parquet", folder / "run.npz")]
+    def prepare() -> object:
+        return inspect_sessions([load_session(folder / "run.parquet")], arm)
+
+    def trapped(path: Path) -> TelemetryReport:
+        return load(lay_traps(path.read_bytes(), folder / "run.parquet", path.parent / "session"))
+
+    found = [Kind("parquet", folder / "run.parquet", load, check_loaded, prepare=prepare)]
+    found += [Kind("npz", folder / "run.npz", load, check_loaded)]
+    found += [Kind("trap folder", folder / "trapped/seed.txt", trapped, check_loaded, 0.5, writes=True)]
     found += [Kind("bag", folder / "old.bag", load, check_loaded, 0.3)]
     found += [Kind("lerobot", folder / "set/data/chunk-000/file-000.parquet", data_set, check_loaded, 0.3)]
     found += [Kind("info.json", folder / "set/meta/info.json", lambda path: load(path.parents[1]), check_loaded, 0.3)]
@@ -178,7 +192,7 @@ def recordings(folder: Path, arm: ArmModel) -> list[Kind]:
 
 def _skipped(path: Path) -> bool:
     """Whether an input is one of the many that are read and not inspected."""
-    return path.is_dir() or zlib.crc32(path.read_bytes()) % 6 != 0
+    return path.is_dir() or zlib.crc32(path.read_bytes()) % INSPECTED != 0
 
 
 def check_loaded(report: TelemetryReport) -> None:

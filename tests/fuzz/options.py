@@ -25,6 +25,7 @@ import typer
 
 from ident.process import run_command
 from ident.robot.names import data_path
+from tests.fuzz.patience import Patience
 
 OUTCOMES = ("done", "refused", "taken", "traceback", "status", "lines", "user's")
 GOOD = ("done", "refused", "taken")
@@ -33,7 +34,7 @@ TEXTS = (".", "nan", "", "x" * 5000, "$(touch RUN)", "[bold]\x1b[31m", "a:b:c:d"
 PATHS = (".", "/dev/zero", "/proc/self/mem", "nowhere/below", "\x1b[31m", "notes.txt/x", "x" * 5000, "")
 # Processor time after which a command counts as having taken its options [s].
 MOMENT_S = 0.3
-# A command may take so much processor time, and wait so long on a machine that others use.
+# A command may take so much processor time, and wait so long without any.
 SLOWEST_CPU_S, SLOWEST_S = 60, 300.0
 SKIPPED = ("help", "version", "install_completion", "show_completion")
 
@@ -192,27 +193,43 @@ def judge(ended: Ended, folder: Path) -> tuple[str, str]:
     return ("refused", "") if len(ended.err.strip().splitlines()) == 1 else ("lines", ended.err[-500:])
 
 
-def fork_command(name: str, arguments: list[str], begin: Callable[[], None]) -> Ended:
-    """Runs `ident` or `plan` in a child whose libraries are loaded already."""
+def fork_command(
+    name: str,
+    arguments: list[str],
+    begin: Callable[[], None],
+    most_s: float = SLOWEST_CPU_S,
+) -> Ended:
+    """Runs `ident` or `plan` in a child whose libraries are loaded already.
+
+    Args:
+        name: `ident` or `plan`.
+        arguments: Its arguments.
+        begin: What the child does first.
+        most_s: Time on the processor after which it is ended [s].
+    """
     with tempfile.TemporaryFile() as errors:
         child = os.fork()
         if not child:
-            _be_command(name, arguments, begin, errors.fileno())
-        end = time.monotonic() + SLOWEST_S
+            _be_command(name, arguments, begin, errors.fileno(), int(most_s))
+        patience = Patience(child, 2.0 * most_s, SLOWEST_S)
         while True:
             ended, status = os.waitpid(child, os.WNOHANG)
-            if ended or time.monotonic() > end:
+            if ended:
                 break
+            patience.look(0)
             time.sleep(0.01)
-        if not ended:
-            os.kill(child, signal.SIGKILL)
-            _, status = os.waitpid(child, 0)
         errors.seek(0)
         code = os.WEXITSTATUS(status) if os.WIFEXITED(status) else -os.WTERMSIG(status)
         return Ended(code, errors.read().decode(errors="backslashreplace"))
 
 
-def _be_command(name: str, arguments: list[str], begin: Callable[[], None], errors: int) -> None:
+def _be_command(
+    name: str,
+    arguments: list[str],
+    begin: Callable[[], None],
+    errors: int,
+    most_s: int,
+) -> None:
     status = 1
     try:
         nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -220,7 +237,7 @@ def _be_command(name: str, arguments: list[str], begin: Callable[[], None], erro
         os.dup2(errors, 2)
         sys.stdout, sys.stderr = open(1, "w", closefd=False), open(2, "w", closefd=False)  # noqa: SIM115
         sys.argv = [name, *arguments]
-        spent = int(time.process_time()) + SLOWEST_CPU_S
+        spent = int(time.process_time()) + most_s
         resource.setrlimit(resource.RLIMIT_CPU, (spent, spent + 5))
         begin()
         run_command(name, f"{name}.cli.app")

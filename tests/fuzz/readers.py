@@ -19,17 +19,21 @@ import numpy as np
 from ident.errors import InputError
 from tests.fuzz.guard import Guard
 from tests.fuzz.kinds import Kind, WrongError
+from tests.fuzz.patience import Patience
 from tests.fuzz.spoil import BY_KIND
+from tests.fuzz.tally import Tally
 
 OUTCOMES = ("read", "told", "traceback", "hang", "growth", "crash", "lines", "warning", "wrong", "touched", "done")
 GOOD = ("read", "told")
 # Processor time, and time on the clock for what waits; a machine that others use makes both differ.
 HANG_S, WAITING_S = 10, 60
 GROWTH_KB = 2_000_000
-# Where nothing was heard of a child for so long, it hangs below Python.
-SILENT_S = 2.0 * WAITING_S
-# Inputs that one child reads: leaks of libraries stay small.
-BATCH = 20_000
+# What has had so much of a processor on one input hangs below Python.
+MOST_S = 2.0 * HANG_S
+# Between two looks at a child, and between two times that counts are written down.
+LOOKING_S, WRITING_S = 0.2, 60.0
+# Inputs that one child reads: leaks of libraries stay small, and what was counted is written down in between.
+BATCH = 5_000
 Snapshot = dict[str, tuple[int, int]]
 
 
@@ -68,14 +72,15 @@ class Readers:
         """Counts of each kind by outcome."""
         return {kind.name: row.tolist() for kind, row in zip(self.kinds, self._counts, strict=True)}
 
-    def run(self, seconds: float) -> None:
-        """Reads until the time is up."""
+    def run(self, seconds: float, tally: Tally | None = None) -> None:
+        """Reads until the time is up; what was counted is written down in between, if somewhere is given."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             child = os.fork()
             if not child:
                 self._be_child(end)
-            self._watch(child)
+            self._watch(child, tally)
+            self._write(tally)
 
     def one(self, number: int) -> tuple[int, str, str]:
         """Spoils the file that a number stands for, reads it; returns the kind, the outcome and its evidence."""
@@ -95,7 +100,6 @@ class Readers:
     def _read(self, kind: Kind) -> tuple[str, str]:
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         signal.setitimer(signal.ITIMER_PROF, HANG_S)
-        signal.alarm(WAITING_S)
         try:
             with warnings.catch_warnings(record=True) as caught, _quiet():
                 warnings.simplefilter("always", RuntimeWarning)
@@ -118,7 +122,6 @@ class Readers:
             return "traceback", traceback.format_exc()
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
-            signal.alarm(0)
         if resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak > GROWTH_KB:
             return "growth", "the peak of its memory"
         return outcome or ("read", "")
@@ -130,8 +133,9 @@ class Readers:
             signal.signal(signal.SIGPROF, _ring)
             for kind in self.kinds:  # what is loaded lazily is loaded here
                 kind.check(kind.read(kind.path))
+                kind.prepare()
                 self._shared[-1] += 1
-            _limit_memory()
+            limit_memory()
             for _ in range(BATCH):
                 if time.monotonic() >= end:
                     break
@@ -146,20 +150,25 @@ class Readers:
             os._exit(3)
         os._exit(0)
 
-    def _watch(self, child: int) -> None:
-        """Waits for a child; where it dies or falls silent, its input is counted, and the next child goes on."""
-        heard, since = -1, time.monotonic()
+    def _write(self, tally: Tally | None) -> None:
+        """Adds what was counted to a file, if there is one."""
+        if tally is not None:
+            rows = self.table().items()
+            tally.write({name: dict(zip(OUTCOMES, counts, strict=True)) for name, counts in rows})
+
+    def _watch(self, child: int, tally: Tally | None) -> None:
+        """Waits for a child; where it dies or hangs, its input is counted, and the next child goes on."""
+        patience = Patience(child, MOST_S, WAITING_S)
+        written = time.monotonic()
         while True:
             ended, status = os.waitpid(child, os.WNOHANG)
             if ended:
                 break
-            if int(self._shared[-1]) != heard:
-                heard, since = int(self._shared[-1]), time.monotonic()
-            elif time.monotonic() - since > SILENT_S:
-                os.kill(child, signal.SIGKILL)
-                _, status = os.waitpid(child, 0)
-                break
-            time.sleep(0.05)
+            patience.look(int(self._shared[-1]))
+            if time.monotonic() - written > WRITING_S:
+                self._write(tally)
+                written = time.monotonic()
+            time.sleep(LOOKING_S)
         if os.WIFSIGNALED(status):
             number = int(self._shared[-2])
             index = int(np.searchsorted(self._chance, np.random.default_rng([self.seed, number]).random()))
@@ -213,7 +222,7 @@ def _ring(number: int, frame: FrameType | None) -> None:
     raise HangError
 
 
-def _limit_memory() -> None:
+def limit_memory() -> None:
     """No input may take the machine down: what asks for more than the allowed growth gets a MemoryError."""
     now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     most = now + 1024 * GROWTH_KB
