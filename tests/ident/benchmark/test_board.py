@@ -20,6 +20,7 @@ from ident.benchmark.board.jobs import JOBS
 from ident.benchmark.board.leaks import different_urdfs, exchange_p_value, find_words
 from ident.benchmark.board.make import make_board
 from ident.benchmark.board.methods import OURS, our_answer, undecided_record
+from ident.benchmark.board.ours import mean_shares
 from ident.benchmark.board.published import published_effects
 from ident.benchmark.board.recorded import (
     load_board_sources,
@@ -32,6 +33,7 @@ from ident.benchmark.board.recorded import (
 from ident.benchmark.board.report import render_board, score_board
 from ident.benchmark.board.score import score_answer
 from ident.benchmark.board.sealing import digest_of, salt_of, seal_of
+from ident.benchmark.board.unnamed import DIAGNOSIS, LISTED, NOTHING, PLACES, STATES, load_shares
 from ident.cli.app import app
 from ident.errors import InputError
 from ident.files import write_record
@@ -351,7 +353,7 @@ def test_a_diagnosis_as_an_answer_adds_up_to_one(made: tuple[Path, Path], tmp_pa
     for verdict, findings in zip(verdicts, ([found], [], []), strict=True):
         record = {"verdict": verdict, "findings": findings, "reservations": [], "outside_score": 0.3}
         path = tmp_path / OURS / f"{name}.json"
-        write_record(path, our_answer(name, record, board))
+        write_record(path, our_answer(name, record, board, load_shares(DIAGNOSIS)))
         shares = read_answer(path, board, name).shares()
         assert sum(shares.values()) == pytest.approx(1.0)
         assert min(shares.values()) > 0.0
@@ -362,19 +364,38 @@ def test_a_diagnosis_as_an_answer_adds_up_to_one(made: tuple[Path, Path], tmp_pa
             assert max(shares, key=lambda label: shares[label]) == NONE
 
 
-def test_what_is_missed_leaves_every_effect_a_share(made: tuple[Path, Path], tmp_path: Path) -> None:
-    """Law: without a name, all effects together are to none and other as often as effects are missed."""
+def test_what_no_name_has_goes_where_causes_without_a_name_are(
+    made: tuple[Path, Path],
+    tmp_path: Path,
+) -> None:
+    """Law: without a name, none, other and all effects together have the shares of that state."""
     board = Board.load(made[0])
     name = next(iter(board.sessions))
-    record = {"verdict": "no_gap", "findings": [], "reservations": [], "outside_score": 0.3}
+    record = {"verdict": "no_gap", "findings": [], "reservations": [], "outside_score": 0.0}
     path = tmp_path / f"{name}.json"
     even = 1.0 / ((len(board.effects) + 3) * (len(board.effects) + 2))
-    for missed in (0.0, 0.5, 1.0):
-        write_record(path, our_answer(name, record, board, missed))
-        shares = {label: share - even for label, share in read_answer(path, board, name).shares().items()}
-        unnamed = shares.pop(NONE) + shares.pop(OTHER)
-        assert sum(shares.values()) == pytest.approx(missed * unnamed, abs=1e-9)
-        assert max(shares.values()) == pytest.approx(min(shares.values()), abs=1e-9)
+    for shares in ((1.0, 0.0, 0.0), (0.5, 0.25, 0.25), (0.0, 0.0, 1.0)):
+        places = dict(zip(PLACES, shares, strict=True))
+        other_states = dict.fromkeys(STATES, dict.fromkeys(PLACES, 0.5))
+        fitted = other_states | {NOTHING: places}
+        write_record(path, our_answer(name, record, board, fitted))
+        answer = read_answer(path, board, name).shares()
+        given = {label: share - even for label, share in answer.items()}
+        unnamed = sum(given.values())
+        assert given.pop(NONE) == pytest.approx(places[NONE] * unnamed, abs=1e-9)
+        assert given.pop(OTHER) == pytest.approx(places[OTHER] * unnamed, abs=1e-9)
+        assert sum(given.values()) == pytest.approx(places[LISTED] * unnamed, abs=1e-9)
+        assert max(given.values()) == pytest.approx(min(given.values()), abs=1e-9)
+
+
+def test_mean_shares_are_those_of_drawn_causes() -> None:
+    """Law: they add up to the chance of any cause, and are what draws of the causes show."""
+    probabilities = (0.9, 0.4, 0.4, 0.0, 1.0)
+    shares = mean_shares(probabilities)
+    assert shares.sum() == pytest.approx(1.0)
+    assert mean_shares((0.9, 0.3)).sum() == pytest.approx(1.0 - 0.1 * 0.7)
+    drawn = np.random.default_rng(0).random((40_000, len(probabilities))) < probabilities
+    np.testing.assert_allclose(shares, (drawn / drawn.sum(axis=1, keepdims=True)).mean(axis=0), atol=0.01)
 
 
 def test_a_drawn_session_comes_with_a_motion_without_its_cause() -> None:
