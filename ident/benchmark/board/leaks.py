@@ -4,8 +4,9 @@ columns, sizes) that go with what is wrong in it.
     python -m ident.benchmark.board.leaks BOARD [--kept FOLDER]
 
 A figure leaks where its ranks differ between sessions of different truths by more than chance: the
-spread of the classes' mean ranks, within each tier, against random exchanges of the truths. Its
-p-value is Holm's over all figures and questions.
+spread of the classes' mean ranks, within each tier, against random exchanges of the truths. All
+figures together leak where a classifier of them foretells more of the sessions that were left out
+than it does of exchanged truths. P-values are Holm's over all figures and questions.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from ident.benchmark.board.files import SESSIONS, URDF_FILE, Board, Kept, kept_f
 
 EXCHANGES = 2000
 LEVEL = 0.01  # of any false alarm over all figures
+TOGETHER = "all together"
 # Words of answers that no file below `sessions` or `unseen` may hold.
 TELLING = ("in_catalogue", "may_stand_at", "planted", "healthy", "untouched", "withheld")
 
@@ -48,26 +50,82 @@ def find_words(
 
 
 def figures_of(board: Board, name: str) -> dict[str, float]:
-    """What anybody sees of a session without looking at a number in its tables."""
+    """What anybody sees of a session without a model of the arm."""
     folder = board.session_folder(name)
-    tables = sorted(folder.glob("*.parquet"))
-    files = [pq.ParquetFile(path) for path in tables]
-    rows = [file.metadata.num_rows for file in files]
-    times = [file.read(["time"])["time"].to_numpy() for file in files]
-    steps = np.concatenate([np.diff(time) for time in times])
+    joints = board.sessions[name]["joints"]
+    after = Seen.of(folder, joints)
+    before_folder = board.before_folder(name)
+    before = None if before_folder is None else Seen.of(before_folder, joints)
     unseen = board.unseen_file(name)
     return {
-        "runs": float(len(tables)),
-        "rows": float(sum(rows)),
-        "columns": float(files[0].metadata.num_columns),
-        "first time": float(times[0][0]),
-        "duration": float(times[-1][-1] - times[0][0]),
-        "interval": float(np.median(steps)),
-        "jitter": float(np.std(steps) / np.median(steps)),
-        "bytes of a number": sum(path.stat().st_size for path in tables) / sum(rows),
+        "place in the list": float(list(board.sessions).index(name)),
+        "runs": float(after.runs),
+        "rows": float(after.rows),
+        "columns": float(after.columns),
+        "first time": after.first_time,
+        "duration": after.duration,
+        "interval": after.interval,
+        "jitter": after.jitter,
+        "bytes of a number": after.bytes_of_row,
         "bytes of the URDF": float((folder / URDF_FILE).stat().st_size),
         "bytes of the unseen": float(unseen.stat().st_size) if unseen.is_file() else 0.0,
+        "values that differ": most_apart(after.distinct, before and before.distinct),
+        "values repeated": most_apart(after.repeated, before and before.repeated),
+        "rows before": float(before.rows) if before else 0.0,
+        "bytes before": before.bytes_of_row if before else 0.0,
     }
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What is seen of a folder of runs."""
+
+    runs: int
+    rows: int
+    columns: int
+    first_time: float
+    duration: float
+    interval: float
+    jitter: float
+    bytes_of_row: float
+    distinct: Float[Array, " n"]  # share of a joint's torques that are unlike all others
+    repeated: Float[Array, " n"]  # share of them that are as the one before
+
+    @classmethod
+    def of(cls, folder: Path, joints: Sequence[str]) -> Seen:
+        """Reads a folder of runs."""
+        paths = sorted(folder.glob("*.parquet"))
+        tables = [pq.read_table(path) for path in paths]
+        rows = sum(table.num_rows for table in tables)
+        times = [table["time"].to_numpy() for table in tables]
+        steps = np.concatenate([np.diff(time) for time in times])
+        distinct = np.zeros(len(joints))
+        repeated = np.zeros(len(joints))
+        for index, joint in enumerate(joints):
+            torques = [table[f"{joint}/effort"].to_numpy() for table in tables]
+            distinct[index] = len(np.unique(np.concatenate(torques))) / rows
+            changes = np.concatenate([np.diff(torque) for torque in torques])
+            repeated[index] = np.mean(changes == 0.0)
+        return cls(
+            runs=len(paths),
+            rows=rows,
+            columns=tables[0].num_columns,
+            first_time=float(times[0][0]),
+            duration=float(times[-1][-1] - times[0][0]),
+            interval=float(np.median(steps)),
+            jitter=float(np.std(steps) / np.median(steps)),
+            bytes_of_row=sum(path.stat().st_size for path in paths) / rows,
+            distinct=distinct,
+            repeated=repeated,
+        )
+
+
+def most_apart(after: Float[Array, " n"], before: Float[Array, " n"] | None) -> float:
+    """The joint's share that is farthest from that before; the mean share without a before."""
+    if before is None:
+        return float(np.mean(after))
+    apart = after - before
+    return float(apart[np.argmax(np.abs(apart))])
 
 
 @dataclass(frozen=True)
@@ -95,7 +153,70 @@ def find_leaks(board: Board, opened: Kept, seed: int = 0) -> list[Leak]:
         values = np.array([figures[name][figure] for name in names])
         for question, truths in questions.items():
             leaks.append(Leak(figure, question, exchange_p_value(values, truths, tiers, rng)))
+    table = np.array([list(figures[name].values()) for name in names])
+    for question, truths in questions.items():
+        p_value = classifier_p_value(table, truths, tiers, rng)
+        leaks.append(Leak(TOGETHER, question, p_value))
     return holm(leaks)
+
+
+def classifier_p_value(
+    table: Float[Array, "N F"],
+    truths: Array,
+    tiers: Array,
+    rng: np.random.Generator,
+) -> float:
+    """Chance that of exchanged truths as many are foretold from all figures as of the real ones.
+
+    A ridge regression of the truths on the figures' ranks within their tier and their squares
+    foretells each session from the others (left out one by one); the largest value is its answer.
+    Truths are exchanged within a tier.
+
+    Args:
+        table: Figures of each session.
+        truths: What is wrong in each.
+        tiers: Of each.
+        rng: Draws the exchanges.
+    """
+    groups = [np.flatnonzero(tiers == tier) for tier in np.unique(tiers)]
+    features = classifier_features(table, groups)
+    power = features @ features.T
+    ridge = np.trace(power) / len(power)
+    hat = power @ np.linalg.inv(power + ridge * np.eye(len(power)))
+    hat_alone = hat - np.diag(np.diag(hat))  # what a session says of itself does not count
+    codes = np.unique(truths.astype(str), return_inverse=True)[1]
+    real = _foretold(hat_alone, codes)
+    count = 0
+    for _ in range(EXCHANGES):
+        drawn = codes.copy()
+        for rows in groups:
+            drawn[rows] = codes[rng.permutation(rows)]
+        count += _foretold(hat_alone, drawn) >= real
+    return (count + 1.0) / (EXCHANGES + 1.0)
+
+
+def classifier_features(
+    table: Float[Array, "N F"],
+    groups: Sequence[Array],
+) -> Float[Array, "N K"]:
+    """Ranks of the figures within each tier, from -1 to 1, their squares, and the tiers."""
+    columns: list[Array] = []
+    for rows in groups:
+        for values in table.T:
+            ranks = rankdata(values[rows])
+            column = np.zeros(len(table))
+            column[rows] = 2.0 * (ranks - 0.5) / len(rows) - 1.0
+            columns += [column, column**2]
+        of_tier = np.zeros(len(table))
+        of_tier[rows] = 1.0
+        columns.append(of_tier)
+    return np.column_stack(columns)
+
+
+def _foretold(hat: Float[Array, "N N"], codes: Array) -> float:
+    """Sessions whose truth has the largest value, where others foretell it."""
+    values = hat @ np.eye(codes.max() + 1)[codes]
+    return float(np.sum(np.argmax(values, axis=1) == codes))
 
 
 def exchange_p_value(

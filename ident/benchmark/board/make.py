@@ -46,9 +46,11 @@ from ident.benchmark.board.recorded import (
     plan_planted,
 )
 from ident.benchmark.board.sealing import salt_of, seal_of
+from ident.benchmark.corpus_worlds import MIX
 from ident.command_options import LARGEST_SEED
 from ident.errors import InputError
 from ident.files import atomic_folder, write_record
+from ident.simulation.real.cases import KINDS
 
 BOARD_KIND, KEPT_KIND = "board", "board answers"
 README = Path(__file__).with_name("board_readme.md")
@@ -227,6 +229,7 @@ class BoardWriter:
             "PLANTED": str(counts[PLANTED]),
             "MEASURED": str(counts[MEASURED]),
             "EFFECTS": str(len(published_effects())),
+            "OFTEN": "\n".join(how_often(counts)),
             "SOURCES": "\n".join(self._sources()),
         }
 
@@ -236,3 +239,14 @@ class BoardWriter:
             return
         for name, row in TABLES["recordings"].items():
             yield f"- `{name}`: {row['origin']}, {row['licence']}"
+
+
+def how_often(counts: Mapping[str, int]) -> Iterator[str]:
+    """Rows of the README's table: how often which kind of session comes, by tier."""
+    nothing = MIX["healthy"] + MIX["decoy"]
+    drawn = (MIX["single"], MIX["pair"], MIX["outside"], nothing)
+    planted = tuple(KINDS[kind] for kind in ("single", "pair", "outside", "untouched"))
+    for tier, shares in ((DRAWN, drawn), (PLANTED, planted)):
+        if counts[tier]:
+            cells = [f"{100.0 * share / sum(shares):.0f} %" for share in shares]
+            yield f"| {tier} | {' | '.join(cells)} |"

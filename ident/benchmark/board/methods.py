@@ -30,7 +30,8 @@ from ident.benchmark.board.foretelling import (
     read_unseen,
     urdf_torque,
 )
-from ident.benchmark.board.ours import MISSED_CHANGES, as_diagnosis, our_answer
+from ident.benchmark.board.ours import as_diagnosis, our_answer
+from ident.benchmark.board.unnamed import COMPARISON, DIAGNOSIS, load_shares
 from ident.checks.report import TelemetryReport
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.from_reports import diagnose_reports
@@ -111,7 +112,7 @@ def _answer_alone(board: Board, name: str, attempt: Attempt) -> None:
     diagnosis, analysis, motions = diagnose_reports(reports, arm, CATALOGUE)
     attempt.verdict = diagnosis.verdict
     record = diagnosis.to_dict()
-    attempt.answers[OURS] = our_answer(name, record, board)
+    attempt.answers[OURS] = our_answer(name, record, board, load_shares(DIAGNOSIS))
     unseen = read_unseen(board, name)
     if unseen is not None:
         foretold = _by_all(arm, motions, unseen)
@@ -139,7 +140,7 @@ def _answer_with_before(board: Board, name: str, attempt: Attempt) -> None:
     comparison = compare_reports(reports[:1], reports[1:], arm)
     attempt.verdict = comparison.verdict
     record = as_diagnosis(comparison.to_dict())
-    attempt.answers[OURS] = our_answer(name, record, board, MISSED_CHANGES)
+    attempt.answers[OURS] = our_answer(name, record, board, load_shares(COMPARISON))
     if comparison.told is not None:
         design = comparison.told.likely.design
         evidence = design.sums.evidence

@@ -4,72 +4,120 @@ where the arm before does.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ident.arrays import Array, Float
 from ident.benchmark.board.baselines import UNNAMED, spread_unnamed, undecided_record
 from ident.benchmark.board.case import NONE, OTHER
 from ident.benchmark.board.entry import SCHEMA
 from ident.benchmark.board.files import Board
-from ident.benchmark.board.recorded import TABLES
+from ident.benchmark.board.unnamed import (
+    LISTED,
+    NOTHING,
+    SOMETHING,
+    UNEXPLAINED,
+    Shares,
+    deal,
+)
 
 NOT_FITTED = ("refused", "not_testable")
 """Verdicts without a word on causes."""
-UNEXPLAINED = "changed_unexplained"
-MISSES: dict[str, float] = TABLES["missed"]
-MISSED = MISSES["effects"] / MISSES["of_effects"]
-"""Share of listed effects in real recordings that a diagnosis doesn't name."""
-MISSED_CHANGES = MISSES["changes"] / MISSES["of_changes"]
-"""The same of changes between two halves of a recording."""
+RISEN = "changed_unexplained"
 Row = dict[str, Any]
+Effects = Mapping[str, Mapping[str, Any]]
+"""The published list by id."""
 
 
-def our_answer(
-    name: str,
-    record: Mapping[str, Any],
-    board: Board,
-    missed: float = MISSED,
-) -> Row:
-    """A diagnosis as an answer.
+@dataclass(frozen=True)
+class Said:
+    """What a diagnosis says in probabilities.
 
-    Causes are taken as independent: with the probability that any is there, one of them is the
-    cause, in proportion to their own; a class shares its probability beyond that of its first
-    evenly. A change by no listed effect is other. Of what is left all effects have as much, evenly,
-    as listed effects are missed, for one session without any; the rest of it is none or other, as
-    the score of a cause outside the catalogue says. A share of one in all answers and one more goes
+    Attributes:
+        rows: Names of listed effects, each with its probability.
+        left: Probability that no name has, by what is said beside the names.
+        even: What each answer has on top, whatever is said.
+    """
+
+    rows: tuple[Row, ...]
+    left: Mapping[str, float]
+    even: float
+
+
+def read_said(record: Mapping[str, Any], effects: Effects, joints: Sequence[str]) -> Said:
+    """The probabilities of a diagnosis that was fitted.
+
+    The true distribution of a session is even over what is wrong in it; a name gets its mean share
+    of that, causes taken as independent. Within a class it is dealt by the probabilities of its
+    members; those beside the first have the same. A share of one in all answers and one more goes
     to all of them evenly: nothing is impossible.
+
+    Args:
+        record: The diagnosis.
+        effects: The published list.
+        joints: Of the session.
+    """
+    classes = list(_classes([*record["findings"], *record["reservations"]], effects, joints))
+    labels = len(effects) + 2
+    smooth = 1.0 / (labels + 1)
+    shares = (1.0 - smooth) * mean_shares([whole for whole, _ in classes])
+    listed: list[Row] = []
+    unlisted = 0.0
+    for share, (_, rows) in zip(shares, classes, strict=True):
+        if rows[0]["effect"] == OTHER:
+            unlisted += float(share)
+            continue
+        listed += [{**row, "probability": float(share * row["probability"])} for row in rows]
+    is_named = any(finding.get("effect") in effects for finding in record["findings"])
+    unexplained = float(record.get("outside_score") or 0.0)
+    unnamed = 1.0 - smooth - float(shares.sum())
+    left = {
+        SOMETHING if is_named else NOTHING: unnamed * (1.0 - unexplained),
+        UNEXPLAINED: unnamed * unexplained + unlisted,
+    }
+    return Said(tuple(listed), left, smooth / labels)
+
+
+def mean_shares(probabilities: Sequence[float]) -> Float[Array, " K"]:
+    """Mean share of each of several independent causes in all that is there.
+
+    A cause that is there beside s others has the share 1 / (1 + s); the mean over them is
+    p_k sum_s P(s others) / (1 + s). All together have the probability that any is there.
+
+    Args:
+        probabilities: Of each cause.
+    """
+    shares = np.zeros(len(probabilities))
+    for index, probability in enumerate(probabilities):
+        others = np.ones(1)  # probability of each number of others
+        for other in (*probabilities[:index], *probabilities[index + 1 :]):
+            others = np.convolve(others, [1.0 - other, other])
+        shares[index] = probability * np.sum(others / np.arange(1, len(others) + 1))
+    return shares
+
+
+def our_answer(name: str, record: Mapping[str, Any], board: Board, shares: Shares) -> Row:
+    """A diagnosis as an answer: what no name has goes where causes without a name are.
 
     Args:
         name: The session.
         record: The diagnosis.
         board: Where the session stands.
-        missed: Share of listed effects that get no name.
+        shares: Where causes are that have no name, as fitted to other sessions.
     """
     if record["verdict"] in NOT_FITTED:
         return undecided_record(name, board)
     joints = board.sessions[name]["joints"]
-    rows = _rows([*record["findings"], *record["reservations"]], board, joints)
-    weights = [row.pop("weight") for row in rows]
-    missing = float(np.prod([1.0 - row.pop("whole") for row in rows]))
-    total = sum(weights)
-    labels = len(board.effects) + 2
-    smooth = 1.0 / (labels + 1)
-    even = smooth / labels
-    certain = (1.0 - smooth) * (1.0 - missing if total > 0.0 else 0.0)
-    for row, weight in zip(rows, weights, strict=True):
-        row["probability"] = certain * weight / total if total > 0.0 else 0.0
-    outside = record.get("outside_score") or 0.0
-    unlisted = sum(row["probability"] for row in rows if row["effect"] == OTHER)
-    rows = [row for row in rows if row["effect"] != OTHER]
+    said = read_said(record, board.effects, joints)
+    places = deal(said.left, shares)
+    rows = [dict(row) for row in said.rows]
     answer: Row = {"schema": SCHEMA, "session": name, "effects": rows}
-    unnamed = 1.0 - smooth - certain
-    unseen = unnamed * missed / (1.0 + missed)
-    rest = unnamed - unseen
-    answer[NONE] = rest * (1.0 - outside) + even
-    answer[OTHER] = rest * outside + unlisted + even
-    each = even + unseen / len(board.effects)
+    answer[NONE] = places[NONE] + said.even
+    answer[OTHER] = places[OTHER] + said.even
+    each = said.even + places[LISTED] / len(board.effects)
     for row in rows:  # every effect has its even share once
         first = next(other for other in rows if other["effect"] == row["effect"])
         row["probability"] += each if first is row else 0.0
@@ -77,51 +125,48 @@ def our_answer(
 
 
 def as_diagnosis(record: Mapping[str, Any]) -> Row:
-    """A comparison as a diagnosis of what came: without a name, what can't be explained is other."""
-    unexplained = record["verdict"] == UNEXPLAINED and not record["changes"]
+    """A comparison as a diagnosis of what came; without a name, a gap that rose is unexplained."""
+    unexplained = record["verdict"] == RISEN and not record["changes"]
     return {
         "verdict": record["verdict"],
+        "joints": record["joints"],
         "findings": record["changes"],
         "reservations": record["reservations"],
         "outside_score": float(unexplained),
     }
 
 
-def _rows(
+def _classes(
     findings: Sequence[Mapping[str, Any]],
-    board: Board,
+    effects: Effects,
     joints: Sequence[str],
-) -> list[Row]:
-    """Names with a probability, and others of their classes; `whole` stands at the first alone."""
-    rows: list[Row] = []
+) -> Iterator[tuple[float, list[Row]]]:
+    """Each class with its probability, and its members with their shares of it, the first first."""
     for finding in findings:
         effect = finding.get("effect")
         first = finding.get("probability")
         if not effect or first is None:
             continue
-        whole = float(finding.get("class_probability", first))
-        if effect not in board.effects:
-            rows.append({"effect": OTHER, "weight": whole, "whole": min(whole, 1.0)})
+        whole = min(float(finding.get("class_probability", first)), 1.0)
+        if whole <= 0.0:
             continue
-        others = [member for member in finding.get("class", ()) if member in board.effects]
+        if effect not in effects:
+            yield whole, [{"effect": OTHER}]
+            continue
+        others = [member for member in finding.get("class", ()) if member in effects]
         members = [effect, *(member for member in others if member != effect)]
-        joint = _joint(effect, finding["joints"], board, joints)
-        row: Row = {"effect": effect, "joint": joint, "class": members}
-        row["parameters"] = _parameters(finding.get("parameters", {}))
-        row["weight"] = float(first)
-        row["whole"] = min(whole, 1.0)
-        rows.append(row)
-        for member in members[1:]:
-            place = _joint(member, finding["joints"], board, joints)
-            beside: Row = {"effect": member, "joint": place, "class": members}
-            beside["weight"] = max(whole - float(first), 0.0) / (len(members) - 1)
-            beside["whole"] = 0.0
-            rows.append(beside)
-    return rows
+        share = min(float(first) / whole, 1.0) if len(members) > 1 else 1.0
+        rows: list[Row] = []
+        for member in members:
+            joint = _joint(member, finding["joints"], effects, joints)
+            rows.append({"effect": member, "joint": joint, "class": members, "probability": share})
+            share = (1.0 - rows[0]["probability"]) / max(len(members) - 1, 1)
+        rows[0]["parameters"] = _parameters(finding.get("parameters", {}))
+        yield whole, rows
 
 
-def _joint(effect: str, places: Sequence[str], board: Board, joints: Sequence[str]) -> str:
-    if board.effects[effect]["scope"] == "arm":
+def _joint(effect: str, places: Sequence[str], effects: Effects, joints: Sequence[str]) -> str:
+    if effects[effect]["scope"] == "arm":
         return ""
     return str(places[0]) if places else joints[0]
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array
+from ident.arrays import Array, Float
 from ident.benchmark.board.case import MEASURED, PLANTED, BoardCase
 from ident.errors import InputError
 from ident.recordings.recording import Recording
@@ -40,6 +40,8 @@ GUARD_S = 0.2
 MOST_TURNS = 3
 SUBSTITUTES = 4
 OTHER_PLACES = 50  # of a plan from which those are taken
+# Quantile of the steps between the values of a torque that is taken for its rounding.
+ROUNDING_QUANTILE = 0.1
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,27 @@ def _of_pieces(source: Source, pieces: Sequence[Recording]) -> Source:
     return replace(source, runs=tuple(run.replace(time=run.time - begin) for run in pieces))
 
 
+def unrounded(source: Source, rng: np.random.Generator) -> Source:
+    """The source with its torque spread evenly within its rounding (dither).
+
+    What a recorder rounded stays on its steps where nothing was added to it, and leaves them where
+    something was: how many values differ would tell the joint.
+    """
+    torque = np.concatenate([run.effort for run in source.runs])
+    rounding = np.array([rounding_of(values) for values in torque.T])
+    runs: list[Recording] = []
+    for run in source.runs:
+        dither = rounding * rng.uniform(-0.5, 0.5, run.effort.shape)
+        runs.append(run.replace(effort=run.effort + dither))
+    return replace(source, runs=tuple(runs))
+
+
+def rounding_of(values: Float[Array, " T"]) -> float:
+    """Least steps between values, tiny where nothing is rounded; zero where all are the same."""
+    steps = np.diff(np.unique(values))
+    return float(np.quantile(steps, ROUNDING_QUANTILE)) if len(steps) else 0.0
+
+
 def unseen_of(source: Source) -> Recording:
     """The motion that is to be foretold, with the torque that was recorded."""
     rows = sum(len(run) for run in source.runs)
@@ -162,7 +185,8 @@ def make_planted(
     turns_of_each = MOST_TURNS * sources
     for attempt in range(turns_of_each * len(tried)):
         whole = next(turns)
-        before, after = sides_of(window_of(whole, window_rng), window_rng)
+        window = unrounded(window_of(whole, window_rng), window_rng)
+        before, after = sides_of(window, window_rng)
         arm = MovedArm.of(after)
         rng = np.random.default_rng([seed, 1, slot.number, attempt])
         made = plant_effects(arm, slot.kind, tried[attempt // turns_of_each], rng)

@@ -46,7 +46,7 @@ class SessionScore:
 def score_answer(answer: Answer, truth: Mapping[str, Any], tier: str) -> SessionScore:
     """Scores an answer by its opened truth."""
     effects = list(truth["effects"])
-    labels = [set(_labels(effect)) for effect in effects] or [{NONE}]
+    labels = [set(labels_of(effect)) for effect in effects] or [{NONE}]
     true = set().union(*labels)
     shares = answer.shares()
     logs: list[float] = []
@@ -57,7 +57,7 @@ def score_answer(answer: Answer, truth: Mapping[str, Any], tier: str) -> Session
     first = max(shares, key=lambda label: shares[label])
     name = answer.best_of(first)
     members = {first} if name is None else set(name.members)
-    right = [effect for effect in effects if name and name.effect in _labels(effect)]
+    right = [effect for effect in effects if name and name.effect in labels_of(effect)]
     joint = None
     if right and name is not None:
         joint = any(_stands(name, effect) for effect in right)
@@ -73,7 +73,7 @@ def score_answer(answer: Answer, truth: Mapping[str, Any], tier: str) -> Session
     )
 
 
-def _labels(effect: Mapping[str, Any]) -> list[str]:
+def labels_of(effect: Mapping[str, Any]) -> list[str]:
     """Answers that are right of a truth."""
     if not effect["in_catalogue"]:
         return [OTHER]

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,22 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from ident.benchmark.board.case import NONE, OTHER
+from ident.arrays import Array, Float
+from ident.benchmark.board.case import DRAWN, MEASURED, NONE, OTHER, PLANTED
 from ident.benchmark.board.drawn import _options, make_drawn, plan_drawn
 from ident.benchmark.board.entry import Answer, Named, read_answer, undecided
 from ident.benchmark.board.files import Board, Kept, packed, read_columns, write_columns
 from ident.benchmark.board.jobs import JOBS
-from ident.benchmark.board.leaks import different_urdfs, exchange_p_value, find_words
-from ident.benchmark.board.make import make_board
+from ident.benchmark.board.leaks import (
+    classifier_p_value,
+    different_urdfs,
+    exchange_p_value,
+    find_leaks,
+    find_words,
+)
+from ident.benchmark.board.make import how_often, make_board
 from ident.benchmark.board.methods import OURS, our_answer, undecided_record
+from ident.benchmark.board.ours import mean_shares
 from ident.benchmark.board.published import published_effects
 from ident.benchmark.board.recorded import (
     load_board_sources,
@@ -28,10 +37,12 @@ from ident.benchmark.board.recorded import (
     sides_of,
     split_of,
     turns_of,
+    unrounded,
 )
 from ident.benchmark.board.report import render_board, score_board
-from ident.benchmark.board.score import score_answer
+from ident.benchmark.board.score import SHAPELESS, score_answer
 from ident.benchmark.board.sealing import digest_of, salt_of, seal_of
+from ident.benchmark.board.unnamed import DIAGNOSIS, LISTED, NOTHING, PLACES, STATES, load_shares
 from ident.cli.app import app
 from ident.errors import InputError
 from ident.files import write_record
@@ -169,6 +180,39 @@ def test_the_files_of_a_board_hold_to_their_schemas(made: tuple[Path, Path], tmp
         check_file(tmp_path / f"{name}.json")
 
 
+def test_every_parameter_of_a_truth_is_published(made: tuple[Path, Path]) -> None:
+    """Law: who reads effects.json alone knows all numbers that are asked, and what each means."""
+    board = Board.load(made[0])
+    for facts in board.effects.values():
+        assert facts["parameters"] == sorted(facts["means"])
+        assert all(facts["means"].values())
+    for answer in Kept.load(made[1], board).answers.values():
+        assert unpublished(answer["effects"]) == set()
+
+
+def unpublished(effects: Sequence[Mapping[str, Any]]) -> set[str]:
+    """Numbers of truths that no published parameter is."""
+    listed = published_effects()
+    missing: set[str] = set()
+    for effect in effects:
+        if effect["in_catalogue"]:
+            numbers = set(effect["parameters"]) - set(SHAPELESS)
+            missing |= numbers - set(listed[effect["effect"]]["parameters"])
+    return missing
+
+
+def test_the_readme_says_how_often_what_comes(made: tuple[Path, Path]) -> None:
+    """Law: no placeholder is left, and each tier that is there has shares that add up."""
+    text = (made[0] / "README.md").read_text()
+    assert "@" not in text
+    assert "| drawn | 58 % | 8 % | 8 % | 27 % |" in text
+    rows = list(how_often({DRAWN: 3, PLANTED: 3, MEASURED: 1}))
+    for row in rows:
+        shares = [int(cell.split()[0]) for cell in row.split("|")[2:-1]]
+        assert sum(shares) == pytest.approx(100, abs=2)
+    assert len(rows) == 2
+
+
 def test_a_word_that_tells_is_found(tmp_path: Path) -> None:
     place = tmp_path / "sessions" / "s001"
     place.mkdir(parents=True)
@@ -198,6 +242,51 @@ def test_figures_that_go_with_the_truth_are_told_from_chance() -> None:
     innocent = 5.0 * tiers + rng.standard_normal(120)
     assert exchange_p_value(innocent, truths, tiers, np.random.default_rng(1)) > 0.01
     assert exchange_p_value(np.ones(120), truths, tiers, np.random.default_rng(1)) == 1.0
+
+
+def test_figures_that_tell_together_are_told_from_chance() -> None:
+    """Law: what no figure tells alone but two tell together is found; what is drawn is not."""
+    rng = np.random.default_rng(0)
+    truths = rng.integers(4, size=120)
+    tiers = rng.integers(2, size=120)
+    noise = rng.standard_normal((120, 3))
+    hidden = 2.0 * rng.standard_normal(120)
+    leaking = np.column_stack([truths + hidden, hidden, noise])
+    assert classifier_p_value(leaking, truths, tiers, np.random.default_rng(1)) < 1e-3
+    innocent = np.column_stack([5.0 * tiers, noise])
+    assert classifier_p_value(innocent, truths, tiers, np.random.default_rng(1)) > 0.01
+
+
+def test_every_figure_of_a_board_is_asked(made: tuple[Path, Path]) -> None:
+    """Law: each figure, and all together, have a p-value for whether and for which."""
+    board = Board.load(made[0])
+    leaks = find_leaks(board, Kept.load(made[1], board))
+    questions = {(leak.figure, leak.question) for leak in leaks}
+    assert len(questions) == len(leaks)
+    assert {question for _, question in questions} == {"whether", "which"}
+    assert ("all together", "which") in questions
+    assert all(0.0 < leak.p_value <= 1.0 for leak in leaks)
+
+
+def distinct(values: Float[Array, " T"]) -> float:
+    """Share of values that differ as a board has them."""
+    return len(np.unique(packed(values, 11))) / len(values)
+
+
+def test_no_joint_is_told_by_the_rounding_of_its_torque() -> None:
+    """Law: a torque to which something came leaves its rounding no more than one without."""
+    rng = np.random.default_rng(3)
+    time = np.arange(0.0, 10.0, 0.01)
+    torque = 0.04 * np.round(rng.standard_normal((len(time), 2)) / 0.04)
+    recorded = Recording("run", ("a", "b"), time, torque, torque)
+    source = Source("s", "arm", "", (recorded,))
+    run = unrounded(source, np.random.default_rng(0)).runs[0]
+    assert np.max(np.abs(run.effort - torque)) <= 0.5 * 0.04 * (1.0 + 1e-9)
+    np.testing.assert_array_equal(run.position, recorded.position)
+    np.testing.assert_array_equal(run.time, recorded.time)
+    ill = run.effort[:, 0] + np.sin(time)
+    assert distinct(ill) == pytest.approx(distinct(run.effort[:, 1]), abs=0.05)
+    assert distinct(torque[:, 0] + np.sin(time)) > 2.0 * distinct(torque[:, 1])
 
 
 def test_packed_numbers_keep_what_is_asked_for() -> None:
@@ -351,7 +440,7 @@ def test_a_diagnosis_as_an_answer_adds_up_to_one(made: tuple[Path, Path], tmp_pa
     for verdict, findings in zip(verdicts, ([found], [], []), strict=True):
         record = {"verdict": verdict, "findings": findings, "reservations": [], "outside_score": 0.3}
         path = tmp_path / OURS / f"{name}.json"
-        write_record(path, our_answer(name, record, board))
+        write_record(path, our_answer(name, record, board, load_shares(DIAGNOSIS)))
         shares = read_answer(path, board, name).shares()
         assert sum(shares.values()) == pytest.approx(1.0)
         assert min(shares.values()) > 0.0
@@ -362,19 +451,38 @@ def test_a_diagnosis_as_an_answer_adds_up_to_one(made: tuple[Path, Path], tmp_pa
             assert max(shares, key=lambda label: shares[label]) == NONE
 
 
-def test_what_is_missed_leaves_every_effect_a_share(made: tuple[Path, Path], tmp_path: Path) -> None:
-    """Law: without a name, all effects together are to none and other as often as effects are missed."""
+def test_what_no_name_has_goes_where_causes_without_a_name_are(
+    made: tuple[Path, Path],
+    tmp_path: Path,
+) -> None:
+    """Law: without a name, none, other and all effects together have the shares of that state."""
     board = Board.load(made[0])
     name = next(iter(board.sessions))
-    record = {"verdict": "no_gap", "findings": [], "reservations": [], "outside_score": 0.3}
+    record = {"verdict": "no_gap", "findings": [], "reservations": [], "outside_score": 0.0}
     path = tmp_path / f"{name}.json"
     even = 1.0 / ((len(board.effects) + 3) * (len(board.effects) + 2))
-    for missed in (0.0, 0.5, 1.0):
-        write_record(path, our_answer(name, record, board, missed))
-        shares = {label: share - even for label, share in read_answer(path, board, name).shares().items()}
-        unnamed = shares.pop(NONE) + shares.pop(OTHER)
-        assert sum(shares.values()) == pytest.approx(missed * unnamed, abs=1e-9)
-        assert max(shares.values()) == pytest.approx(min(shares.values()), abs=1e-9)
+    for shares in ((1.0, 0.0, 0.0), (0.5, 0.25, 0.25), (0.0, 0.0, 1.0)):
+        places = dict(zip(PLACES, shares, strict=True))
+        other_states = dict.fromkeys(STATES, dict.fromkeys(PLACES, 0.5))
+        fitted = other_states | {NOTHING: places}
+        write_record(path, our_answer(name, record, board, fitted))
+        answer = read_answer(path, board, name).shares()
+        given = {label: share - even for label, share in answer.items()}
+        unnamed = sum(given.values())
+        assert given.pop(NONE) == pytest.approx(places[NONE] * unnamed, abs=1e-9)
+        assert given.pop(OTHER) == pytest.approx(places[OTHER] * unnamed, abs=1e-9)
+        assert sum(given.values()) == pytest.approx(places[LISTED] * unnamed, abs=1e-9)
+        assert max(given.values()) == pytest.approx(min(given.values()), abs=1e-9)
+
+
+def test_mean_shares_are_those_of_drawn_causes() -> None:
+    """Law: they add up to the chance of any cause, and are what draws of the causes show."""
+    probabilities = (0.9, 0.4, 0.4, 0.0, 1.0)
+    shares = mean_shares(probabilities)
+    assert shares.sum() == pytest.approx(1.0)
+    assert mean_shares((0.9, 0.3)).sum() == pytest.approx(1.0 - 0.1 * 0.7)
+    drawn = np.random.default_rng(0).random((40_000, len(probabilities))) < probabilities
+    np.testing.assert_allclose(shares, (drawn / drawn.sum(axis=1, keepdims=True)).mean(axis=0), atol=0.01)
 
 
 def test_a_drawn_session_comes_with_a_motion_without_its_cause() -> None:
@@ -407,5 +515,6 @@ def test_sessions_on_recordings_hold_no_row_of_the_unseen_motion() -> None:
         if case is None:
             continue
         assert sum(len(run) for run in case.runs) < split_of(ends[case.arm])
+        assert unpublished(case.effects) == set()
         urdfs.setdefault(case.arm, set()).add(case.urdf)
     assert all(len(texts) == 1 for texts in urdfs.values())
