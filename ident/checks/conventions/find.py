@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from ident.checks.filtered_run import USUAL_EFFORT, filter_run
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 
+# What is said of the URDF's masses alone: a factor of all of them may be the effort's unit as well.
+OF_MASSES = frozenset({"body", "masses"})
+
 
 @dataclass(frozen=True)
 class Conventions:
@@ -23,14 +27,26 @@ class Conventions:
     as_it_is: Scored  # log and URDF as they say
     best: Scored
     second: Scored | None
-    gain_of_moving: float  # what of the gain the joints that move tell, all costs taken off [nats]
+    guess: Scored | None = None  # the log as it says, the URDF's masses being guesses
 
     @property
     def gain(self) -> float:
-        """By how much the best explains more than log and URDF as they say, its changes' costs
-        taken off [nats].
+        """By how much the best explains more than any reading that leaves the log as it says, its
+        changes' costs taken off, and by the joints that move alone, whichever is less [nats].
+
+        A body at the end of the arm is compared with log and URDF as they say.
         """
-        return self.as_it_is.cost - self.best.cost
+        others = [self.as_it_is]
+        if self.guess is not None and not is_of_masses(self.best):
+            others.append(self.guess)
+        gain = min(other.cost for other in others) - self.best.cost
+        by_moving = min(other.cost_of_moving for other in others) - self.best.cost_of_moving
+        return min(gain, by_moving)
+
+
+def is_of_masses(reading: Scored) -> bool:
+    """Whether a reading changes the URDF's masses alone."""
+    return set(reading.hypothesis.changes) <= OF_MASSES
 
 
 def log_of(session: Session) -> Log | None:
@@ -56,13 +72,22 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     plain = Hypothesis.as_it_is(log.q.shape[1])
     as_it_is = next(scored for scored in ranked if scored.hypothesis == plain)
     best = ranked[0]
-    # What changes more than the best explains the same for more: a rival leaves some of its changes
-    # out.
-    changes = set(best.hypothesis.changes)
-    rivals = [scored for scored in ranked[1:] if not changes or not changes <= set(scored.hypothesis.changes)]
-    second = next((rival for rival in rivals if rival.hypothesis.changes != best.hypothesis.changes), None)
-    moving = search.cost_of_moving(as_it_is) - search.cost_of_moving(best)
-    return Conventions(as_it_is, best, second, moving)
+    guess = next((scored for scored in ranked if scored.hypothesis.parameters is not None), None)
+    return Conventions(as_it_is, best, _second(ranked), guess)
+
+
+def _second(ranked: Sequence[Scored]) -> Scored | None:
+    """The likeliest rival of the best.
+
+    What changes more than the best explains the same for more: a rival leaves some of its changes
+    out.
+    """
+    changes = set(ranked[0].hypothesis.changes)
+    for scored in ranked[1:]:
+        others = set(scored.hypothesis.changes)
+        if others != changes and not (changes and changes <= others):
+            return scored
+    return None
 
 
 def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> bool:
@@ -70,11 +95,23 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
     so much at least.
 
     Joints that stand are held by friction at a level that nobody knows: those that move must say as
-    much alone. A factor of all masses leaves the log as it is: it only has to be likely.
+    much alone. A factor of all masses leaves the log as it is: it only has to be likely. So do a
+    body and other masses, of which is warned.
     """
     changes = found.best.hypothesis.changes
-    needed = LIMIT.sure_gain
+    needed = LIMIT.likely_gain if is_of_masses(found.best) else LIMIT.sure_gain
     if changes == ("mass_factor",):
         needed = math.log(LIMIT.sure_odds) / DESCRIPTION.observations
-    gain = min(found.gain, found.gain_of_moving)
-    return bool(changes) and gain > needed and found.best.explains >= least
+    return bool(changes) and found.gain > needed and found.best.explains >= least
+
+
+def what_is_sure(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> Conventions | None:
+    """The best reading where it is surely right; else that the URDF's masses are guesses, where
+    that is; else None.
+    """
+    if is_changed(found, least):
+        return found
+    if found.guess is None:
+        return None
+    guessed = replace(found, best=found.guess, second=found.best)
+    return guessed if is_changed(guessed, least) else None

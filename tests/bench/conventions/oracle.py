@@ -110,8 +110,9 @@ def is_same(log: Log, model: Model, guess: Hypothesis, truth: Hypothesis, is_sou
     if is_sound and not _same_masses(guess, truth):
         return False
     # A body turned with the last joint's zero is another body: then the torque is the same with the guess's own.
-    alike = replace(guess, mass_factor=truth.mass_factor, effort_scale=truth.effort_scale, body=truth.body)
-    guesses = [alike, replace(guess, effort_scale=truth.effort_scale)] if is_sound else [alike]
+    own_links = replace(guess, parameters=truth.parameters)
+    alike = replace(own_links, mass_factor=truth.mass_factor, effort_scale=truth.effort_scale, body=truth.body)
+    guesses = [alike, replace(own_links, effort_scale=truth.effort_scale)] if is_sound else [alike]
     return alike == truth or min(more_left(log, model, each, truth) for each in guesses) < SAME
 
 
@@ -120,6 +121,7 @@ def _same_masses(guess: Hypothesis, truth: Hypothesis) -> bool:
     has_factor = (guess.mass_factor == 1.0) == (truth.mass_factor == 1.0)
     near = abs(np.log(guess.mass_factor / truth.mass_factor)) < np.log(FACTOR_OFF)
     joints = [joint for joint, _ in guess.effort_scale] == [joint for joint, _ in truth.effort_scale]
+    joints = joints and (guess.parameters is None) == (truth.parameters is None)
     if guess.body is None or truth.body is None:
         return bool(has_factor and near and joints and guess.body == truth.body)
     return bool(has_factor and near and joints)
