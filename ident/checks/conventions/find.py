@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.checks.conventions.description import DESCRIPTION
-from ident.checks.conventions.hypothesis import Hypothesis
+from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
 from ident.checks.conventions.readings import Log, Model
 from ident.checks.conventions.search import LIMIT, Scored, Search
 from ident.checks.filtered_run import USUAL_EFFORT, filter_run
@@ -47,6 +47,12 @@ class Conventions:
 def is_of_masses(reading: Scored) -> bool:
     """Whether a reading changes the URDF's masses alone."""
     return set(reading.hypothesis.changes) <= OF_MASSES
+
+
+def is_of_urdf(reading: Scored) -> bool:
+    """Whether a reading leaves the log as it says: masses, and where the URDF's base stands."""
+    beside = set(reading.hypothesis.changes) - OF_MASSES
+    return beside <= {"gravity"} and reading.hypothesis.gravity != COMPENSATED
 
 
 def log_of(session: Session) -> Log | None:
@@ -96,10 +102,10 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
 
     Joints that stand are held by friction at a level that nobody knows: those that move must say as
     much alone. A factor of all masses leaves the log as it is: it only has to be likely. So do a
-    body and other masses, of which is warned.
+    body, other masses and a mount.
     """
     changes = found.best.hypothesis.changes
-    needed = LIMIT.likely_gain if is_of_masses(found.best) else LIMIT.sure_gain
+    needed = LIMIT.likely_gain if is_of_urdf(found.best) else LIMIT.sure_gain
     if changes == ("mass_factor",):
         needed = math.log(LIMIT.sure_odds) / DESCRIPTION.observations
     return bool(changes) and found.gain > needed and found.best.explains >= least
