@@ -27,7 +27,15 @@ class Conventions:
     as_it_is: Scored  # log and URDF as they say
     best: Scored
     second: Scored | None
+    # What of the best leaves the log as it says.
+    of_urdf: Scored | None = None
     guess: Scored | None = None  # the log as it says, the URDF's masses being guesses
+
+    def led_by(self, reading: Scored) -> Conventions:
+        """The same with another reading in the best's place."""
+        if reading is self.best:
+            return self
+        return replace(self, best=reading, second=self.best)
 
     @property
     def gain(self) -> float:
@@ -79,7 +87,7 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     as_it_is = next(scored for scored in ranked if scored.hypothesis == plain)
     best = ranked[0]
     guess = next((scored for scored in ranked if scored.hypothesis.parameters is not None), None)
-    return Conventions(as_it_is, best, _second(ranked), guess)
+    return Conventions(as_it_is, best, _second(ranked), _part_of_urdf(ranked), guess)
 
 
 def _second(ranked: Sequence[Scored]) -> Scored | None:
@@ -92,6 +100,16 @@ def _second(ranked: Sequence[Scored]) -> Scored | None:
     for scored in ranked[1:]:
         others = set(scored.hypothesis.changes)
         if others != changes and not (changes and changes <= others):
+            return scored
+    return None
+
+
+def _part_of_urdf(ranked: Sequence[Scored]) -> Scored | None:
+    """The likeliest reading of some of the best's changes that leaves the log as it says."""
+    changes = set(ranked[0].hypothesis.changes)
+    for scored in ranked[1:]:
+        some = set(scored.hypothesis.changes)
+        if some and some <= changes and is_of_urdf(scored):
             return scored
     return None
 
@@ -112,12 +130,29 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
 
 
 def what_is_sure(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> Conventions | None:
-    """The best reading where it is surely right; else that the URDF's masses are guesses, where
-    that is; else None.
+    """The best reading where it is surely right; else what of it leaves the log as it says, or that
+    the URDF's masses are guesses, where that is; else None.
+
+    A mount that each of the likeliest readings has is sure where what they have beside it is not.
     """
-    if is_changed(found, least):
-        return found
-    if found.guess is None:
-        return None
-    guessed = replace(found, best=found.guess, second=found.best)
-    return guessed if is_changed(guessed, least) else None
+    for reading in (found.best, found.of_urdf, found.guess):
+        if reading is None:
+            continue
+        candidate = found.led_by(reading)
+        if is_changed(candidate, least):
+            return candidate
+    return None
+
+
+def likelier_mount(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> Conventions | None:
+    """The likeliest reading that changes gravity's direction and leaves the log as it says, where it
+    is likelier than log and URDF as they say; else None.
+    """
+    for reading in (found.best, found.of_urdf):
+        if reading is None or not is_of_urdf(reading):
+            continue
+        candidate = found.led_by(reading)
+        is_mount = "gravity" in reading.hypothesis.changes
+        if is_mount and candidate.gain > 0.0 and reading.explains >= least:
+            return candidate
+    return None

@@ -11,7 +11,12 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
 from ident.checks.conventions.description import MASSES
-from ident.checks.conventions.find import Conventions, find_conventions, what_is_sure
+from ident.checks.conventions.find import (
+    Conventions,
+    find_conventions,
+    likelier_mount,
+    what_is_sure,
+)
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
 from ident.checks.conventions.search import LIMIT, Scored
 from ident.checks.conventions.words import columns_in_words, in_words
@@ -205,7 +210,7 @@ def read_conventions(session: Session, arm: ArmModel, settings: EffortSettings =
         return as_it_is(session, arm)
     kept = tuple(each for each in (found.best, found.second) if each is not None)
     record = tuple({"hypothesis": describe(s.hypothesis, session.joints), "explains": s.explains} for s in kept)
-    found = what_is_sure(found, settings.sign_explains)
+    found = what_is_used(found, session, arm, settings.sign_explains)
     if found is None:
         return Reading(session, arm, arm, [], False, record)
     hypothesis = found.best.hypothesis
@@ -223,6 +228,29 @@ def read_conventions(session: Session, arm: ArmModel, settings: EffortSettings =
     issues = tell(found, session, arm)
     compensated = hypothesis.gravity == COMPENSATED and not stated_kind
     return Reading(reread_session, turned, corrected_arm(turned, hypothesis), issues, compensated, record)
+
+
+def what_is_used(found: Conventions, session: Session, arm: ArmModel, least: float) -> Conventions | None:
+    """What is sure, else a mount that spares a torque; None where log and URDF are read as they say."""
+    sure = what_is_sure(found, least)
+    if sure is not None:
+        return sure
+    mount = likelier_mount(found, least)
+    if mount is None or not is_spared(mount, session, arm):
+        return None
+    return mount
+
+
+def is_spared(mount: Conventions, session: Session, arm: ArmModel) -> bool:
+    """Whether a joint would be refused as the URDF's base stands, and none is under a mount.
+
+    One of the two is wrong: the joint's torque or the mount. The search has compared them.
+    """
+    if session.gravity is not None or not is_misread(session, arm):
+        return False
+    gravity = np.array(mount.best.hypothesis.gravity, dtype=float)
+    turned = arm.with_gravity(followed_gravity(session, arm, gravity))
+    return not is_misread(session, turned)
 
 
 def is_tilt(gravity: Float[Array, " 3"], arm: ArmModel) -> bool:
