@@ -33,11 +33,11 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ident.checks.conventions.find import Conventions, search_conventions
+from ident.checks.conventions.find import Conventions, is_of_urdf, search_conventions
 from ident.checks.conventions.readings import Model
 from ident.checks.conventions.search import LIMIT
 from ident.checks.filtered_run import USUAL_EFFORT
@@ -57,6 +57,9 @@ def row_of(name: str, group: str, found: Conventions, **more: Any) -> dict[str, 
         "group": group,
         "changes": list(found.best.hypothesis.changes),
         "gain": found.gain,
+        "of_urdf": is_of_urdf(found.best),
+        "part": [] if found.of_urdf is None else list(found.of_urdf.hypothesis.changes),
+        "gain_of_part": 0.0 if found.of_urdf is None else found.led_by(found.of_urdf).gain,
         "explains": found.best.explains,
         "as_it_is": found.as_it_is.explains,
         "second": [] if found.second is None else list(found.second.hypothesis.changes),
@@ -115,6 +118,15 @@ def false_gain(row: dict[str, Any]) -> float:
     return max(float(row["gain"]), 0.0) if is_proposed and is_well_explained else 0.0
 
 
+def false_gain_of_urdf(row: dict[str, Any]) -> float:
+    """The same of what leaves the log as it says: the likeliest reading, or a part of it [nats]."""
+    if row["of_urdf"]:
+        return false_gain(row)
+    is_proposed = bool(row["part"]) and set(row["part"]) != {"body"}
+    is_well_explained = row["explains"] >= USUAL_EFFORT.sign_explains
+    return max(float(row["gain_of_part"]), 0.0) if is_proposed and is_well_explained else 0.0
+
+
 def fit_tail(rows: Iterable[dict[str, Any]]) -> tuple[float, float]:
     """Share of logs with a false gain, and the mean of those gains [nats]; each arm counts alike."""
     by_arm: dict[str, list[float]] = {}
@@ -127,7 +139,31 @@ def fit_tail(rows: Iterable[dict[str, Any]]) -> tuple[float, float]:
     return float(np.mean(shares)), float(np.sum(means) / np.sum(shares))
 
 
-def gain_beyond(share: float, scale: float, level: float = LEVEL) -> float:
+class Levels(NamedTuple):
+    """Gains from which on another reading is taken [nats]."""
+
+    sure: float
+    likely: float  # where the log stays as it says
+
+    @classmethod
+    def fitted(cls, rows: Iterable[dict[str, Any]]) -> Levels:
+        """Beyond which, by the false gains of some logs, none of so many lies."""
+        share, scale = fit_tail(rows)
+        return cls(gain_beyond(share, scale, LEVEL), gain_beyond(share, scale, EVEN))
+
+    def changed(self, rows: Iterable[dict[str, Any]]) -> tuple[int, int]:
+        """Logs that would be read otherwise; and logs that stay, but whose URDF would be."""
+        by_log = 0
+        by_urdf = 0
+        for row in rows:
+            if not row["of_urdf"] and false_gain(row) > self.sure:
+                by_log += 1
+            elif false_gain_of_urdf(row) > self.likely:
+                by_urdf += 1
+        return by_log, by_urdf
+
+
+def gain_beyond(share: float, scale: float, level: float) -> float:
     """The gain beyond which none of so many logs lies, with a probability."""
     return scale * math.log(share * LOGS / -math.log(level))
 
@@ -138,21 +174,25 @@ def fit(rows: Sequence[dict[str, Any]]) -> None:
     right = [row for row in rows if row["origin"] == "drawn" and row["right"]]
     arms = sorted({row["group"] for row in untouched})
     share, scale = fit_tail(untouched)
-    needed = gain_beyond(share, scale)
+    levels = Levels.fitted(untouched)
     print(f"{len(untouched)} logs of {len(arms)} arms: {share:.4f} with a false gain, {scale:.3f} nats in the mean")
-    print(f"largest false gain {max(map(false_gain, untouched)):.2f}; sure_gain = {needed:.2f}; now {LIMIT.sure_gain}")
-    print(f"likely_gain = {gain_beyond(share, scale, EVEN):.2f}; now {LIMIT.likely_gain}")
+    print(f"largest false gain {max(map(false_gain, untouched)):.2f}, by the URDF alone ", end="")
+    print(f"{max(map(false_gain_of_urdf, untouched)):.2f}")
+    print(f"sure_gain = {levels.sure:.2f}; now {LIMIT.sure_gain}")
+    print(f"likely_gain = {levels.likely:.2f}; now {LIMIT.likely_gain}")
     if right:
-        print(f"of {len(right)} drawn changes rightly read {np.mean([row['gain'] > needed for row in right]):.3f} sure")
-    changed = 0
+        share_sure = np.mean([row["gain"] > levels.sure for row in right])
+        print(f"of {len(right)} drawn changes rightly read {share_sure:.3f} sure")
+    total = np.zeros(2, dtype=int)
     for k in range(FOLDS):
         out = arms[k::FOLDS]
-        others = gain_beyond(*fit_tail(row for row in untouched if row["group"] not in out))
-        held = [false_gain(row) for row in untouched if row["group"] in out]
-        over = sum(gain > others for gain in held)
-        changed += over
-        print(f"without {', '.join(out)}: {others:.2f}; there changed {over} of {len(held)}")
-    print(f"arms left out: changed {changed} of {len(untouched)}")
+        others = Levels.fitted(row for row in untouched if row["group"] not in out)
+        held = [row for row in untouched if row["group"] in out]
+        counts = others.changed(held)
+        total += counts
+        print(f"without {', '.join(out)}: sure {others.sure:.2f}, likely {others.likely:.2f}; ", end="")
+        print(f"there {counts[0]} logs changed and {counts[1]} URDFs, of {len(held)}")
+    print(f"arms left out: {total[0]} logs changed and {total[1]} URDFs, of {len(untouched)}")
 
 
 def main() -> None:

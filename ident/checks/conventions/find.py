@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.checks.conventions.description import DESCRIPTION
+from ident.checks.conventions.description import DESCRIPTION, Orders, price
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
 from ident.checks.conventions.readings import Log, Model
 from ident.checks.conventions.search import LIMIT, Scored, Search
@@ -87,19 +87,25 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     as_it_is = next(scored for scored in ranked if scored.hypothesis == plain)
     best = ranked[0]
     guess = next((scored for scored in ranked if scored.hypothesis.parameters is not None), None)
-    return Conventions(as_it_is, best, _second(ranked), _part_of_urdf(ranked), guess)
+    return Conventions(as_it_is, best, _second(ranked, model.usual_orders), _part_of_urdf(ranked), guess)
 
 
-def _second(ranked: Sequence[Scored]) -> Scored | None:
+def _second(ranked: Sequence[Scored], usual_orders: Orders) -> Scored | None:
     """The likeliest rival of the best.
 
-    What changes more than the best explains the same for more: a rival leaves some of its changes
-    out.
+    What changes more than the best is a rival where its further changes explain most of what they
+    cost, and otherwise the best once more, of which less is known.
     """
-    changes = set(ranked[0].hypothesis.changes)
+    best = ranked[0]
+    changes = set(best.hypothesis.changes)
+    paid = price(best.hypothesis, usual_orders)
     for scored in ranked[1:]:
         others = set(scored.hypothesis.changes)
-        if others != changes and not (changes and changes <= others):
+        if others == changes:
+            continue
+        is_more = bool(changes) and changes < others
+        further = price(scored.hypothesis, usual_orders) - paid
+        if not is_more or scored.cost - best.cost < 0.5 * further:
             return scored
     return None
 

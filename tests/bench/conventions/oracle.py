@@ -15,9 +15,9 @@ from itertools import combinations
 import numpy as np
 
 from ident.arrays import Array
-from ident.checks.conventions.description import description_length
+from ident.checks.conventions.description import DESCRIPTION, description_length
 from ident.checks.conventions.hypothesis import Hypothesis
-from ident.checks.conventions.masses import read_as
+from ident.checks.conventions.masses import guessed_masses, read_as
 from ident.checks.conventions.readings import Log, Model
 
 # Blocks of time that count as independent.
@@ -74,8 +74,15 @@ def is_visible(log: Log, model: Model, truth: Hypothesis) -> bool:
     """Whether the log says more for the changes, each and some together, than their description is long.
 
     Changes that undo one another are none: gravity upside down and all torques of the other sign.
+    Nor are changes that other masses explain as well, where the URDF's are guesses.
     """
     whole = description_length(truth, model.usual_orders)
+    guess = guessed_masses(log, model)
+    if guess is not None:
+        plain = description_length(guess.hypothesis, model.usual_orders)
+        guessed = plain + guess.more * float(DESCRIPTION.observations)
+        if evidence(log, model, truth, guess.hypothesis) < whole - guessed:
+            return False
     names = truth.changes
     for count in range(1, len(names) + 1):
         for left_out in combinations(names, count):
