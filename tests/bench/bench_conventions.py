@@ -133,7 +133,7 @@ def untouched(folder: Path, seed: int) -> None:
         for begin, log in stretches(case):
             found = search_conventions(log, model)
             changed = is_changed(found)
-            gain = min(found.gain, found.gain_of_moving)
+            gain = found.gain
             is_body = set(found.best.hypothesis.changes) <= {"body"}
             counts.update(stretches=1, changed=changed and not is_body, body=changed and is_body)
             if found.best.explains >= USUAL_EFFORT.sign_explains:

@@ -22,8 +22,8 @@ MASSES = read_group(__file__, "masses")
 SEARCH = read_group(__file__, "search")
 
 # The kinds of change: order, effort order, direction, zero, unit, sign, mount, compensation,
-# factor, scale, body.
-KIND = math.log(11.0)
+# factor, scale, body, all masses.
+KIND = math.log(12.0)
 BODY_PARAMETERS = 4
 OTHER_ZEROS = len(ZEROS) - 1
 AXES = 6
@@ -60,6 +60,8 @@ def description_length(hypothesis: Hypothesis, usual_orders: Orders = ()) -> flo
     length += len(hypothesis.effort_scale) * scale_length(count)
     if hypothesis.body is not None:
         length += KIND + 0.5 * BODY_PARAMETERS * math.log(MASSES.independent)
+    if hypothesis.parameters is not None:  # what the numbers cost, their number tells
+        length += KIND
     return length
 
 

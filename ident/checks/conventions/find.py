@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.checks.conventions.description import DESCRIPTION
-from ident.checks.conventions.hypothesis import Hypothesis
+from ident.checks.conventions.description import DESCRIPTION, Orders, price
+from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
 from ident.checks.conventions.readings import Log, Model
 from ident.checks.conventions.search import LIMIT, Scored, Search
 from ident.checks.filtered_run import USUAL_EFFORT, filter_run
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
+
+# What is said of the URDF's masses alone: a factor of all of them may be the effort's unit as well.
+OF_MASSES = frozenset({"body", "masses"})
 
 
 @dataclass(frozen=True)
@@ -23,14 +27,40 @@ class Conventions:
     as_it_is: Scored  # log and URDF as they say
     best: Scored
     second: Scored | None
-    gain_of_moving: float  # what of the gain the joints that move tell, all costs taken off [nats]
+    # What of the best leaves the log as it says.
+    of_urdf: Scored | None = None
+    guess: Scored | None = None  # the log as it says, the URDF's masses being guesses
+
+    def led_by(self, reading: Scored) -> Conventions:
+        """The same with another reading in the best's place."""
+        if reading is self.best:
+            return self
+        return replace(self, best=reading, second=self.best)
 
     @property
     def gain(self) -> float:
-        """By how much the best explains more than log and URDF as they say, its changes' costs
-        taken off [nats].
+        """By how much the best explains more than any reading that leaves the log as it says, its
+        changes' costs taken off, and by the joints that move alone, whichever is less [nats].
+
+        A body at the end of the arm is compared with log and URDF as they say.
         """
-        return self.as_it_is.cost - self.best.cost
+        others = [self.as_it_is]
+        if self.guess is not None and not is_of_masses(self.best):
+            others.append(self.guess)
+        gain = min(other.cost for other in others) - self.best.cost
+        by_moving = min(other.cost_of_moving for other in others) - self.best.cost_of_moving
+        return min(gain, by_moving)
+
+
+def is_of_masses(reading: Scored) -> bool:
+    """Whether a reading changes the URDF's masses alone."""
+    return set(reading.hypothesis.changes) <= OF_MASSES
+
+
+def is_of_urdf(reading: Scored) -> bool:
+    """Whether a reading leaves the log as it says: masses, and where the URDF's base stands."""
+    beside = set(reading.hypothesis.changes) - OF_MASSES
+    return beside <= {"gravity"} and reading.hypothesis.gravity != COMPENSATED
 
 
 def log_of(session: Session) -> Log | None:
@@ -56,13 +86,38 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     plain = Hypothesis.as_it_is(log.q.shape[1])
     as_it_is = next(scored for scored in ranked if scored.hypothesis == plain)
     best = ranked[0]
-    # What changes more than the best explains the same for more: a rival leaves some of its changes
-    # out.
+    guess = next((scored for scored in ranked if scored.hypothesis.parameters is not None), None)
+    return Conventions(as_it_is, best, _second(ranked, model.usual_orders), _part_of_urdf(ranked), guess)
+
+
+def _second(ranked: Sequence[Scored], usual_orders: Orders) -> Scored | None:
+    """The likeliest rival of the best.
+
+    What changes more than the best is a rival where its further changes explain most of what they
+    cost, and otherwise the best once more, of which less is known.
+    """
+    best = ranked[0]
     changes = set(best.hypothesis.changes)
-    rivals = [scored for scored in ranked[1:] if not changes or not changes <= set(scored.hypothesis.changes)]
-    second = next((rival for rival in rivals if rival.hypothesis.changes != best.hypothesis.changes), None)
-    moving = search.cost_of_moving(as_it_is) - search.cost_of_moving(best)
-    return Conventions(as_it_is, best, second, moving)
+    paid = price(best.hypothesis, usual_orders)
+    for scored in ranked[1:]:
+        others = set(scored.hypothesis.changes)
+        if others == changes:
+            continue
+        is_more = bool(changes) and changes < others
+        further = price(scored.hypothesis, usual_orders) - paid
+        if not is_more or scored.cost - best.cost < 0.5 * further:
+            return scored
+    return None
+
+
+def _part_of_urdf(ranked: Sequence[Scored]) -> Scored | None:
+    """The likeliest reading of some of the best's changes that leaves the log as it says."""
+    changes = set(ranked[0].hypothesis.changes)
+    for scored in ranked[1:]:
+        some = set(scored.hypothesis.changes)
+        if some and some <= changes and is_of_urdf(scored):
+            return scored
+    return None
 
 
 def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> bool:
@@ -70,11 +125,40 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
     so much at least.
 
     Joints that stand are held by friction at a level that nobody knows: those that move must say as
-    much alone. A factor of all masses leaves the log as it is: it only has to be likely.
+    much alone. A factor of all masses leaves the log as it is: it only has to be likely. So do a
+    body, other masses and a mount.
     """
     changes = found.best.hypothesis.changes
-    needed = LIMIT.sure_gain
+    needed = LIMIT.likely_gain if is_of_urdf(found.best) else LIMIT.sure_gain
     if changes == ("mass_factor",):
         needed = math.log(LIMIT.sure_odds) / DESCRIPTION.observations
-    gain = min(found.gain, found.gain_of_moving)
-    return bool(changes) and gain > needed and found.best.explains >= least
+    return bool(changes) and found.gain > needed and found.best.explains >= least
+
+
+def what_is_sure(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> Conventions | None:
+    """The best reading where it is surely right; else what of it leaves the log as it says, or that
+    the URDF's masses are guesses, where that is; else None.
+
+    A mount that each of the likeliest readings has is sure where what they have beside it is not.
+    """
+    for reading in (found.best, found.of_urdf, found.guess):
+        if reading is None:
+            continue
+        candidate = found.led_by(reading)
+        if is_changed(candidate, least):
+            return candidate
+    return None
+
+
+def likelier_mount(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> Conventions | None:
+    """The likeliest reading that changes gravity's direction and leaves the log as it says, where it
+    is likelier than log and URDF as they say; else None.
+    """
+    for reading in (found.best, found.of_urdf):
+        if reading is None or not is_of_urdf(reading):
+            continue
+        candidate = found.led_by(reading)
+        is_mount = "gravity" in reading.hypothesis.changes
+        if is_mount and candidate.gain > 0.0 and reading.explains >= least:
+            return candidate
+    return None

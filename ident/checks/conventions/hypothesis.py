@@ -46,6 +46,8 @@ class Hypothesis:
     # Mass [kg] and first moment [kg m], in the last link's frame, of a body that the URDF lacks; negative where it has
     # one that is not on the arm. None for none.
     body: tuple[float, float, float, float] | None = None
+    # Ten numbers a link in place of the URDF's, where its masses and centres are guesses; None for the URDF's.
+    parameters: tuple[float, ...] | None = None
 
     @classmethod
     def as_it_is(cls, count: int) -> Hypothesis:
@@ -76,6 +78,7 @@ class Hypothesis:
         names += [] if self.mass_factor == 1.0 else ["mass_factor"]
         names += [f"effort_scale {j}" for j, _ in self.effort_scale]
         names += [] if self.body is None else ["body"]
+        names += [] if self.parameters is None else ["masses"]
         return tuple(names)
 
     def angles(self, position: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:

@@ -1,5 +1,5 @@
 """What is left to the URDF's masses and the torque's unit once a log is read: one factor, one
-joint's, or one body.
+joint's, one body, or all of them.
 
 All masses by one factor are seen by sizes that agree among the joints better than with one; the
 effort of one joint in another unit by its size; a body at the end of the arm that the URDF lacks,
@@ -27,6 +27,7 @@ from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, Hypothes
 from ident.checks.conventions.readings import LIMIT as READING
 from ident.checks.conventions.readings import Log, Model, is_other_unit, is_told
 from ident.records import read_group
+from ident.robot.arm import ArmModel
 
 LIMIT = read_group(__file__, "masses")
 
@@ -51,28 +52,59 @@ def gravity_of(hypothesis: Hypothesis, model: Model) -> Float[Array, " 3"]:
     return np.array(hypothesis.gravity, dtype=float)
 
 
+def arm_of(hypothesis: Hypothesis, model: Model) -> ArmModel:
+    """The arm under a hypothesis's gravity, with its own links where the URDF's are guesses."""
+    arm = model.arm.with_gravity(gravity_of(hypothesis, model))
+    if hypothesis.parameters is None:
+        return arm
+    return arm.with_inertial_parameters(np.array(hypothesis.parameters))
+
+
+def states_of(
+    log: Log, model: Model, hypothesis: Hypothesis
+) -> tuple[Float[Array, "T n"], Float[Array, "T n"], Float[Array, "T n"], Float[Array, "T n"]]:
+    """Angles, their first and second derivatives and the torque, as a hypothesis has them."""
+    sliding = model.sliding
+    q = hypothesis.angles(log.q, sliding)
+    dq = hypothesis.rates(log.dq, sliding)
+    ddq = hypothesis.rates(log.ddq, sliding)
+    sign = np.array(hypothesis.direction) * np.array(hypothesis.effort_sign)
+    tau = log.tau[:, np.array(hypothesis.effort_order)] * sign
+    return q, dq, ddq, tau
+
+
+def beside_friction(
+    columns: Float[Array, "T n k"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
+) -> Float[Array, "n t k"]:
+    """Columns of each joint's torque with friction, rotor and offset projected out.
+
+    Rows of a joint that stands count less. The offset's cost is a row more, in which nothing is
+    measured.
+    """
+    samples, n, _ = columns.shape
+    weight = np.where(np.abs(dq) > READING.standing, 1.0, READING.rest_weight)
+    weight = (weight / np.sqrt(np.mean(weight**2, axis=0))).T[..., None]
+    friction = [np.tanh(dq / READING.transition), dq, ddq, np.ones_like(dq)]
+    held = weight * np.stack(friction).transpose(2, 1, 0)
+    offset = np.zeros((n, 1, len(friction)))
+    offset[..., -1] = np.sqrt(READING.offset_cost * samples)
+    beside, _ = np.linalg.qr(np.concatenate([held, offset], axis=1))
+    wanted = weight * columns.transpose(1, 0, 2)
+    wanted = np.concatenate([wanted, np.zeros((n, 1, wanted.shape[-1]))], axis=1)
+    return np.asarray(wanted - beside @ (beside.transpose(0, 2, 1) @ wanted))
+
+
 def read_as(log: Log, model: Model, hypothesis: Hypothesis) -> Reading:
     """A log read as a hypothesis has it."""
-    sliding, n = model.sliding, log.q.shape[1]
-    q = hypothesis.angles(log.q, sliding)
-    dq, ddq = hypothesis.rates(log.dq, sliding), hypothesis.rates(log.ddq, sliding)
-    arm = model.arm.with_gravity(gravity_of(hypothesis, model))
-    columns = np.array(hypothesis.effort_order)
-    tau = log.tau[:, columns] * np.array(hypothesis.direction) * np.array(hypothesis.effort_sign)
+    arm = arm_of(hypothesis, model)
+    q, dq, ddq, tau = states_of(log, model, hypothesis)
     rigid = hypothesis.mass_factor * arm.inverse_dynamics(q, dq, ddq)
-    first = 10 * (n - 1)
-    table = arm.regressor(q, dq, ddq, range(first, first + BODY_PARAMETERS))
-    weight = np.where(np.abs(dq) > READING.standing, 1.0, READING.rest_weight)
-    weight = (weight / np.sqrt(np.mean(weight**2, axis=0))).T[..., None]  # n T 1
-    held = np.stack([np.tanh(dq / READING.transition), dq, ddq, np.ones_like(dq)]).transpose(2, 1, 0)
-    wanted = np.concatenate([np.stack([tau, rigid], axis=-1), table], axis=-1).transpose(1, 0, 2)
-    # The offset's cost is a row more, in which nothing is measured.
-    offset = np.zeros((n, 1, held.shape[-1]))
-    offset[..., -1] = np.sqrt(READING.offset_cost * len(q))
-    beside, _ = np.linalg.qr(np.concatenate([held * weight, offset], axis=1))
-    wanted = np.concatenate([wanted * weight, np.zeros((n, 1, wanted.shape[-1]))], axis=1)
-    wanted = wanted - beside @ (beside.transpose(0, 2, 1) @ wanted)
-    return Reading(wanted[..., 0], wanted[..., 1], wanted[..., 2:], log.tau.var(axis=0)[columns])
+    last_link = 10 * (log.q.shape[1] - 1)
+    table = arm.regressor(q, dq, ddq, range(last_link, last_link + BODY_PARAMETERS))
+    columns = np.concatenate([np.stack([tau, rigid], axis=-1), table], axis=-1)
+    left = beside_friction(columns, dq, ddq)
+    variance = log.tau.var(axis=0)[np.array(hypothesis.effort_order)]
+    return Reading(left[..., 0], left[..., 1], left[..., 2:], variance)
 
 
 class SizedTorque(NamedTuple):
@@ -124,17 +156,49 @@ def common_factor(reading: Reading) -> tuple[float, float]:
 
     Sizes that scatter around one each for itself do not agree: those that lie as near together as
     sound URDFs' do are the likelier the nearer, by the spread that they have in place of the usual
-    one. Both centres are asked.
+    one, each beside its own error,
+
+        1/2 sum log((around_one² + error²) / (around_it² + error²)).
+
+    Both centres are asked. A joint in another unit than the others is none of them.
     """
     logs, variance = free_sizes(reading)
-    weight = 1.0 / (1.0 + variance / LIMIT.scatter**2)
-    total = float(weight.sum())
-    if total < LIMIT.fewest_sizes:
+    usual = float(DESCRIPTION.size_spread)
+    telling_joints = usual**2 / (usual**2 + variance)
+    weight = 1.0 / (LIMIT.scatter**2 + variance)
+    if float(telling_joints.sum()) < LIMIT.fewest_sizes:
         return 1.0, 0.0
-    middle = float(weight @ logs / total)
-    spreads = [float(np.sqrt(weight @ (logs - centre) ** 2 / total)) for centre in (0.0, middle)]
-    around_one, around_it = np.clip(spreads, LIMIT.scatter, DESCRIPTION.size_spread)
-    return float(np.exp(middle)), total * float(np.log(around_one / around_it))
+    apart = np.abs(logs - _weighted_median(logs, weight))
+    weight = np.where(apart < np.log(LIMIT.other_unit), weight, 0.0)
+    middle = float(weight @ logs / weight.sum())
+    squares = [_spread_around(logs, centre, weight, variance) ** 2 for centre in (0.0, middle)]
+    around_one, around_it = squares
+    error = variance[weight > 0.0]
+    ratios = np.log((around_one + error) / (around_it + error))
+    return float(np.exp(middle)), 0.5 * float(ratios.sum())
+
+
+def _weighted_median(values: Float[Array, " n"], weight: Float[Array, " n"]) -> float:
+    """The value below and above which lies half of the weight."""
+    order = np.argsort(values)
+    share = np.cumsum(weight[order])
+    return float(values[order][np.searchsorted(share, 0.5 * share[-1])])
+
+
+def _spread_around(
+    logs: Float[Array, " n"],
+    centre: float,
+    weight: Float[Array, " n"],
+    variance: Float[Array, " n"],
+) -> float:
+    """Standard deviation of sizes around a centre, their errors taken off: between what URDFs have
+    at least and what joints have usually.
+    """
+    agreeing = weight > 0.0
+    square = (logs[agreeing] - centre) ** 2 - variance[agreeing]
+    mean = float(weight[agreeing] @ square / weight[agreeing].sum())
+    lowest, highest = float(LIMIT.scatter), float(DESCRIPTION.size_spread)
+    return float(np.clip(np.sqrt(max(mean, 0.0)), lowest, highest))
 
 
 def end_body(reading: Reading, factor: float | None = None) -> tuple[float, Float[Array, " 4"]]:
@@ -212,3 +276,51 @@ def _variants(hypothesis: Hypothesis, fit: SizedTorque, more: float = 0.0) -> It
     scales = tuple((int(j), float(fit.sizes[j])) for j in np.flatnonzero(fit.other_unit))
     if scales:
         yield Variant(replace(hypothesis, effort_scale=scales), fit.costs, fit.sizes, more)
+
+
+def guessed_masses(log: Log, model: Model) -> Variant | None:
+    """The log as it is, and the links that its torques ask for in place of the URDF's.
+
+    Weighted least squares from the URDF's parameters on, each joint by what it leaves, in the
+    directions that the motion tells: their number is the length of the description. None of an arm
+    of one joint, whose zero, direction and centre of mass are one.
+
+    Source: base parameters as in Gautier and Khalil, Direct calculation of minimum set of inertial
+    parameters of serial robots, IEEE T-RA 6 (1990).
+    """
+    plain = Hypothesis.as_it_is(log.q.shape[1])
+    if log.q.shape[1] < 2:
+        return None
+    q, dq, ddq, tau = states_of(log, model, plain)
+    nominal = model.arm.inertial_parameters
+    table = model.arm.regressor(q, dq, ddq)
+    rest = tau - table @ nominal
+    left = beside_friction(np.concatenate([rest[..., None], table], axis=-1), dq, ddq)
+    target, columns = left[..., 0], left[..., 1:]
+    variance = np.maximum(log.tau.var(axis=0), 1e-300)
+    change = np.zeros_like(nominal)
+    told = 0
+    share = np.ones_like(variance)
+    for _ in range(LIMIT.rounds):
+        weight = 1.0 / (share * variance)
+        normal = np.einsum("j,jtp,jtq->pq", weight, columns, columns)
+        wanted = np.einsum("j,jtp,jt->p", weight, columns, target)
+        change, told = _least_change(normal, wanted)
+        share = ((target - columns @ change) ** 2).mean(axis=1) / variance + READING.floor
+    guess = replace(plain, parameters=tuple((nominal + change).tolist()))
+    reading = read_as(log, model, guess)
+    fit = cost_at(reading, reading.rigid)
+    length = 0.5 * told * np.log(LIMIT.independent)
+    return Variant(guess, fit.plain_costs, fit.plain_sizes, length / DESCRIPTION.observations)
+
+
+def _least_change(normal: Float[Array, "p p"], wanted: Float[Array, " p"]) -> tuple[Float[Array, " p"], int]:
+    """The shortest solution of normal equations in the directions that are told, and how many
+    are.
+    """
+    size = np.sqrt(np.maximum(np.diagonal(normal), 0.0))
+    scale = np.where(size > READING.told_share * size.max(), 1.0 / np.maximum(size, 1e-300), 0.0)
+    values, axes = np.linalg.eigh(normal * scale[:, None] * scale[None, :])
+    is_told_axis = values > READING.told_share * max(float(values[-1]), 1e-300)
+    axes, values = axes[:, is_told_axis], values[is_told_axis]
+    return np.asarray(scale * (axes @ ((axes.T @ (scale * wanted)) / values))), len(values)

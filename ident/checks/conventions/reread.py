@@ -11,7 +11,12 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
 from ident.checks.conventions.description import MASSES
-from ident.checks.conventions.find import Conventions, find_conventions, is_changed
+from ident.checks.conventions.find import (
+    Conventions,
+    find_conventions,
+    likelier_mount,
+    what_is_sure,
+)
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
 from ident.checks.conventions.search import LIMIT, Scored
 from ident.checks.conventions.words import columns_in_words, in_words
@@ -57,6 +62,8 @@ def _velocities_alike(session: Session) -> bool:
 
 def corrected_arm(arm: ArmModel, hypothesis: Hypothesis) -> ArmModel:
     """The arm with the masses that a hypothesis asks for."""
+    if hypothesis.parameters is not None:
+        return arm.with_inertial_parameters(np.array(hypothesis.parameters))
     parameters = np.array(arm.inertial_parameters) * hypothesis.mass_factor
     if hypothesis.body is not None:
         parameters[-10:-6] += np.array(hypothesis.body)
@@ -88,6 +95,8 @@ def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
     if hypothesis.body is not None:
         mass, *moment = hypothesis.body
         found["body"] = {"mass_kg": round(mass, 3), "moment_kgm": [round(value, 4) for value in moment]}
+    if hypothesis.parameters is not None:
+        found["masses"] = "guessed"
     return {name: value for name, value in found.items() if value != {}}
 
 
@@ -118,6 +127,9 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         figures: dict[str, Any] = {"factor": factor, "weight": weight, "right": factor * weight}
         key = "mass_factor" if weighs_better(arm, factor) else "common_unit"
         issues.append(issue_of(key, session, joints, severity=severity, **figures, **seen))
+    if "masses" in known:
+        plain = f"{100.0 * found.as_it_is.explains:.1f} %"
+        issues.append(issue_of("guessed_masses", session, joints, plain=plain, **seen))
     if "body" in known:
         key = "body_lacks" if best.body is not None and best.body[0] > 0.0 else "body_too_much"
         mass, *moment = best.body or (0.0, 0.0, 0.0, 0.0)
@@ -198,7 +210,8 @@ def read_conventions(session: Session, arm: ArmModel, settings: EffortSettings =
         return as_it_is(session, arm)
     kept = tuple(each for each in (found.best, found.second) if each is not None)
     record = tuple({"hypothesis": describe(s.hypothesis, session.joints), "explains": s.explains} for s in kept)
-    if not is_changed(found, settings.sign_explains):
+    found = what_is_used(found, session, arm, settings.sign_explains)
+    if found is None:
         return Reading(session, arm, arm, [], False, record)
     hypothesis = found.best.hypothesis
     reread_session = reread(session, hypothesis)
@@ -215,6 +228,29 @@ def read_conventions(session: Session, arm: ArmModel, settings: EffortSettings =
     issues = tell(found, session, arm)
     compensated = hypothesis.gravity == COMPENSATED and not stated_kind
     return Reading(reread_session, turned, corrected_arm(turned, hypothesis), issues, compensated, record)
+
+
+def what_is_used(found: Conventions, session: Session, arm: ArmModel, least: float) -> Conventions | None:
+    """What is sure, else a mount that spares a torque; None where log and URDF are read as they say."""
+    sure = what_is_sure(found, least)
+    if sure is not None:
+        return sure
+    mount = likelier_mount(found, least)
+    if mount is None or not is_spared(mount, session, arm):
+        return None
+    return mount
+
+
+def is_spared(mount: Conventions, session: Session, arm: ArmModel) -> bool:
+    """Whether a joint would be refused as the URDF's base stands, and none is under a mount.
+
+    One of the two is wrong: the joint's torque or the mount. The search has compared them.
+    """
+    if session.gravity is not None or not is_misread(session, arm):
+        return False
+    gravity = np.array(mount.best.hypothesis.gravity, dtype=float)
+    turned = arm.with_gravity(followed_gravity(session, arm, gravity))
+    return not is_misread(session, turned)
 
 
 def is_tilt(gravity: Float[Array, " 3"], arm: ArmModel) -> bool:

@@ -30,7 +30,7 @@ from ident.checks.conventions.description import (
     sizes_told_apart,
 )
 from ident.checks.conventions.hypothesis import COMPENSATED, UNITS, Hypothesis
-from ident.checks.conventions.masses import variants
+from ident.checks.conventions.masses import Variant, guessed_masses, variants
 from ident.checks.conventions.readings import (
     AXES,
     Log,
@@ -65,6 +65,8 @@ class Scored:
     cost: float  # with what its changes are unlikely
     costs: tuple[float, ...]  # of each joint, without that
     sizes: tuple[float, ...]  # of each joint's torque over the model's
+    # The same with the joints that move alone; of readings that were looked at closely.
+    cost_of_moving: float = np.inf
 
     @property
     def explains(self) -> float:
@@ -118,7 +120,18 @@ class Search:
         return names, np.array(vectors)
 
     def run(self) -> list[Scored]:
-        """The readings that were looked at closely, the likeliest first."""
+        """The readings that were looked at closely, the likeliest first.
+
+        That the URDF's masses are guesses is asked last: no change of the log is sought from there.
+        """
+        self._search()
+        guess = guessed_masses(self.log, self.model)
+        if guess is not None:
+            self._take(guess)
+        return self.ranked
+
+    def _search(self) -> None:
+        """Change after change, until none is left that is worth it."""
         starts = self.starts()
         self.screen(starts, self.model, False)
         self.refine(len(starts))
@@ -126,7 +139,7 @@ class Search:
             ranked = self.ranked
             front = self._front(ranked)
             if not front or len(self._seen) >= LIMIT.most_readings:
-                return ranked
+                return
             for scored in front:
                 has_body = scored.hypothesis.body is not None
                 self._expanded.add((scored.hypothesis.motion, has_body))
@@ -145,13 +158,16 @@ class Search:
         of all columns.
 
         Where the best explains well, no other is likelier to lead to a better one, once those were
-        tried.
+        tried. A body under a reading that explains little mends what another change would: none is
+        sought beside it.
         """
         best = ranked[0]
         fresh: dict[Motion, Scored] = {}
         for scored in ranked:
-            key = (scored.hypothesis.motion, scored.hypothesis.body is not None)
-            if key not in self._expanded:
+            has_body = scored.hypothesis.body is not None
+            key = (scored.hypothesis.motion, has_body)
+            is_sought = scored.explains > LIMIT.well_explained or not has_body
+            if is_sought and key not in self._expanded:
                 fresh.setdefault(key, scored)
         if self._expanded and best.explains > LIMIT.well_explained:
             return [scored for scored in fresh.values() if scored.hypothesis.motion == best.hypothesis.motion][:1]
@@ -161,7 +177,7 @@ class Search:
         apart = list(classes.values())[: LIMIT.beam]
         if not self._expanded:
             plain = Hypothesis.as_it_is(self.n)
-            apart.append(next(scored for scored in fresh.values() if scored.hypothesis.motion == plain.motion))
+            apart.append(fresh[plain.motion, False])
         return list(dict.fromkeys(apart))
 
     def _shared(self, hypothesis: Hypothesis) -> tuple[object, ...]:
@@ -230,16 +246,26 @@ class Search:
         """A reading with what may be said of the masses beside it."""
         if hypothesis in self._refined:
             return
-        limits = LIMIT.limit_cost * float(
-            self.model.beyond_limits(hypothesis.angles(self.log.q, self.model.sliding)[None])[0]
-        )
         for variant in variants(hypothesis, self.log, self.model):
-            columns = list(hypothesis.effort_order)
-            costs = np.where(self.alive[columns], variant.costs, 0.0)
-            told = self._weighed(variant.costs, columns).sum()
-            cost = float(told) + limits + variant.more + price(variant.hypothesis, self.usual_orders)
-            scored = Scored(variant.hypothesis, cost, tuple(costs.tolist()), tuple(variant.sizes.tolist()))
-            self._refined[variant.hypothesis] = scored
+            self._take(variant)
+
+    def _take(self, variant: Variant) -> None:
+        """What a reading costs whose torque is known."""
+        hypothesis = variant.hypothesis
+        columns = list(hypothesis.effort_order)
+        angles = hypothesis.angles(self.log.q, self.model.sliding)
+        limits = LIMIT.limit_cost * float(self.model.beyond_limits(angles[None])[0])
+        costs = np.where(self.alive[columns], variant.costs, 0.0)
+        told = float(self._weighed(variant.costs, columns).sum())
+        told_by_moving = float(costs[self.moves[columns]].sum())
+        beside = limits + variant.more + price(hypothesis, self.usual_orders)
+        self._refined[hypothesis] = Scored(
+            hypothesis,
+            told + beside,
+            tuple(costs.tolist()),
+            tuple(variant.sizes.tolist()),
+            told_by_moving + beside,
+        )
 
     def _turned(self, scored: Scored) -> Hypothesis | None:
         """The reading with gravity where its torques have it, if that is apart from where it was
@@ -265,14 +291,6 @@ class Search:
         all against it.
         """
         return np.asarray(np.where(costs < 0.0, self.weights[columns] * costs, self.alive[columns] * costs))
-
-    def cost_of_moving(self, scored: Scored) -> float:
-        """What a reading costs with the joints that move alone, its changes and limits among it."""
-        columns = list(scored.hypothesis.effort_order)
-        costs = np.array(scored.costs)
-        told_by_all = float(self._weighed(costs, columns).sum())
-        told_by_moving = float(np.where(self.moves[columns], costs, 0.0).sum())
-        return scored.cost - told_by_all + told_by_moving
 
     def is_apart(self, vector: Float[Array, " 3"]) -> bool:
         """Whether a direction is none of those that are tried anyway."""

@@ -130,4 +130,6 @@ def _masses(hypothesis: Hypothesis, joints: Sequence[str]) -> list[str]:
         mass = hypothesis.body[0]
         comparison = "more" if mass > 0.0 else "less"
         phrases.append(f"{abs(mass):.3g} kg {comparison} at the arm's end than in the URDF")
+    if hypothesis.parameters is not None:
+        phrases.append("other masses and centres at the same links")
     return phrases

@@ -73,6 +73,15 @@ def load_cases(folder: Path, rng: np.random.Generator) -> list[Case]:
     return cases + [simulate(name, rng) for name in SIMULATED]
 
 
+def case_of_session(name: str, group: str, folder: Path, urdf: Path) -> Case | None:
+    """A stored session and its URDF; None where too little of it is left to see anything."""
+    session = load_session(folder)
+    arm = ArmModel.from_urdf(urdf.read_text(encoding="utf-8")).keeping(session.joints)
+    session, _ = check_rows(session, arm)
+    log = log_of(session)
+    return None if log is None else case_of(name, group, arm, log)
+
+
 def simulate(name: str, rng: np.random.Generator) -> Case:
     """States of an arm that moves and rests, with friction, rotors, noise, and links that its URDF has a little off."""
     arm = ArmModel.load(name)

@@ -100,7 +100,8 @@ def _draw_order(arm: ArmModel, rng: np.random.Generator) -> tuple[int, ...]:
     plain = tuple(range(arm.n))
     if rng.uniform() < 0.5 or arm.n < 3:
         return _exchanged(plain, rng)
-    order = tuple(int(k) for k in np.argsort(arm.joint_names))
+    columns = sorted(arm.joint_names)
+    order = tuple(columns.index(name) for name in arm.joint_names)
     return order[::-1] if order == plain else order
 
 

@@ -15,9 +15,9 @@ from itertools import combinations
 import numpy as np
 
 from ident.arrays import Array
-from ident.checks.conventions.description import description_length
+from ident.checks.conventions.description import DESCRIPTION, description_length
 from ident.checks.conventions.hypothesis import Hypothesis
-from ident.checks.conventions.masses import read_as
+from ident.checks.conventions.masses import guessed_masses, read_as
 from ident.checks.conventions.readings import Log, Model
 
 # Blocks of time that count as independent.
@@ -74,8 +74,15 @@ def is_visible(log: Log, model: Model, truth: Hypothesis) -> bool:
     """Whether the log says more for the changes, each and some together, than their description is long.
 
     Changes that undo one another are none: gravity upside down and all torques of the other sign.
+    Nor are changes that other masses explain as well, where the URDF's are guesses.
     """
     whole = description_length(truth, model.usual_orders)
+    guess = guessed_masses(log, model)
+    if guess is not None:
+        plain = description_length(guess.hypothesis, model.usual_orders)
+        guessed = plain + guess.more * float(DESCRIPTION.observations)
+        if evidence(log, model, truth, guess.hypothesis) < whole - guessed:
+            return False
     names = truth.changes
     for count in range(1, len(names) + 1):
         for left_out in combinations(names, count):
@@ -110,8 +117,9 @@ def is_same(log: Log, model: Model, guess: Hypothesis, truth: Hypothesis, is_sou
     if is_sound and not _same_masses(guess, truth):
         return False
     # A body turned with the last joint's zero is another body: then the torque is the same with the guess's own.
-    alike = replace(guess, mass_factor=truth.mass_factor, effort_scale=truth.effort_scale, body=truth.body)
-    guesses = [alike, replace(guess, effort_scale=truth.effort_scale)] if is_sound else [alike]
+    own_links = replace(guess, parameters=truth.parameters)
+    alike = replace(own_links, mass_factor=truth.mass_factor, effort_scale=truth.effort_scale, body=truth.body)
+    guesses = [alike, replace(own_links, effort_scale=truth.effort_scale)] if is_sound else [alike]
     return alike == truth or min(more_left(log, model, each, truth) for each in guesses) < SAME
 
 
@@ -120,6 +128,7 @@ def _same_masses(guess: Hypothesis, truth: Hypothesis) -> bool:
     has_factor = (guess.mass_factor == 1.0) == (truth.mass_factor == 1.0)
     near = abs(np.log(guess.mass_factor / truth.mass_factor)) < np.log(FACTOR_OFF)
     joints = [joint for joint, _ in guess.effort_scale] == [joint for joint, _ in truth.effort_scale]
+    joints = joints and (guess.parameters is None) == (truth.parameters is None)
     if guess.body is None or truth.body is None:
         return bool(has_factor and near and joints and guess.body == truth.body)
     return bool(has_factor and near and joints)

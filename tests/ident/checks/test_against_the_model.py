@@ -152,6 +152,21 @@ def test_gravity_is_found_however_a_real_base_is_mounted(name: str, real_data: P
 
 
 @pytest.mark.real
+@pytest.mark.parametrize("towards", [20.0, 140.0, 260.0])
+@pytest.mark.parametrize("degrees", [12.0, 18.0, 26.0])
+def test_a_likelier_mount_spares_a_torque(degrees: float, towards: float, real_data: Path) -> None:
+    """Law: joint 1 of an upright arm shows none of the gravity torque that a tilt would give it; not
+    the torque, but the tilt is wrong, however little it gains at the other joints.
+    """
+    recording, robot = REAL["ur10"]
+    axis = Rotation.from_euler("z", towards, degrees=True).apply([1.0, 0.0, 0.0])
+    tilt = Rotation.from_rotvec(np.radians(degrees) * axis)
+    arm = ArmModel.load(robot).with_gravity(tilt.apply(GRAVITY))
+    report = found(load_session(real_data / recording), arm)
+    assert {issue.issue for issue in report.fatal} <= {"mounting"}
+
+
+@pytest.mark.real
 @pytest.mark.parametrize("name", ["panda", "rokae", "ur10"])
 def test_a_wrong_gain_of_a_real_joint_that_feels_gravity_is_said_first(name: str, real_data: Path) -> None:
     """And as large as it is, beside what the arm's URDF makes of the untouched log."""
