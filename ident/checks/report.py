@@ -83,7 +83,7 @@ class TelemetryReport:
 
     @property
     def verdict(self) -> str:
-        """The same in words.
+        """Whether the recordings may be fitted, in words.
 
         Never fit without a word where every size found rests on a doubtful one.
         """

@@ -39,6 +39,7 @@ class OpenLaw:
     shape: Mapping[str, float]  # inner parameters and other constants of its columns
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return {"coefficients": list(self.coefficients), "shape": dict(self.shape)}
 
 
@@ -55,6 +56,7 @@ class TunedJoint:
     laws: Mapping[str, OpenLaw]  # by effect, the law that its reported parameters do not determine
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return {
             **dict(zip(LOSS_KEYS, (self.motor_inertia, self.viscous, self.coulomb), strict=True)),
             "transition_rad_s": self.transition,
