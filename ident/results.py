@@ -119,7 +119,11 @@ def runs_of(stamps: Iterable[SessionStamp]) -> frozenset[str]:
 
 
 def files_of(record: Mapping[str, Any]) -> frozenset[str]:
-    """The same of a record's provenance: of a result's sessions, or of the data of a model."""
+    """First digits of the hashes of all files behind a record, as `runs_of` has them.
+
+    Args:
+        record: The provenance of a result or of a model.
+    """
     runs = (run for one in record.get("sessions", []) for run in one.get("runs", []))
     return frozenset((*map(str, runs), *(str(one["sha256"])[:RUN_DIGITS] for one in record.get("data", []))))
 

@@ -93,7 +93,11 @@ def diagnose(
 # long.
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def examine(source: Sources, robot: Robot | None, options: DiagnoseOptions) -> Examined:
-    """The same with all that pages and timelines need."""
+    """A diagnosis with all that pages and timelines need, as `diagnose` makes it.
+
+    Raises:
+        InputError: Recordings, robot or options can't be used.
+    """
     model = options.model
     settings = options.settings or USUAL
     seed = options.seed

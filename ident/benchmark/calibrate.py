@@ -215,7 +215,7 @@ def judged(table: Table, probability: Float[Array, " N"], labels: Array, rows: B
 
 
 def judge_groups(table: Table, fitted: Fitted) -> dict[str, dict[str, Any]]:
-    """The same for all rows and for each group, by the probabilities of units left out."""
+    """How well probabilities of units left out do: of all rows, and of each group by its name."""
     groups = table.groups
     everything = np.ones(len(table.rows), dtype=bool)
     scores = {"all": judged(table, fitted.held_out, fitted.labels, everything)}
@@ -393,6 +393,7 @@ def current_commit() -> str:
 
 
 def main() -> None:
+    """The command; what it takes stands in the module's docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     jobs = parser.add_subparsers(dest="job", required=True)
     storing = jobs.add_parser("store")

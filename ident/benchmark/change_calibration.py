@@ -272,7 +272,7 @@ def fit_all(pairs: Pairs) -> tuple[Fitted, Rows]:
 
 
 def write(fitted: Fitted, rows: Rows, out: Path) -> None:
-    """Writes the calibration."""
+    """Writes the calibration, as TOML with what it was fitted to, into a file."""
     model, terms = fitted.names, {}
     for k, name in enumerate(model.names):
         if np.isfinite(model.scaling.scale[k]):
@@ -299,6 +299,7 @@ def write(fitted: Fitted, rows: Rows, out: Path) -> None:
 
 
 def main() -> None:
+    """The command; what it takes stands in the module's docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("job", choices=("store", "fit"))
     parser.add_argument("cases", type=Path, nargs="+")

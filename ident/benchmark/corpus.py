@@ -261,6 +261,7 @@ def count_kinds(entries: Iterable[Entry]) -> str:
 
 
 def main() -> None:
+    """The command; what it takes stands in the module's docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("job", choices=("real", "worlds", "index"))
     parser.add_argument("folder", type=Path)

@@ -126,6 +126,7 @@ def run_all(
 
 
 def main() -> None:
+    """The command; what it takes stands in the module's docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("index", type=Path)
     parser.add_argument("--out", type=Path, required=True)

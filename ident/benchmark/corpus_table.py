@@ -333,5 +333,5 @@ def _read_rows(path: Path) -> list[Row]:
 
 
 def use_index(index: Path, results: Path, out: Path) -> tuple[int, int]:
-    """The same, of the sessions of an index."""
+    """Stores the table of an index's sessions, see `store`."""
     return store(read_index(index), results, out)

@@ -138,6 +138,7 @@ def add_cuts(folder: Path, seed: int, say: Callable[[str], None]) -> list[Entry]
 
 
 def main() -> None:
+    """The command; what it takes stands in the module's docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=1)

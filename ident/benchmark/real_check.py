@@ -300,6 +300,7 @@ def diagnose_case(task: tuple[Path, Path]) -> str:
 
 
 def main() -> None:
+    """The command; what it takes stands in the module's docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("job", choices=("make", "diagnose", "score"))
     parser.add_argument("out", type=Path)

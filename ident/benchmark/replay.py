@@ -56,6 +56,7 @@ def load_rule(folder: Path, findings: bool, calibration: Path | None) -> tuple[T
 
 
 def main() -> None:
+    """The command; what it takes stands in the module's docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("job", choices=("score", "compare"))
     parser.add_argument("tables", type=Path, nargs="+")

@@ -33,7 +33,7 @@ class Score:
 
 
 def share(hits: Iterable[bool]) -> Score:
-    """Share of hits with Wilson's interval."""
+    """Share of hits with Wilson's 95 % interval; empty without cases."""
     found = [bool(one) for one in hits]
     n = len(found)
     if n == 0:
@@ -45,7 +45,7 @@ def share(hits: Iterable[bool]) -> Score:
 
 
 def mean(values: Sequence[float]) -> Score:
-    """Mean with the percentile interval of a bootstrap over cases."""
+    """Mean with the 95 % percentile interval of a bootstrap over cases; empty without cases."""
     if len(values) == 0:
         return Score()
     x = np.asarray(values, dtype=float)
@@ -178,6 +178,7 @@ class Outcome:
         return self.verdict in ("named", "partial") and any(p >= CONFIDENT for _, p, right in self.judged if not right)
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         record = {key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")}
         return {**record, "coverage": list(self.coverage)}
 

@@ -1,1 +1,4 @@
-"""Is a recording fit for use? Finds faults, mends what can be mended safely, and refuses what can't."""
+"""Is a recording fit for use?
+
+Finds faults, mends what can be mended safely, and refuses what can't.
+"""

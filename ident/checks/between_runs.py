@@ -1,11 +1,14 @@
-"""Each run of a session held against the others: signs, zeros, scales, columns, clock, and whether it is this arm's.
+"""Each run of a session held against the others.
 
-The runs are parted, one against the rest or an earlier part against a later one. What a parting may gain is told by
-foretelling: each run by a model of all others, and so again with a convention of the odd runs undone, or with a model
-of their own. Evidence is the sum over runs and joints of the logarithm by which errors shrink: a run counts once at
-each joint, however many samples it has, for runs differ more than their samples tell. It must exceed the logarithm of
-the number of alternatives over the chance of a false alarm. Runs that only move otherwise are foretold badly, too, and
-no change mends that.
+Signs, zeros, scales, columns, clock, and whether it is this arm's.
+
+The runs are parted, one against the rest or an earlier part against a later one. What a parting may
+gain is told by foretelling: each run by a model of all others, and so again with a convention of
+the odd runs undone, or with a model of their own. Evidence is the sum over runs and joints of the
+logarithm by which errors shrink: a run counts once at each joint, however many samples it has, for
+runs differ more than their samples tell. It must exceed the logarithm of the number of alternatives
+over the chance of a false alarm. Runs that only move otherwise are foretold badly, too, and no
+change mends that.
 
 Source: Bonferroni's bound on likelihood ratios of many alternatives.
 """
@@ -31,7 +34,9 @@ def partings(count: int) -> list[tuple[int, ...]]:
 
 
 def find_difference(compared: ComparedRuns) -> RunDifference | None:
-    """What some runs of a session have otherwise than the rest; None where they are alike, or too few.
+    """What some runs of a session have otherwise than the rest.
+
+    None where they are alike, or too few.
 
     It is the difference by which most is gained. Only partings whose odd runs the rest foretell
     worst are looked into.

@@ -1,11 +1,12 @@
-"""Measured torque against the robot's model: sign, scale, and torques that are only a model of themselves.
+"""Measured torque against the robot's model: sign, scale, and torques that a model made.
 
 Per joint, over all runs,
 
     tau = a_g g(q) + a_i (rnea(q, dq, ddq) - g(q)) + b tanh(dq / eps) + c dq + o,
 
-all through the same filter, with a_g, a_i, b, c ≥ 0: gravity pulls, inertia resists and friction brakes, whatever the
-URDF's masses, the rotor's inertia and the level of friction are. A flipped sign can't be fitted so; its negative can.
+all through the same filter, with a_g, a_i, b, c ≥ 0: gravity pulls, inertia resists and friction
+brakes, whatever the URDF's masses, the rotor's inertia and the level of friction are. A flipped
+sign can't be fitted so; its negative can.
 """
 
 from __future__ import annotations
@@ -25,12 +26,15 @@ from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_key
 
-# Width of the sign's transition at zero speed [rad/s]: a few times the noise of a filtered velocity.
+EVERY_ROW = slice(None)
+# Width of the sign's transition at zero speed [rad/s]: a few times a filtered velocity's noise.
 TRANSITION_RAD_S = 0.02
 ORIGIN_STATES = 2000
-# A torque that a limit cuts off says nothing of gravity, nor does its filtered value so near the limit, as a share of
-# its range; where hardly a state is left beside the cut, all are taken (chosen: as a filter settles; one in thirty).
-NEAR_CUT, LEAST_UNCUT = 0.03, 0.03
+# A torque that a limit cuts off says nothing of gravity, nor does its filtered value so near the
+# limit, as a share of its range (chosen: as a filter settles).
+NEAR_CUT = 0.03
+# Where hardly a state is left beside the cut, all are taken (chosen: one in thirty).
+LEAST_UNCUT = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +64,8 @@ class States:
     def heavy(self) -> Bool[Array, " n"]:
         """Joints on which gravity changes much."""
         change = self.gravity.std(axis=0)
-        return (change > self.settings.heavy_share * change.max()) & (change > self.settings.heavy_Nm)
+        much = change > self.settings.heavy_share * change.max()
+        return much & (change > self.settings.heavy_Nm)
 
 
 class SignedFit(NamedTuple):
@@ -71,69 +76,112 @@ class SignedFit(NamedTuple):
     inertia: float  # a_i
 
 
-def collect_states(session: Session, arm: ArmModel, settings: EffortSettings = USUAL_EFFORT) -> States | None:
+def collect_states(
+    session: Session, arm: ArmModel, settings: EffortSettings = USUAL_EFFORT
+) -> States | None:
     """The filtered motion of all runs; None where every run is too short."""
-    motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
+    filtered = [filter_run(run) for run in session.runs]
+    motions = [motion for motion in filtered if motion is not None]
     if not motions:
         return None
-    q, dq, ddq, tau = (np.concatenate([getattr(one, name) for one in motions]) for name in ("q", "dq", "ddq", "tau"))
+    q = np.concatenate([motion.q for motion in motions])
+    dq = np.concatenate([motion.dq for motion in motions])
+    ddq = np.concatenate([motion.ddq for motion in motions])
+    tau = np.concatenate([motion.tau for motion in motions])
     gravity = arm.gravity(q)
-    return States(q, dq, ddq, tau, gravity, arm.inverse_dynamics(q, dq, ddq) - gravity, settings)
+    inertial = arm.inverse_dynamics(q, dq, ddq) - gravity
+    return States(q, dq, ddq, tau, gravity, inertial, settings)
 
 
-def joint_terms(states: States, joint: int, rows: Array | slice = slice(None)) -> Float[Array, "T 4"]:
+def joint_terms(states: States, joint: int, rows: Array | slice = EVERY_ROW) -> Float[Array, "T 4"]:
     """What a joint's torque is made of: gravity, inertia, dry and viscous friction."""
-    gravity, inertial, dq = (one[rows, joint] for one in (states.gravity, states.inertial, states.dq))
-    return np.column_stack([gravity, inertial, np.tanh(dq / TRANSITION_RAD_S), dq])
+    dq = states.dq[rows, joint]
+    dry = np.tanh(dq / TRANSITION_RAD_S)
+    return np.column_stack([states.gravity[rows, joint], states.inertial[rows, joint], dry, dq])
 
 
 def fit_signed(
-    states: States, joint: int, sign: float, rows: Array | slice = slice(None), spring: bool = False
+    states: States,
+    joint: int,
+    sign: float,
+    rows: Array | slice = EVERY_ROW,
+    spring: bool = False,
 ) -> SignedFit:
-    """One joint's torque, times a sign, with coefficients that are not negative; beside a spring of either sign."""
-    tau, table = sign * states.tau[rows, joint], joint_terms(states, joint, rows)
+    """One joint's torque, times a sign, with coefficients that are not negative.
+
+    Args:
+        states: Of all joints.
+        joint: Which of them.
+        sign: What the torque is multiplied by.
+        rows: States that count.
+        spring: Whether a spring of either sign stands beside them.
+    """
+    tau = sign * states.tau[rows, joint]
+    table = joint_terms(states, joint, rows)
     table[:, 0] -= table[:, 0].mean()
     size = np.linalg.norm(table, axis=0)
     # Columns that are zero but for rounding would get coefficients without meaning.
     live = size > 1e-6 * max(float(size.max()), 1e-12)
-    scaled = np.where(live, table / np.where(live, size, 1.0), 0.0)
-    free, _ = np.linalg.qr(np.column_stack([np.ones(len(tau)), states.q[rows, joint]][: 1 + spring]))
+    divisor = np.where(live, size, 1.0)
+    scaled = np.where(live, table / divisor, 0.0)
+    either_sign = [np.ones(len(tau))]
+    if spring:
+        either_sign.append(states.q[rows, joint])
+    free, _ = np.linalg.qr(np.column_stack(either_sign))
     whole = np.column_stack([scaled, tau])
     triangle = np.asarray(np.linalg.qr(whole - free @ (free.T @ whole), mode="r"))
     weights, left = non_negative_least_squares(triangle[:, :-1], triangle[:, -1])
+    gravity, inertia, *_ = np.where(live, weights / divisor, 0.0)
     variance = float(tau.var())
-    coefficients = np.where(live, weights / np.where(live, size, 1.0), 0.0)
     explained = 1.0 - left**2 / len(tau) / variance if variance > 0.0 else 0.0
-    return SignedFit(float(explained), float(coefficients[0]), float(coefficients[1]))
+    return SignedFit(float(explained), float(gravity), float(inertia))
 
 
 def jackknife(
     table: Float[Array, "T k"], target: Float[Array, " T"], pieces: int
 ) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
-    """Coefficients of a least-squares fit, and their errors by leaving out one piece of the rows at a time."""
-    steps = np.arange(len(table)) * pieces // len(table)
+    """A least-squares fit, and its errors by leaving out one piece of the rows at a time.
+
+    Args:
+        table: Columns.
+        target: What they are fitted to.
+        pieces: Into how many pieces the rows are parted, in their order.
+
+    Returns:
+        Coefficients, and their standard errors.
+    """
+    piece = np.arange(len(table)) * pieces // len(table)
     size = np.maximum(np.linalg.norm(table, axis=0), 1e-12)
     whole = np.column_stack([table / size, target])
-    each = np.stack([whole[steps == k].T @ whole[steps == k] for k in range(pieces)])
-    found, *parts = (
-        least_squares(sums[:-1, :-1], sums[:-1, -1], 1e-10) / size
-        for sums in [each.sum(axis=0), *(each.sum(axis=0) - one for one in each)]
-    )
-    return found, np.sqrt((pieces - 1) * np.var(parts, axis=0))
+    by_piece = []
+    for number in range(pieces):
+        rows = whole[piece == number]
+        by_piece.append(rows.T @ rows)
+    sums = np.stack(by_piece)
+    total = sums.sum(axis=0)
+
+    def solve(products: Float[Array, "c c"]) -> Float[Array, " k"]:
+        return least_squares(products[:-1, :-1], products[:-1, -1], 1e-10) / size
+
+    left_out = [solve(total - products) for products in sums]
+    return solve(total), np.sqrt((pieces - 1) * np.var(left_out, axis=0))
 
 
 def _surely_off(states: States, joint: int, rows: Bool[Array, " T"]) -> bool:
-    """Whether gravity's coefficient is out of range however it is drawn: strong friction that varies can hide it.
+    """Whether gravity's coefficient is out of range however it is drawn.
 
-    Delete-one-piece jackknife of free coefficients, of either sign, with and without a spring.
+    Strong friction that varies can hide it: the delete-one-piece jackknife of free coefficients is
+    asked, of either sign, with and without a spring.
     """
-    held = states.settings
+    settings = states.settings
+    tau = states.tau[rows, joint]
     terms = joint_terms(states, joint, rows)
     bare = [terms, np.ones(len(terms))]
     for columns in (bare, [*bare, states.q[rows, joint]]):
-        whole, error = jackknife(np.column_stack(columns), states.tau[rows, joint], held.pieces)
-        size, doubt = abs(float(whole[0])), held.sure * float(error[0])
-        if size + doubt > held.scale_low and size - doubt < held.scale_high:
+        coefficients, errors = jackknife(np.column_stack(columns), tau, settings.pieces)
+        size = abs(float(coefficients[0]))
+        doubt = settings.sure * float(errors[0])
+        if size + doubt > settings.scale_low and size - doubt < settings.scale_high:
             return False
     return True
 
@@ -143,107 +191,204 @@ def explained_by_model(session: Session, arm: ArmModel) -> float:
     states = collect_states(session, arm)
     if states is None or not states.heavy.any():
         return 0.0
-    heavy = map(int, np.flatnonzero(states.heavy))
-    return float(np.median([max(fit_signed(states, j, sign).explained for sign in (1.0, -1.0)) for j in heavy]))
+    shares = []
+    for joint in np.flatnonzero(states.heavy):
+        fits = [fit_signed(states, int(joint), sign) for sign in (1.0, -1.0)]
+        shares.append(max(fit.explained for fit in fits))
+    return float(np.median(shares))
 
 
 def check_effort(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
     """Sign, scale and origin of the measured torque."""
-    held = states.settings
-    telling = states.moving | (states.gravity.std(axis=0) > held.static_Nm)
-    tested = [int(joint) for joint in np.flatnonzero(telling & states.alive)]
-    rows = {}
-    for j in tested:  # states whose torque a limit does not cut off; all where no limit does, or hardly one is left
-        every, kept = np.concatenate([run.effort[:, j] for run in session.runs]), np.ones(len(states.tau), dtype=bool)
-        for sign in (1.0, -1.0):
-            count, level = flat_top(sign * every)
-            if count:
-                kept &= sign * states.tau[:, j] < level - NEAR_CUT * np.ptp(every)
-        rows[j] = kept if kept.mean() > LEAST_UNCUT else np.ones_like(kept)
-    right, wrong = ({j: fit_signed(states, j, sign, rows[j]) for j in tested} for sign in (1.0, -1.0))
-    explained = {j: max(held.sign_explains, right[j].explained + held.sign_better) for j in tested}
-    flipped = [j for j in tested if wrong[j].explained > explained[j]]
-    # Minus the torque must follow the model better beside a spring, too: one that more than carries is no sign.
-    beside = {j: [fit_signed(states, j, sign, rows[j], spring=True).explained for sign in (1.0, -1.0)] for j in flipped}
-    flipped = [j for j in flipped if beside[j][1] > beside[j][0]]
+    telling = states.moving | (states.gravity.std(axis=0) > states.settings.static_Nm)
+    tested = np.flatnonzero(telling & states.alive)
+    fits = {int(joint): TwoSigns.of(session, states, int(joint)) for joint in tested}
+    flipped = [joint for joint, fit in fits.items() if fit.is_flipped(states)]
     issues: list[TelemetryIssue] = []
     if flipped:
-        worst = max(flipped, key=lambda j: wrong[j].explained)
-        lines = ", ".join(f"{toml_key(session.joints[j])} = -1" for j in flipped)
-        shares = (wrong[worst].explained, max(right[worst].explained, 0.0))
-        issues.append(issue_of("sign_alone", session, flipped, worst, lines=lines, wrong=shares[0], right=shares[1]))
-    upright = right | {j: wrong[j] for j in flipped}
-    return issues + _check_scale(session, states, upright, flipped, rows) + _check_origin(session, arm, states)
+        worst = max(flipped, key=lambda joint: fits[joint].minus.explained)
+        lines = ", ".join(f"{toml_key(session.joints[joint])} = -1" for joint in flipped)
+        right = max(fits[worst].plus.explained, 0.0)
+        wrong = fits[worst].minus.explained
+        issue = issue_of(
+            "sign_alone", session, flipped, worst, lines=lines, wrong=wrong, right=right
+        )
+        issues.append(issue)
+    issues += _check_scale(session, states, fits, flipped)
+    return issues + _check_origin(session, arm, states)
+
+
+@dataclass(frozen=True, eq=False)
+class TwoSigns:
+    """The fits of one joint's torque as it is, and of its negative."""
+
+    joint: int  # its column
+    rows: Bool[Array, " T"]  # states that count
+    plus: SignedFit
+    minus: SignedFit
+
+    @classmethod
+    def of(cls, session: Session, states: States, joint: int) -> TwoSigns:
+        """Of the states whose torque no limit cuts off."""
+        rows = _uncut(session, states, joint)
+        plus = fit_signed(states, joint, 1.0, rows)
+        minus = fit_signed(states, joint, -1.0, rows)
+        return cls(joint, rows, plus, minus)
+
+    def is_flipped(self, states: States) -> bool:
+        """Whether minus the torque follows the model, and better.
+
+        Beside a spring, too: one that more than carries the joint is no sign.
+        """
+        settings = states.settings
+        least = max(settings.sign_explains, self.plus.explained + settings.sign_better)
+        if self.minus.explained <= least:
+            return False
+        minus = self.beside_spring(states, -1.0)
+        return minus.explained > self.beside_spring(states, 1.0).explained
+
+    def beside_spring(self, states: States, sign: float) -> SignedFit:
+        """The fit with one sign, beside a spring."""
+        return fit_signed(states, self.joint, sign, self.rows, spring=True)
+
+
+def _uncut(session: Session, states: States, joint: int) -> Bool[Array, " T"]:
+    """States whose torque a limit does not cut off.
+
+    All, where no limit does, or hardly one is left.
+    """
+    measured = np.concatenate([run.effort[:, joint] for run in session.runs])
+    margin = NEAR_CUT * np.ptp(measured)
+    uncut = np.ones(len(states.tau), dtype=bool)
+    for sign in (1.0, -1.0):
+        count, level = flat_top(sign * measured)
+        if count:
+            uncut &= sign * states.tau[:, joint] < level - margin
+    return uncut if uncut.mean() > LEAST_UNCUT else np.ones_like(uncut)
 
 
 def _check_scale(
-    session: Session,
-    states: States,
-    fits: Mapping[int, SignedFit],
-    flipped: Sequence[int],
-    rows: Mapping[int, Bool[Array, " T"]],
+    session: Session, states: States, fits: Mapping[int, TwoSigns], flipped: Sequence[int]
 ) -> list[TelemetryIssue]:
     """Torques that follow the model not at all, or at another size.
 
-    A spring that carries the arm can hide gravity: what it could explain is no fault of the channel.
+    A spring that carries the arm can hide gravity: what it could explain is no fault of the
+    channel.
+
+    Args:
+        session: The recordings.
+        states: Their states.
+        fits: Of the joints that tell something.
+        flipped: Those whose torque has the other sign.
     """
-    held, deaf, off = states.settings, [], []
-    for j in (joint for joint in fits if states.heavy[joint]):
-        sprung = fit_signed(states, j, -1.0 if j in flipped else 1.0, rows[j], spring=True)
-        if sprung.explained < held.follows:
-            deaf.append(j)
-        elif all(not held.scale_low < fit.gravity < held.scale_high for fit in (fits[j], sprung)):
-            off += [j] if _surely_off(states, j, rows[j]) else []
+    settings = states.settings
+    upright: dict[int, SignedFit] = {}
+    deaf = []
+    off = []
+    for joint, fit in fits.items():
+        is_flipped = joint in flipped
+        upright[joint] = fit.minus if is_flipped else fit.plus
+        if not states.heavy[joint]:
+            continue
+        sprung = fit.beside_spring(states, -1.0 if is_flipped else 1.0)
+        if sprung.explained < settings.follows:
+            deaf.append(joint)
+            continue
+        sizes = (upright[joint].gravity, sprung.gravity)
+        outside = [not settings.scale_low < size < settings.scale_high for size in sizes]
+        if all(outside) and _surely_off(states, joint, fit.rows):
+            off.append(joint)
     issues = []
     if deaf:
-        worst = min(deaf, key=lambda j: fits[j].explained)
-        explained, change = max(fits[worst].explained, 0.0), states.gravity.std(axis=0)
-        issues.append(issue_of("deaf", session, deaf, worst, explained=explained, change=change))
+        worst = min(deaf, key=lambda joint: upright[joint].explained)
+        explained = max(upright[worst].explained, 0.0)
+        change = states.gravity.std(axis=0)
+        issue = issue_of("deaf", session, deaf, worst, explained=explained, change=change)
+        issues.append(issue)
     if off:
-        worst = max(off, key=lambda j: abs(np.log(max(fits[j].gravity, 1e-9))))
-        issues.append(issue_of("unit", session, off, worst, scale=fits[worst].gravity))
+        worst = max(off, key=lambda joint: abs(np.log(max(upright[joint].gravity, 1e-9))))
+        issues.append(issue_of("unit", session, off, worst, scale=upright[worst].gravity))
     return issues
+
+
+class RigidFit(NamedTuple):
+    """How a rigid model explains one joint's torque without any friction."""
+
+    left: float  # share of the torque's spread that it leaves
+    friction: float  # friction beside it [N m]
+    joint: int
 
 
 def _check_origin(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
     """Finds torques that a rigid model explains without any friction."""
-    held, moving = states.settings, np.flatnonzero(states.moving & states.alive)
+    moving = np.flatnonzero(states.moving & states.alive)
     if len(states.q) < 20 * arm.n or not len(moving):
         return []
     rows = slice(None, None, max(1, len(states.q) // ORIGIN_STATES))
-    regressor = arm.regressor(states.q[rows], states.dq[rows], states.ddq[rows])
+    ddq = states.ddq[rows]
+    regressor = arm.regressor(states.q[rows], states.dq[rows], ddq)
     models = []
     for joint in moving:
-        felt = regressor[:, joint, np.any(regressor[:, joint] != 0.0, axis=0)]  # no joint feels the links before it
-        rigid = np.column_stack([felt, states.ddq[rows, joint]])
-        left, friction, computed = _without_friction(rigid, states.dq[rows, joint], states.tau[rows, joint], held)
+        columns = regressor[:, joint]
+        felt = np.any(columns != 0.0, axis=0)  # no joint feels the links before it
+        rigid = np.column_stack([columns[:, felt], ddq[:, joint]])
+        dq = states.dq[rows, joint]
+        tau = states.tau[rows, joint]
+        left, friction, computed = _without_friction(rigid, dq, tau, states.settings)
         if computed:
-            models.append((left, friction, int(joint)))
+            models.append(RigidFit(left, friction, int(joint)))
     # One joint without friction may be a fine gear; most joints without are a computer.
     if len(models) < max(1.0, 0.5 * len(moving)):
         return []
-    left, friction, worst = min(models)
-    return [issue_of("computed", session, [joint for *_, joint in models], worst, left=left, friction=friction)]
+    worst = min(models)
+    joints = [model.joint for model in models]
+    issue = issue_of(
+        "computed", session, joints, worst.joint, left=worst.left, friction=worst.friction
+    )
+    return [issue]
 
 
 def _without_friction(
-    rigid: Float[Array, "T k"], dq: Float[Array, " T"], tau: Float[Array, " T"], settings: EffortSettings
+    rigid: Float[Array, "T k"],
+    dq: Float[Array, " T"],
+    tau: Float[Array, " T"],
+    settings: EffortSettings,
 ) -> tuple[float, float, bool]:
-    """Share of a torque's spread that rigid columns leave, friction beside them [N m], and whether it shows none."""
+    """Whether a torque shows no friction beside a rigid model.
+
+    Args:
+        rigid: Columns of the model.
+        dq: The joint's velocity [rad/s].
+        tau: Its torque [N m].
+        settings: What counts as none.
+
+    Returns:
+        Share of the torque's spread that the rigid columns leave, friction beside them [N m], and
+        whether that is none.
+    """
     friction = np.column_stack([np.tanh(dq / TRANSITION_RAD_S), dq])
     table = np.column_stack([rigid, np.ones(len(tau)), friction])
     size = np.linalg.norm(table, axis=0)
     table = table / np.where(size > 1e-9 * size.max(), size, np.inf)
     # All that least squares needs of the table is its triangle.
     triangle = np.asarray(np.linalg.qr(np.column_stack([table, tau]), mode="r"))
-    columns, target = triangle[:, :-1], triangle[:, -1]
-    left = []
-    for count in (columns.shape[1] - 2, columns.shape[1]):
-        weights = least_squares(columns[:, :count], target, 1e-8)
-        left.append(float(np.linalg.norm(target - columns[:, :count] @ weights)) / np.sqrt(len(tau)))
+    columns = triangle[:, :-1]
+    target = triangle[:, -1]
+    left_rigid, _ = _left_of(columns[:, :-2], target, len(tau))
+    left_whole, weights = _left_of(columns, target, len(tau))
     spread = float(tau.std())
-    gain = 1.0 - (left[1] / left[0]) ** 2 if left[0] > 0.0 else 0.0
-    share, level = left[0] / spread, float(np.sqrt(np.mean((table[:, -2:] @ weights[-2:]) ** 2)))
+    gain = 1.0 - (left_whole / left_rigid) ** 2 if left_rigid > 0.0 else 0.0
+    level = float(np.sqrt(np.mean((table[:, -2:] @ weights[-2:]) ** 2)))
+    share = left_rigid / spread
     explained = share**2 < 1.0 - settings.rigid_explains
-    none = level < settings.friction_share * spread and gain < settings.friction_gain
-    return share, level, share < 1e-6 or (explained and none)
+    is_frictionless = level < settings.friction_share * spread and gain < settings.friction_gain
+    return share, level, share < 1e-6 or (explained and is_frictionless)
+
+
+def _left_of(
+    columns: Float[Array, "c k"], target: Float[Array, " c"], rows: int
+) -> tuple[float, Float[Array, " k"]]:
+    """Root mean square over so many rows of what columns leave of a target, and their weights."""
+    weights = least_squares(columns, target, 1e-8)
+    left = float(np.linalg.norm(target - columns @ weights))
+    return left / np.sqrt(rows), weights

@@ -4,28 +4,37 @@ Drivers that compensate gravity log what is left of the torque: inertia and fric
 
     tau = a_g g(q) + a_i (rnea(q, dq, ddq) - g(q)) + b tanh(dq / eps) + c dq + k q + o
 
-a_g is then about 0 where it should be about 1, while the other terms still explain the torque. A spring k q of either
-sign stands beside them: one that carries the arm hides gravity too, and then a_g is unsure and nothing is said.
+a_g is then about 0 where it should be about 1, while the other terms still explain the torque. A
+spring k q of either sign stands beside them: one that carries the arm hides gravity too, and then
+a_g is unsure and nothing is said.
 
-The size of a torque: beyond its rating, at another scale than the model's, or due to joints not recorded.
+The size of a torque: beyond its rating, at another scale than the model's, or due to joints not
+recorded.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Float, least_squares
 from ident.checks.angles import speed
-from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
+from ident.checks.effort import (
+    TRANSITION_RAD_S,
+    States,
+    collect_states,
+    fit_signed,
+    jackknife,
+    joint_terms,
+)
 from ident.checks.filtered_run import ARRANGEMENT
 from ident.checks.filtered_run import EFFORT_KIND as LIMIT
 from ident.checks.report import JointEffort, issue_of, joints_at
-from ident.recordings.recording import Session, Severity, TelemetryIssue
+from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.limits import is_placeholder
 from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
@@ -51,27 +60,35 @@ class GravityFit:
 
     @property
     def lacks_gravity(self) -> bool:
-        """Whether gravity is surely not in the torque, and the torque not just small in its unit."""
-        small = self.is_sure and abs(self.gravity) + self.gravity_error < LIMIT.absent
+        """Whether gravity is surely not in the torque, which is not just small in its unit."""
+        size = abs(self.gravity)
+        if not self.is_sure or size + self.gravity_error >= LIMIT.absent:
+            return False
         if self.inertia_error < LIMIT.sure * max(self.inertia, 0.0):
-            return small and self.inertia > max(LIMIT.least_inertia, LIMIT.over_gravity * abs(self.gravity))
-        return small and abs(self.gravity) < LIMIT.faint
+            return self.inertia > max(LIMIT.least_inertia, LIMIT.over_gravity * size)
+        return size < LIMIT.faint
 
 
 def fit_gravity(states: States, joint: int) -> GravityFit:
     """Fits one joint's torque; errors by leaving out one piece of the recordings at a time."""
-    dq, tau, gravity = states.dq[:, joint], states.tau[:, joint], states.gravity[:, joint]
-    columns = [gravity, states.inertial[:, joint], np.tanh(dq / TRANSITION_RAD_S), dq, states.q[:, joint]]
-    table = np.column_stack([*(column - column.mean() for column in columns), np.ones(len(tau))])
+    tau = states.tau[:, joint]
+    terms = np.column_stack([joint_terms(states, joint), states.q[:, joint]])
+    centred = [column - column.mean() for column in terms.T]
+    table = np.column_stack([*centred, np.ones(len(tau))])
     weights, errors = jackknife(table, tau, LIMIT.pieces)
-    friction = float((table[:, 2:4] @ weights[2:4]).std() / max(float(tau.std()), 1e-300))
-    return GravityFit(float(weights[0]), float(errors[0]), float(weights[1]), float(errors[1]), friction)
+    by_friction = table[:, 2:4] @ weights[2:4]
+    share = float(by_friction.std() / max(float(tau.std()), 1e-300))
+    gravity, inertia = map(float, weights[:2])
+    gravity_error, inertia_error = map(float, errors[:2])
+    return GravityFit(gravity, gravity_error, inertia, inertia_error, share)
 
 
 def mend_effort_kind(
     session: Session, arm: ArmModel | None, is_compensated: bool = False
 ) -> tuple[Session, list[TelemetryIssue]]:
-    """Adds the model's gravity to gravity-compensated effort, found so or said to be so in session.toml.
+    """Adds the model's gravity to gravity-compensated effort.
+
+    Found so, or said to be so in session.toml.
 
     Args:
         session, arm: The recordings and their robot.
@@ -80,26 +97,54 @@ def mend_effort_kind(
     if arm is None or session.effort_kind == "joint_torque":
         return session, []
     forced = session.effort_kind == "gravity_compensated"
-    states, known = collect_states(session, arm), dict[int, GravityFit]()
-    if states is not None:  # the joints on which gravity changes enough to be looked for
-        fits = {int(joint): fit_gravity(states, int(joint)) for joint in np.flatnonzero(states.heavy & states.alive)}
-        known = {joint: fit for joint, fit in fits.items() if fit.is_sure}
-    reported = [f"{session.joints[j]}: {tell_gravity(fit)}" for j, fit in known.items()]
-    if forced and known and all(fit.gravity > LIMIT.present for fit in known.values()):
-        worst = [*known].index(max(known, key=lambda j: known[j].gravity))
-        return session, [issue_of("gravity_is_there", session, known, reported=reported[worst])]
-    # Gravity must lack on every joint that tells, and the rest explain what there is, with the right sign.
-    lacks = states is not None and bool(known) and all(fit.lacks_gravity for fit in known.values())
-    if lacks and states is not None:
-        rest = [[fit_signed(states, joint, sign).explained for sign in (1.0, -1.0)] for joint in known]
-        lacks = all(right > states.settings.sign_explains and right > wrong for right, wrong in rest)
+    states = collect_states(session, arm)
+    sure = {} if states is None else _sure_fits(states)
+    reported = {
+        joint: f"{session.joints[joint]}: {tell_gravity(fit)}" for joint, fit in sure.items()
+    }
+    if forced and sure and all(fit.gravity > LIMIT.present for fit in sure.values()):
+        worst = max(sure, key=lambda joint: sure[joint].gravity)
+        return session, [issue_of("gravity_is_there", session, sure, reported=reported[worst])]
+    lacks = states is not None and _lacks_gravity(states, sure)
     if not forced and not lacks and not is_compensated:
         return session, []
-    whole = [run.replace(effort=run.effort + arm.gravity(run.position)) if len(run) else run for run in session.runs]
+    runs = [_with_gravity(run, arm) for run in session.runs]
     reason = "session.toml says gravity_compensated" if forced else "gravity is not in the effort"
-    seen = f" ({'; '.join(reported)})" if reported else ""
+    seen = f" ({'; '.join(reported.values())})" if reported else ""
     issue = issue_of("gravity_lacks", session, session.joints, reason=reason, seen=seen)
-    return session.replace(runs=whole, effort_kind="joint_torque"), [issue]
+    return session.replace(runs=runs, effort_kind="joint_torque"), [issue]
+
+
+def _sure_fits(states: States) -> dict[int, GravityFit]:
+    """Fits of the joints on which gravity changes enough to be told."""
+    fits = {}
+    for joint in map(int, np.flatnonzero(states.heavy & states.alive)):
+        fit = fit_gravity(states, joint)
+        if fit.is_sure:
+            fits[joint] = fit
+    return fits
+
+
+def _lacks_gravity(states: States, fits: Mapping[int, GravityFit]) -> bool:
+    """Whether gravity lacks on every joint that tells, and the rest explain what there is.
+
+    With the right sign, too.
+    """
+    if not fits or not all(fit.lacks_gravity for fit in fits.values()):
+        return False
+    for joint in fits:
+        right = fit_signed(states, joint, 1.0).explained
+        wrong = fit_signed(states, joint, -1.0).explained
+        if right <= max(states.settings.sign_explains, wrong):
+            return False
+    return True
+
+
+def _with_gravity(run: Recording, arm: ArmModel) -> Recording:
+    """A run whose effort lacked gravity."""
+    if not len(run):
+        return run
+    return run.replace(effort=run.effort + arm.gravity(run.position))
 
 
 def tell_gravity(fit: GravityFit) -> str:
@@ -110,58 +155,130 @@ def tell_gravity(fit: GravityFit) -> str:
     )
 
 
-def judge_effort(session: Session, states: States | None, issues: list[TelemetryIssue]) -> tuple[JointEffort, ...]:
-    """What each joint's effort is, with the evidence."""
+def judge_effort(
+    session: Session, states: States | None, issues: list[TelemetryIssue]
+) -> tuple[JointEffort, ...]:
+    """What each joint's effort is, with the evidence.
 
-    def judge(joint: int, name: str) -> tuple[str, str]:
+    Args:
+        session: The recordings.
+        states: Their states; None where every run is too short.
+        issues: What the checks found.
+    """
+    efforts = []
+    for joint, name in enumerate(session.joints):
         if states is None or not states.alive[joint]:
-            return "unknown", "no run is long enough, or the effort doesn't change"
-        fit = fit_gravity(states, joint)
-        scale, error, _ = fit_scale(states, joint)  # what `check_scales` reports
-        shown = replace(fit, gravity=scale, gravity_error=error)
-        reported = tell_gravity(shown) if states.heavy[joint] else "gravity hardly changes here"
-        reported += f"; friction is {100.0 * fit.friction:.0f} % of the effort's spread"
-        for issue in (one for one in issues if name in one.joints):
-            if issue.issue == "effort_gravity_compensated" and issue.severity != "fatal":
-                return "gravity_compensated", f"{reported}, gravity added"
-            if issue.issue == "effort_is_model":
-                return "commanded" if "equals its command" in issue.evidence else "model_output", issue.evidence
-            if issue.issue == "effort_not_torque":
-                faint = states.heavy[joint] and fit.is_sure and fit.gravity > 0.0 and not fit.lacks_gravity
-                return "motor_current" if faint else "external_torque", issue.evidence
-        pairs = [(run.effort[:, joint], run.current[:, joint]) for run in session.runs if run.current is not None]
-        if pairs and len(pairs) == len(session.runs):
-            effort, current = (np.concatenate(values) for values in zip(*pairs, strict=True))
-            lengths = float(np.linalg.norm(effort) * np.linalg.norm(current))
-            if abs(float(effort @ current)) > (1.0 - LIMIT.same) * lengths:  # made of the current, or in another unit
-                return "motor_current", f"the current times a constant gain; {reported}"
-        if not states.moving[joint]:
-            return "unknown", "it hardly moves"
-        return "motor_torque" if fit.friction > LIMIT.motor_friction else "joint_torque", reported
+            reason = "no run is long enough, or the effort doesn't change"
+            efforts.append(JointEffort(name, "unknown", reason))
+        else:
+            kind, evidence = _judge(session, states, joint, issues)
+            efforts.append(JointEffort(name, kind, evidence))
+    return tuple(efforts)
 
-    return tuple(JointEffort(name, *judge(joint, name)) for joint, name in enumerate(session.joints))
+
+def _judge(
+    session: Session, states: States, joint: int, issues: list[TelemetryIssue]
+) -> tuple[str, str]:
+    """What one joint's effort is, and the evidence."""
+    fit = fit_gravity(states, joint)
+    by_issues = _judge_by_issues(session, states, joint, issues)
+    reported = _tell_effort(states, joint, fit)
+    if by_issues is not None:
+        kind, evidence = by_issues
+        return kind, evidence or f"{reported}, gravity added"
+    if _follows_current(session, joint):
+        return "motor_current", f"the current times a constant gain; {reported}"
+    if not states.moving[joint]:
+        return "unknown", "it hardly moves"
+    return "motor_torque" if fit.friction > LIMIT.motor_friction else "joint_torque", reported
+
+
+def _tell_effort(states: States, joint: int, fit: GravityFit) -> str:
+    """How an effort follows gravity, and how much of it is friction, in words."""
+    friction = f"friction is {100.0 * fit.friction:.0f} % of the effort's spread"
+    if not states.heavy[joint]:
+        return f"gravity hardly changes here; {friction}"
+    scale, error, _ = fit_scale(states, joint)  # what `check_scales` reports
+    shown = replace(fit, gravity=scale, gravity_error=error)
+    return f"{tell_gravity(shown)}; {friction}"
+
+
+def _judge_by_issues(
+    session: Session, states: States, joint: int, issues: list[TelemetryIssue]
+) -> tuple[str, str] | None:
+    """What issues say of a joint's effort, and their evidence; "" where gravity was added.
+
+    None where they say nothing.
+    """
+    for issue in issues:
+        if session.joints[joint] not in issue.joints:
+            continue
+        if issue.issue == "effort_gravity_compensated" and issue.severity != "fatal":
+            return "gravity_compensated", ""
+        if issue.issue == "effort_is_model":
+            is_command = "equals its command" in issue.evidence
+            return "commanded" if is_command else "model_output", issue.evidence
+        if issue.issue == "effort_not_torque":
+            fit = fit_gravity(states, joint)
+            shows_gravity = fit.is_sure and fit.gravity > 0.0 and not fit.lacks_gravity
+            is_faint = states.heavy[joint] and shows_gravity
+            return "motor_current" if is_faint else "external_torque", issue.evidence
+    return None
+
+
+def _follows_current(session: Session, joint: int) -> bool:
+    """Whether a joint's effort was made of its current, or is the current in another unit."""
+    efforts = []
+    currents = []
+    for run in session.runs:
+        if run.current is None:
+            return False
+        efforts.append(run.effort[:, joint])
+        currents.append(run.current[:, joint])
+    if not efforts:
+        return False
+    effort = np.concatenate(efforts)
+    current = np.concatenate(currents)
+    lengths = float(np.linalg.norm(effort) * np.linalg.norm(current))
+    return abs(float(effort @ current)) > (1.0 - LIMIT.same) * lengths
 
 
 def check_rating(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
-    """Effort far beyond what a joint can give, or than its load asks for, is in another unit, or the limit is wrong.
+    """Effort far beyond what a joint can give, or than its load asks for.
 
-    Effort that follows the model at its own size is in its unit.
+    It is in another unit, or the limit is wrong. Effort that follows the model at its own size is
+    in its unit.
     """
     load = arm.gravity(np.concatenate([run.position for run in session.runs]))
     rated = np.maximum(arm.rated_torque, 3.0 * np.abs(load).max(axis=0))
-    seen = np.quantile(np.abs(np.concatenate([run.effort for run in session.runs])), LIMIT.large_share, axis=0)
+    seen = _large_effort(session)
     factor = seen / np.maximum(rated, 1e-9)
     beyond = factor > LIMIT.most_rated
-    in_unit = np.array([has_own_size(states, j) if beyond[j] else False for j in range(arm.n)])
+    in_unit = np.zeros(arm.n, dtype=bool)
+    for joint in np.flatnonzero(beyond):
+        in_unit[joint] = has_own_size(states, int(joint))
+    figures: dict[str, Any] = {"seen": seen, "factor": factor, "rated": rated}
     issues = []
-    for key, mask in (("rating", beyond & ~in_unit), ("effort_limits", beyond & in_unit)):
-        if mask.any():
-            worst = int(np.argmax(np.where(mask, factor, 0.0)))
-            whole = is_whole(session) if key == "rating" else np.zeros(arm.n, dtype=bool)
-            counts = f"; whole numbers at {', '.join(joints_at(session, whole))}: counts?" if whole.any() else ""
-            seen_there: dict[str, Any] = {"seen": seen, "factor": factor, "rated": rated, "counts": counts}
-            issues.append(issue_of(key, session, mask | whole, worst, **seen_there))
+    in_another = beyond & ~in_unit
+    if in_another.any():
+        worst = int(np.argmax(np.where(in_another, factor, 0.0)))
+        whole = is_whole(session)
+        counts = ""
+        if whole.any():
+            counts = f"; whole numbers at {', '.join(joints_at(session, whole))}: counts?"
+        joints = in_another | whole
+        issues.append(issue_of("rating", session, joints, worst, counts=counts, **figures))
+    wrong_limits = beyond & in_unit
+    if wrong_limits.any():
+        worst = int(np.argmax(np.where(wrong_limits, factor, 0.0)))
+        issues.append(issue_of("effort_limits", session, wrong_limits, worst, counts="", **figures))
     return issues
+
+
+def _large_effort(session: Session) -> Float[Array, " n"]:
+    """An effort that each joint exceeds in few samples only [its unit]."""
+    effort = np.concatenate([run.effort for run in session.runs])
+    return np.quantile(np.abs(effort), LIMIT.large_share, axis=0)
 
 
 def is_whole(session: Session) -> Array:
@@ -171,32 +288,53 @@ def is_whole(session: Session) -> Array:
 
 
 def has_own_size(states: States, joint: int) -> bool:
-    """Whether a joint's effort follows gravity, or where that is faint inertia, at about the model's size."""
-    held, fit = states.settings, max(fit_signed(states, joint, sign) for sign in (1.0, -1.0))
+    """Whether a joint's effort follows gravity at about the model's size.
+
+    Where gravity is faint, inertia.
+    """
+    settings = states.settings
+    fit = max(fit_signed(states, joint, sign) for sign in (1.0, -1.0))
     size = fit.gravity if states.heavy[joint] else fit.inertia
-    return bool(states.alive[joint] and fit.explained > held.sign_explains and held.scale_low < size < held.scale_high)
+    is_own = settings.scale_low < size < settings.scale_high
+    return bool(states.alive[joint] and fit.explained > settings.sign_explains and is_own)
 
 
 def check_placeholders(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
-    """Names limits that are an exporter's and that the recordings exceed; a limit of zero plainly says nothing."""
-    effort = np.quantile(np.abs(np.concatenate([run.effort for run in session.runs])), LIMIT.large_share, axis=0)
-    moved = np.max([speed(run) for run in session.runs], axis=0)
-    kinds, factors, joints = [], [], np.zeros(arm.n, dtype=bool)
-    for kind, seen, limit in (("effort", effort, arm.effort_limit), ("velocity", moved, arm.velocity_limit)):
+    """Names limits that are an exporter's and that the recordings exceed.
+
+    A limit of zero plainly says nothing.
+    """
+    fastest = np.max([speed(run) for run in session.runs], axis=0)
+    limits = {
+        "effort": (_large_effort(session), arm.effort_limit),
+        "velocity": (fastest, arm.velocity_limit),
+    }
+    factors = {}
+    joints = np.zeros(arm.n, dtype=bool)
+    for kind, (seen, limit) in limits.items():
         exceeded = is_placeholder(limit) & (limit > 0.0) & (seen > limit)
         if exceeded.any():
-            kinds.append(kind)
-            factors.append(float((seen / np.maximum(limit, 1e-9))[exceeded].max()))
+            factors[kind] = float((seen / np.maximum(limit, 1e-9))[exceeded].max())
             joints |= exceeded
-    if not kinds:
+    if not factors:
         return []
-    names = ", ".join(joints_at(session, joints))
-    told: dict[str, Any] = {"kinds": " and ".join(kinds), "names": names, "value": 1.0, "factor": max(factors)}
-    return [issue_of("placeholder_limits", session, joints, **told)]
+    issue = issue_of(
+        "placeholder_limits",
+        session,
+        joints,
+        kinds=" and ".join(factors),
+        names=", ".join(joints_at(session, joints)),
+        value=1.0,
+        factor=max(factors.values()),
+    )
+    return [issue]
 
 
 def check_gains(session: Session) -> list[TelemetryIssue]:
-    """Torques that are a current times a gain that nobody measured: every size that follows from them is as wrong."""
+    """Torques that are a current times a gain that nobody measured.
+
+    Every size that follows from them is as wrong.
+    """
     if not session.guessed_gains:
         return []
     gains = ", ".join(f"{joint} {gain:.3g}" for joint, gain in session.guessed_gains.items())
@@ -204,7 +342,10 @@ def check_gains(session: Session) -> list[TelemetryIssue]:
 
 
 class Gains:
-    """Reads sessions of one arm with the first one's guesses of its drive gains: another guess is no other arm."""
+    """Reads sessions of one arm with the first one's guesses of its drive gains.
+
+    Another guess is no other arm.
+    """
 
     def __init__(self, first: Session | None = None) -> None:
         self._first = first
@@ -212,20 +353,31 @@ class Gains:
 
     def in_first_unit(self, session: Session) -> Session:
         """The session, its torques those of the first one's guesses."""
-        if not session.guessed_gains:
+        guessed = session.guessed_gains
+        if not guessed:
             return session
-        first = self._first = self._first or session.replace(runs=())
-        gains = {name: first.guessed_gains.get(name, gain) for name, gain in session.guessed_gains.items()}
-        differ = [name for name, gain in session.guessed_gains.items() if not np.isclose(gain, gains[name])]
+        if self._first is None:
+            self._first = session.replace(runs=())
+        first = self._first
+        gains = {name: first.guessed_gains.get(name, gain) for name, gain in guessed.items()}
+        differ = [name for name, gain in guessed.items() if not np.isclose(gain, gains[name])]
         if not differ:
             return session
         evidence = (
-            f"{first.name} and {session.name} have different guesses for {', '.join(differ)}: read with the first"
+            f"{first.name} and {session.name} have different guesses for {', '.join(differ)}: "
+            "read with the first"
         )
         remedy = "give both sessions the same drive gains"
-        self._issues.append(TelemetryIssue("guessed_gains", tuple(differ), "warning", evidence, remedy))
-        factor = [gains[name] / session.guessed_gains[name] if name in differ else 1.0 for name in session.joints]
-        runs = [run if run.current is None else run.replace(effort=factor * run.effort) for run in session.runs]
+        issue = TelemetryIssue("guessed_gains", tuple(differ), "warning", evidence, remedy)
+        self._issues.append(issue)
+        factor = np.ones(len(session.joints))
+        for joint, name in enumerate(session.joints):
+            if name in differ:
+                factor[joint] = gains[name] / guessed[name]
+        runs = []
+        for run in session.runs:
+            is_made_of_current = run.current is not None
+            runs.append(run.replace(effort=factor * run.effort) if is_made_of_current else run)
         return session.replace(runs=runs, guessed_gains=gains)
 
     def issues(self) -> list[TelemetryIssue]:
@@ -234,82 +386,121 @@ class Gains:
 
 
 def check_absent(session: Session, states: States, absent: Sequence[str]) -> list[TelemetryIssue]:
-    """Whether joints that are not recorded moved: then a torque doesn't follow from the recorded joints' motion.
+    """Whether joints that are not recorded moved.
 
-    Each torque is held against the model's with those joints still, and what the recorded angles, one by one, and the
-    joint's own motion can make of it.
+    Then a torque doesn't follow from the recorded joints' motion. Each torque is held against the
+    model's with those joints still, and what the recorded angles, one by one, and the joint's own
+    motion can make of it.
+
+    Args:
+        session: The recordings.
+        states: Their states.
+        absent: Names of the joints that are not recorded.
     """
     swings = np.hstack([np.sin(states.q), np.cos(states.q), states.ddq])
-    found = {}
-    for j in np.flatnonzero(states.alive & states.moving):
-        dq, tau = states.dq[:, j], states.tau[:, j]
-        model = [states.gravity[:, j], states.inertial[:, j]]
-        table = np.column_stack([swings, *model, states.q[:, j], dq, np.tanh(dq / TRANSITION_RAD_S), np.ones(len(tau))])
+    explained = {}
+    for joint in map(int, np.flatnonzero(states.alive & states.moving)):
+        dq = states.dq[:, joint]
+        tau = states.tau[:, joint]
+        model = [states.gravity[:, joint], states.inertial[:, joint]]
+        losses = [dq, np.tanh(dq / TRANSITION_RAD_S), np.ones(len(tau))]
+        table = np.column_stack([swings, *model, states.q[:, joint], *losses])
         left = tau - table @ least_squares(table, tau)
-        found[int(j)] = max(1.0 - float(left.var() / tau.var()), 0.0)
-    worst = min(found, key=lambda j: found[j], default=None)
-    if worst is None or found[worst] > LIMIT.own_motion[1]:
+        explained[joint] = max(1.0 - float(left.var() / tau.var()), 0.0)
+    least, enough = LIMIT.own_motion
+    worst = min(explained, key=lambda joint: explained[joint], default=None)
+    if worst is None or explained[worst] > enough:
         return []
-    severity: Severity = "fatal" if found[worst] < LIMIT.own_motion[0] else "warning"
-    return [issue_of("absent", session, [worst], worst, severity, explained=found[worst], absent=", ".join(absent))]
+    severity: Severity = "fatal" if explained[worst] < least else "warning"
+    names = ", ".join(absent)
+    share = explained[worst]
+    return [issue_of("absent", session, [worst], worst, severity, explained=share, absent=names)]
 
 
 def fit_scale(states: States, joint: int) -> tuple[float, float, float]:
-    """A joint's torque as a multiple of the model's, told by gravity, its standard error, and it beside a spring.
+    """A joint's torque as a multiple of the model's, told by gravity.
 
-    Least squares beside inertia, the rotor's (no part of the model, which could bend gravity's), friction, friction
-    that grows with the load, an offset; the error is the delete-one-piece jackknife's, and half of what the spring
-    makes of it is added.
+    Least squares beside inertia, the rotor's (no part of the model, which could bend gravity's),
+    friction, friction that grows with the load, an offset; the error is the delete-one-piece
+    jackknife's, and half of what a spring makes of the scale is added.
+
+    Returns:
+        The scale, its standard error, and the scale beside a spring.
     """
-    gravity, dq = states.gravity[:, joint], states.dq[:, joint]
+    tau = states.tau[:, joint]
+    gravity = states.gravity[:, joint]
+    dq = states.dq[:, joint]
     side = np.tanh(dq / TRANSITION_RAD_S)
     inertia = [states.inertial[:, joint], states.ddq[:, joint]]
-    bare = [gravity, *inertia, side, dq, np.abs(gravity) * side, np.ones(len(dq))]
-    (scale, error), (sprung, _) = (
-        [float(one[0]) for one in jackknife(np.column_stack(columns), states.tau[:, joint], states.settings.pieces)]
-        for columns in (bare, [*bare, states.q[:, joint]])
-    )
-    return scale, float(np.hypot(error, 0.5 * (scale - sprung))), sprung
+    friction = [side, dq, np.abs(gravity) * side]
+    bare = np.column_stack([gravity, *inertia, *friction, np.ones(len(dq))])
+    sprung = np.column_stack([bare, states.q[:, joint]])
+    weights, errors = jackknife(bare, tau, states.settings.pieces)
+    beside_spring, _ = jackknife(sprung, tau, states.settings.pieces)
+    scale = float(weights[0])
+    scale_beside_spring = float(beside_spring[0])
+    error = float(np.hypot(float(errors[0]), 0.5 * (scale - scale_beside_spring)))
+    return scale, error, scale_beside_spring
+
+
+class ScaleOff(NamedTuple):
+    """A joint whose torque is the model's at another size."""
+
+    joint: int
+    scale: float
+    error: float  # standard
 
 
 def check_scales(session: Session, states: States, arm: ArmModel) -> list[TelemetryIssue]:
-    """Moving joints whose whole torque is the model's at another size: a gain that is off, or masses that are.
+    """Moving joints whose whole torque is the model's at another size.
 
-    Where gravity changes much, a size is told that the recordings tell; elsewhere one that its URDF's tolerance, too,
-    leaves no room for.
+    A gain is off, or masses are. Where gravity changes much, a size is told that the recordings
+    tell; elsewhere one that its URDF's tolerance, too, leaves no room for.
     """
-    held, found = states.settings, []
+    settings = states.settings
     tested = np.flatnonzero(states.alive & states.moving)
-    # Student's t for the errors of so few pieces, one chance in twenty for all joints together.
-    heavy_sure, sure = (
-        float(stdtrit(held.pieces - 1, 1.0 - 0.025 / max(count, 1)))
-        for count in (int(states.heavy[tested].sum()), len(tested))
-    )
+    heavy_sure = _chance_for_all(int(states.heavy[tested].sum()), settings.pieces)
+    sure = _chance_for_all(len(tested), settings.pieces)
     change = states.gravity.std(axis=0)
     tolerance = gravity_tolerance(states, arm)
+    scales = []
     for joint in map(int, tested):
         scale, error, sprung = fit_scale(states, joint)
+        off = abs(scale - 1.0)
         # What a spring explains for the most part is no scale.
-        is_spring = abs(sprung - 1.0) <= 0.5 * abs(scale - 1.0)
+        if abs(sprung - 1.0) <= 0.5 * off:
+            continue
         if states.heavy[joint]:
-            is_off = abs(scale - 1.0) > max(held.scale_off, heavy_sure * error)
+            is_off = off > max(settings.scale_off, heavy_sure * error)
         else:
             doubt = float(np.hypot(error * change[joint], tolerance[joint]))
-            is_off = abs(scale - 1.0) * change[joint] > sure * doubt
-        if is_off and not is_spring:
-            found.append((joint, scale, error))
-    if not found:
+            is_off = off * change[joint] > sure * doubt
+        if is_off:
+            scales.append(ScaleOff(joint, scale, error))
+    if not scales:
         return []
-    found.sort(key=lambda one: -abs(np.log(max(one[1], 1e-9))))
-    words = "{} reads {:.2f} ± {:.2f} times the model's gravity torque"
-    reported = "; ".join(words.format(session.joints[j], scale, 2.0 * error) for j, scale, error in found)
-    return [issue_of("scale", session, [j for j, _, _ in found], reported=reported)]
+    scales.sort(key=lambda off: -abs(np.log(max(off.scale, 1e-9))))
+    words = []
+    for joint, scale, error in scales:
+        interval = f"{scale:.2f} ± {2.0 * error:.2f}"
+        words.append(f"{session.joints[joint]} reads {interval} times the model's gravity torque")
+    joints = [off.joint for off in scales]
+    return [issue_of("scale", session, joints, reported="; ".join(words))]
+
+
+def _chance_for_all(count: int, pieces: int) -> float:
+    """Standard errors beyond which one in twenty sound arms has any of so many joints.
+
+    Student's t, for errors of so few pieces.
+    """
+    return float(stdtrit(pieces - 1, 1.0 - 0.025 / max(count, 1)))
 
 
 def gravity_tolerance(states: States, arm: ArmModel) -> Float[Array, " n"]:
-    """Standard deviation of what a URDF within its tolerance has otherwise of each joint's change of gravity [N m].
+    """What a URDF within its tolerance has otherwise of each joint's change of gravity [N m].
 
-    Its links are off by their tolerance, and its base by any tilt up to the one that a diagnosis finds.
+    A standard deviation. Its links are off by their tolerance, and its base by any tilt up to the
+    one that a diagnosis finds.
     """
     q = states.q[:: max(1, len(states.q) // TOLERANCE_STATES)]
     still = np.zeros_like(q)

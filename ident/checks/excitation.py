@@ -1,15 +1,15 @@
-"""Is there enough to learn from: runs, motion that tells the parameters apart, and each motion more than once?
+"""Is there enough to learn from?
 
-In one sinusoid the acceleration is the angle times a constant: rotor and link inertia, a spring and gravity's slope are
+Runs, motion that tells the parameters apart, and each motion more than once. In one sinusoid the
+acceleration is the angle times a constant: rotor and link inertia, a spring and gravity's slope are
 then one parameter, however long it was recorded, and no held-out part of it says otherwise.
 Optimised and everyday motion shows shares of 0.3 to 0.95.
 
-Source: Marquardt, Generalized inverses, ridge regression, biased linear estimation (1970): inflation beyond ten.
+Source: Marquardt, Generalized inverses, ridge regression, biased linear estimation (1970):
+inflation beyond ten.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from scipy.linalg import qr
@@ -18,11 +18,19 @@ from ident.arrays import Array, Float, Int
 from ident.checks.filtered_run import USUAL_EXCITATION, ExcitationSettings, filter_run
 from ident.checks.report import TelemetryReport, issue_of, joints_at
 from ident.errors import RecordingError, plural
-from ident.recordings.recording import FEWEST_BLOCKS, SHORTEST_BLOCK_S, Session, Severity, TelemetryIssue
+from ident.recordings.recording import (
+    FEWEST_BLOCKS,
+    SHORTEST_BLOCK_S,
+    Session,
+    Severity,
+    TelemetryIssue,
+)
 from ident.robot.arm import ArmModel
 
 # Parts of a single recording that are left out in turn, as the held-out splits do.
 PARTS = 5
+# States that are kept of each session or part: there may be very many.
+STATES = 800
 
 
 class Independence:
@@ -30,59 +38,93 @@ class Independence:
 
     def __init__(self, travel: float = USUAL_EXCITATION.least_travel) -> None:
         self._travel = travel
-        self._sums: list[list[Float[Array, "5 5"]]] = []
+        # Of each joint, for each recording: inner products of its parts' columns and target.
+        self._sums: list[list[Float[Array, "5 5 5"]]] = []
         self._strokes: Int[Array, "2 n"] = np.zeros((2, 0), dtype=int)
 
-    def take(self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]) -> None:
-        """Adds one recording's filtered motion."""
+    def take(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
+    ) -> None:
+        """Adds one recording's filtered motion [rad, rad/s, rad/s²]."""
         joints = q.shape[1]
         if not self._sums:
-            self._sums, self._strokes = [[] for _ in range(joints)], np.zeros((2, joints), dtype=int)
-        for j in range(joints):
-            if np.ptp(q[:, j]) >= self._travel:
-                table = np.column_stack([np.ones(len(q)), q[:, j], np.sin(q[:, j]), np.cos(q[:, j]), ddq[:, j]])
-                self._sums[j].append(np.stack([part.T @ part for part in np.array_split(table, PARTS)]))
-            # Pieces of motion between reversals that go far enough, up and down.
-            cuts = np.r_[0, np.flatnonzero(np.diff(np.sign(dq[:, j]))) + 1, len(q) - 1]
-            gone = np.diff(q[cuts, j])
-            self._strokes[:, j] += (gone > self._travel).sum(), (gone < -self._travel).sum()
+            self._sums = [[] for _ in range(joints)]
+            self._strokes = np.zeros((2, joints), dtype=int)
+        for joint in range(joints):
+            angle = q[:, joint]
+            if np.ptp(angle) >= self._travel:
+                of_angle = [np.ones(len(angle)), angle, np.sin(angle), np.cos(angle)]
+                table = np.column_stack([*of_angle, ddq[:, joint]])
+                parts = np.array_split(table, PARTS)
+                self._sums[joint].append(np.stack([part.T @ part for part in parts]))
+            self._strokes[:, joint] += self._count_strokes(angle, dq[:, joint])
+
+    def _count_strokes(self, q: Float[Array, " T"], dq: Float[Array, " T"]) -> tuple[int, int]:
+        """Pieces of motion between reversals that go far enough, up and down."""
+        reversals = np.flatnonzero(np.diff(np.sign(dq))) + 1
+        ends = np.r_[0, reversals, len(q) - 1]
+        gone = np.diff(q[ends])
+        up = (gone > self._travel).sum()
+        down = (gone < -self._travel).sum()
+        return int(up), int(down)
 
     def shown(self) -> tuple[Float[Array, " n"], Int[Array, "2 n"]]:
         """What all recordings together show of each joint.
 
         Returns:
-            Share of the acceleration's variance that does not follow from the angle, the least over what is left where
-            one recording is left out, NaN where the joint does not move; and strokes in either direction.
+            Share of the acceleration's variance that does not follow from the angle, the least over
+            what is left where one recording is left out, NaN where the joint does not move; and
+            strokes in either direction.
         """
         least = np.full(len(self._sums), np.nan)
-        for j, taken in enumerate(self._sums):
-            if not taken:
+        for joint, recordings in enumerate(self._sums):
+            if len(recordings) > 1:
+                pieces = np.array([parts.sum(axis=0) for parts in recordings])
+            elif recordings:
+                pieces = recordings[0]
+            else:
                 continue
-            parts = np.array([one.sum(axis=0) for one in taken] if len(taken) > 1 else list(taken[0]))
-            sums = parts.sum(axis=0) - parts
-            columns, target = sums[:, :4, :4], sums[:, :4, 4]
-            size = np.sqrt(np.maximum(np.diagonal(columns, axis1=1, axis2=2), 1e-300))
-            inverse = np.linalg.pinv(columns / (size[:, :, None] * size[:, None, :]), rcond=1e-9, hermitian=True)
-            explained = np.einsum("pi,pij,pj->p", target / size, inverse, target / size)
-            variance = sums[:, 4, 4] - target[:, 0] ** 2 / sums[:, 0, 0]
-            known = variance > 0.0
-            if known.any():
-                left = (sums[:, 4, 4] - explained)[known] / variance[known]
-                least[j] = np.min(np.clip(left, 0.0, 1.0))
+            shares = _unexplained(pieces.sum(axis=0) - pieces)
+            if len(shares):
+                least[joint] = np.min(np.clip(shares, 0.0, 1.0))
         return least, self._strokes
 
 
-# States that are kept of each session or part: there may be very many.
-STATES = 800
+def _unexplained(sums: Float[Array, "p 5 5"]) -> Float[Array, " k"]:
+    """Share of an acceleration's variance that does not follow from the angle.
+
+    Args:
+        sums: Inner products of 1, the angle, its sine and cosine, and the acceleration.
+
+    Returns:
+        One of each that has any acceleration.
+    """
+    columns = sums[:, :4, :4]
+    target = sums[:, :4, 4]
+    square = sums[:, 4, 4]
+    diagonal = np.diagonal(columns, axis1=1, axis2=2)
+    size = np.sqrt(np.maximum(diagonal, 1e-300))
+    scaled = columns / (size[:, :, None] * size[:, None, :])
+    inverse = np.linalg.pinv(scaled, rcond=1e-9, hermitian=True)
+    along = target / size
+    explained = np.einsum("pi,pij,pj->p", along, inverse, along)
+    variance = square - target[:, 0] ** 2 / sums[:, 0, 0]
+    known = variance > 0.0
+    return (square - explained)[known] / variance[known]
 
 
 class Amount:
-    """What the sessions of one set-up, or the parts of long ones, amount to together: each is taken, none is kept."""
+    """What the sessions of one set-up, or the parts of long ones, amount to together.
+
+    Each is taken, none is kept.
+    """
 
     def __init__(self, settings: ExcitationSettings = USUAL_EXCITATION) -> None:
         self._settings = settings
         self._first: Session | None = None  # with a run of no samples
-        self._runs, self._seconds, self._blocks = 0, 0.0, 0
+        self._runs = 0
+        self._seconds = 0.0
+        self._blocks = 0
         self._low: Array = np.array(np.inf)
         self._high: Array = np.array(-np.inf)
         self._states: list[Float[Array, "4 T n"]] = []
@@ -96,87 +138,139 @@ class Amount:
             RecordingError: It has other joints than the first.
         """
         session = report.session
-        first = self._first = self._first or session.replace(runs=[session.runs[0].at(slice(0))])
-        if session.joints != first.joints:
-            what = f"has other joints of the robot than {first.name}: {', '.join(session.joints)}"
+        if self._first is None:
+            self._first = session.replace(runs=[session.runs[0].at(slice(0))])
+        if session.joints != self._first.joints:
+            joints = ", ".join(session.joints)
+            what = f"has other joints of the robot than {self._first.name}: {joints}"
             remedy = "give sessions that recorded the same joints"
             raise RecordingError(session.path or session.name, what, remedy)
         if not session.samples:
             return
         self._runs += len(session.runs)
         self._seconds += session.duration
-        self._blocks += sum(int(run.duration / SHORTEST_BLOCK_S) for run in session.runs)
-        for run in (run for run in session.runs if len(run)):
-            self._low = np.minimum(self._low, run.position.min(axis=0))
-            self._high = np.maximum(self._high, run.position.max(axis=0))
+        for run in session.runs:
+            self._blocks += int(run.duration / SHORTEST_BLOCK_S)
+            if len(run):
+                self._low = np.minimum(self._low, run.position.min(axis=0))
+                self._high = np.maximum(self._high, run.position.max(axis=0))
         self._arm = self._arm or report.arm
-        motions = list(filter(None, map(filter_run, session.runs)))
+        self._take_motions(session, report.arm is not None)
+
+    def _take_motions(self, session: Session, has_robot: bool) -> None:
+        """Adds the filtered motion of a session; its states where there is a robot to ask."""
+        filtered = [filter_run(run) for run in session.runs]
+        motions = [motion for motion in filtered if motion is not None]
         for motion in motions:
             self._independence.take(motion.q, motion.dq, motion.ddq)
-        if report.arm is not None and motions:
-            states = np.concatenate([np.stack([one.q, one.dq, one.ddq, one.tau]) for one in motions], axis=1)
-            self._states.append(states[:, :: max(1, states.shape[1] // STATES)])
+        if not has_robot or not motions:
+            return
+        of_runs = [np.stack([motion.q, motion.dq, motion.ddq, motion.tau]) for motion in motions]
+        states = np.concatenate(of_runs, axis=1)
+        step = max(1, states.shape[1] // STATES)
+        self._states.append(states[:, ::step])
 
     def issues(self) -> list[TelemetryIssue]:
-        """What all that was taken lacks, together: runs, motion of every joint, and of the base parameters apart."""
-        if self._first is None or not self._runs:
+        """What all that was taken lacks, together.
+
+        Runs, motion of every joint, and motion that tells the base parameters apart.
+        """
+        first = self._first
+        if first is None or not self._runs:
             return []
-        first, found, travel = self._first, list[TelemetryIssue](), self._high - self._low
+        issues = []
         if self._blocks < FEWEST_BLOCKS:
-            seen: dict[str, Any] = {"runs": plural(self._runs, "run"), "blocks": plural(self._blocks, "block")}
-            least = {"least": FEWEST_BLOCKS, "block": SHORTEST_BLOCK_S, "length": FEWEST_BLOCKS * SHORTEST_BLOCK_S}
-            seen |= least | {"seconds": self._seconds}
-            found.append(issue_of("too_few", first, **seen))
+            issues.append(self._too_few(first))
+        travel = self._high - self._low
         still = np.flatnonzero(travel < self._settings.least_travel)
         none_moves = len(still) == len(first.joints)
         if len(still):
             severity: Severity = "fatal" if none_moves else "warning"
-            names = ", ".join(first.joints[j] for j in still)
-            found.append(issue_of("still", first, still, None, severity, travel=travel[still].max(), names=names))
+            names = ", ".join(first.joints[joint] for joint in still)
+            farthest = travel[still].max()
+            issue = issue_of("still", first, still, None, severity, travel=farthest, names=names)
+            issues.append(issue)
         if self._blocks >= FEWEST_BLOCKS:  # else that is what is wrong
-            found += self._check_independence(first)
+            issues += self._check_independence(first)
         if self._arm is not None and self._states and not none_moves:
             condition = base_condition(np.concatenate(self._states, axis=1), self._arm)
             if condition > self._settings.largest_condition:
-                found.append(issue_of("condition", first, condition=condition))
-        return found
+                issues.append(issue_of("condition", first, condition=condition))
+        return issues
+
+    def _too_few(self, first: Session) -> TelemetryIssue:
+        """That there are too few blocks."""
+        return issue_of(
+            "too_few",
+            first,
+            runs=plural(self._runs, "run"),
+            blocks=plural(self._blocks, "block"),
+            least=FEWEST_BLOCKS,
+            block=SHORTEST_BLOCK_S,
+            length=FEWEST_BLOCKS * SHORTEST_BLOCK_S,
+            seconds=self._seconds,
+        )
 
     def _check_independence(self, first: Session) -> list[TelemetryIssue]:
-        """Whether each joint's inertia and friction are shown apart from gravity, and more than once."""
+        """Whether each joint's inertia and friction are shown apart from gravity.
+
+        And more than once.
+        """
         share, (up, down) = self._independence.shown()
-        moving, one_sinusoid = np.isfinite(share), share < self._settings.least_share
-        part = "a fifth of the recording" if self._runs == 1 else "one recording"
-        text = (
-            f"with {part} left out, all but {{:.2g}} % of its acceleration follows from its angle: it moves in one "
-            "sinusoid, or nearly, and its inertia can't be told from gravity or a spring"
-        )
-        found = [(int(j), text.format(100 * share[j])) for j in np.flatnonzero(one_sinusoid)]
-        once = np.flatnonzero(moving & ~one_sinusoid & (np.minimum(up, down) < self._settings.least_strokes))
-        found += [(int(j), f"it moves {up[j]} times up and {down[j]} times down") for j in once]
-        if not found:
+        moving = np.isfinite(share)
+        one_sinusoid = share < self._settings.least_share
+        left_out = "a fifth of the recording" if self._runs == 1 else "one recording"
+        words: dict[int, str] = {}
+        for joint in map(int, np.flatnonzero(one_sinusoid)):
+            words[joint] = (
+                f"with {left_out} left out, all but {100 * share[joint]:.2g} % of its acceleration "
+                "follows from its angle: it moves in one sinusoid, or nearly, and its inertia "
+                "can't be told from gravity or a spring"
+            )
+        few = np.minimum(up, down) < self._settings.least_strokes
+        for joint in map(int, np.flatnonzero(moving & ~one_sinusoid & few)):
+            words[joint] = f"it moves {up[joint]} times up and {down[joint]} times down"
+        if not words:
             return []
-        columns = [j for j, _ in found]
-        others = f"; likewise {', '.join(joints_at(first, columns[1:]))}" if columns[1:] else ""
-        # Strokes that no other repeats still show gravity and friction; one sinusoid shows neither apart.
+        worst, *others = words
+        also = f"; likewise {', '.join(joints_at(first, others))}" if others else ""
+        # Strokes that no other repeats still show gravity and friction; one sinusoid shows neither
+        # apart.
         severity: Severity = "fatal" if one_sinusoid.sum() == moving.sum() else "warning"
-        return [issue_of("dependent", first, columns, columns[0], severity, reported=found[0][1], others=others)]
+        issue = issue_of(
+            "dependent", first, words, worst, severity, reported=words[worst], others=also
+        )
+        return [issue]
 
 
 def base_condition(states: Float[Array, "4 T n"], arm: ArmModel) -> float:
-    """Condition number of some motion's base regressor, rows per torque's spread, columns of unit length."""
-    q, dq, ddq, tau = states
-    step = slice(None, None, max(1, len(q) // STATES))
-    table = arm.regressor(q[step], dq[step], ddq[step])
+    """Condition number of some motion's base regressor.
+
+    Its rows are per torque's spread, its columns of unit length.
+
+    Args:
+        states: Position, velocity, acceleration and torque [rad, rad/s, rad/s², N m].
+        arm: Whose regressor it is.
+    """
+    step = max(1, states.shape[1] // STATES)
+    tau = states[3]
+    q, dq, ddq = states[:3, ::step]
     spread = tau.std(axis=0)
     # Without this, the shoulder's torque would drown what the wrist tells.
     least = 1e-3 * float(spread.max()) or 1.0  # a torque may be all zeros
-    table = (table / np.maximum(spread, least)[:, None]).reshape(-1, 10 * arm.n)
-    size = np.linalg.norm(table, axis=0)
-    table = table / np.where(size > 1e-9 * size.max(), size, np.inf)
-    # The best conditioned set of base columns, so that the figure tells the motion and not the choice of columns.
-    factor, _ = qr(np.linalg.qr(table, mode="r"), mode="r", pivoting=True)
+    table = arm.regressor(q, dq, ddq) / np.maximum(spread, least)[:, None]
+    triangle = np.linalg.qr(_in_unit_columns(table.reshape(-1, 10 * arm.n)), mode="r")
+    # The best conditioned set of base columns, so that the figure tells the motion and not the
+    # choice of columns.
+    factor, _ = qr(triangle, mode="r", pivoting=True)
     values = np.linalg.svd(factor[:, : base_rank(arm)], compute_uv=False)
     return float(values[0] / max(values[-1], 1e-12 * values[0]))
+
+
+def _in_unit_columns(table: Float[Array, "r c"]) -> Float[Array, "r c"]:
+    """A table whose columns have unit length; those that are zero but for rounding are zero."""
+    size = np.linalg.norm(table, axis=0)
+    return table / np.where(size > 1e-9 * size.max(), size, np.inf)
 
 
 def base_rank(arm: ArmModel) -> int:
@@ -187,6 +281,5 @@ def base_rank(arm: ArmModel) -> int:
     # The rank is a property of the arm: fixed general states find it as well as any others.
     q, dq, ddq = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, 60, arm.n))
     table: Float[Array, "r 10n"] = arm.regressor(q, dq, ddq).reshape(-1, 10 * arm.n)
-    size = np.linalg.norm(table, axis=0)
-    triangle = np.linalg.qr(table / np.where(size > 1e-9 * size.max(), size, np.inf), mode="r")
+    triangle = np.linalg.qr(_in_unit_columns(table), mode="r")
     return int(np.linalg.matrix_rank(triangle, tol=1e-8))

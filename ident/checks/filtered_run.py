@@ -1,4 +1,7 @@
-"""The motion and torque of a run as the checks see them: evenly sampled, low-passed without phase, thinned out."""
+"""The motion and torque of a run as the checks see them.
+
+Evenly sampled, low-passed without phase, thinned out.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,10 @@ LIMIT = read_group(__file__, "filter")
 
 
 class EffortSettings(Settings, table="effort"):
-    """Sign, scale and origin of the torque; logs are 17 of a UR10e, two of Pandas and one of a UR10."""
+    """Sign, scale and origin of the torque.
+
+    Logs are 17 of a UR10e, two of Pandas and one of a UR10.
+    """
 
 
 class ExcitationSettings(Settings, table="excitation"):
@@ -36,7 +42,8 @@ class TelemetrySettings(Settings):
 
 USUAL_TELEMETRY = TelemetrySettings()
 
-# Thresholds of the single checks, an attribute each: `settings.toml` has their units, meanings and sources.
+# Thresholds of the single checks, an attribute each: `settings.toml` has their units, meanings and
+# sources.
 ANGLES = read_group(__file__, "angles")
 CHANNELS = read_group(__file__, "channels")
 CLOCK = read_group(__file__, "clock")
@@ -49,7 +56,8 @@ LATENESS = read_group(__file__, "lateness")
 
 # Samples by which both ends are extended: three times the filter's own.
 PADDING = 3 * (LIMIT.filter_order + 1)
-# Half a dozen checks ask for the same motion of a run, which never changes: it is kept for as long as the run is.
+# Half a dozen checks ask for the same motion of a run, which never changes: it is kept for as long
+# as the run is.
 _KEPT: WeakKeyDictionary[Recording, FilteredRun] = WeakKeyDictionary()
 
 
@@ -61,12 +69,15 @@ class FilteredRun:
     dq: Float[Array, "T n"]
     ddq: Float[Array, "T n"]
     tau: Float[Array, "T n"]  # measured torque through the same filter [N m]
-    dq_measured: Float[Array, "T n"] | None  # measured velocity through the same filter [rad/s], or None
+    # Measured velocity through the same filter [rad/s]; None where there is none.
+    dq_measured: Float[Array, "T n"] | None
     interval: float  # time between states [s]
 
 
 def filter_run(run: Recording) -> FilteredRun | None:
-    """Brings a run to an even grid, low-passes it without phase and thins it out; its cells must be finite.
+    """Brings a run to an even grid, low-passes it without phase and thins it out.
+
+    Its cells must be finite.
 
     Returns:
         The motion without the filter's transients, or None where the run is too short to have any.
@@ -95,23 +106,38 @@ def filter_run(run: Recording) -> FilteredRun | None:
     ddq = np.gradient(dq, interval, axis=0)
     keep = slice(edge, len(grid) - edge, step)
     measured = None if run.velocity is None else smooth(run.velocity)[keep]
-    _KEPT[run] = FilteredRun(q[keep], dq[keep], ddq[keep], smooth(run.effort)[keep], measured, step * interval)
+    _KEPT[run] = FilteredRun(
+        q[keep], dq[keep], ddq[keep], smooth(run.effort)[keep], measured, step * interval
+    )
     return _KEPT[run]
 
 
-def compare_velocities(session: Session) -> tuple[Bool[Array, " n"], Float[Array, " n"], Float[Array, " n"]] | None:
-    """Measured velocity = slope · derivative of position over all runs; None where no velocity was measured.
+def compare_velocities(
+    session: Session,
+) -> tuple[Bool[Array, " n"], Float[Array, " n"], Float[Array, " n"]] | None:
+    """Measured velocity = slope · derivative of position over all runs.
+
+    None where no velocity was measured.
 
     Returns:
         By joint whether it moves, slope and correlation.
     """
-    motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
-    motions = [motion for motion in motions if motion.dq_measured is not None]
-    if not motions:
+    filtered = [filter_run(run) for run in session.runs]
+    of_positions = []
+    of_sensors = []
+    for motion in filtered:
+        if motion is not None and motion.dq_measured is not None:
+            of_positions.append(motion.dq)
+            of_sensors.append(motion.dq_measured)
+    if not of_positions:
         return None
-    derived = np.concatenate([motion.dq for motion in motions])
-    measured = np.concatenate([motion.dq_measured for motion in motions if motion.dq_measured is not None])
-    xx, xy, yy = (derived**2).mean(axis=0), (derived * measured).mean(axis=0), (measured**2).mean(axis=0)
+    derived = np.concatenate(of_positions)
+    measured = np.concatenate(of_sensors)
+    xx = (derived**2).mean(axis=0)
+    xy = (derived * measured).mean(axis=0)
+    yy = (measured**2).mean(axis=0)
     # A wrong time base scales the derivative, so moving is determined by either of the two.
     moving = np.maximum(np.sqrt(xx), np.sqrt(yy)) > LIMIT.moving_rad_s
-    return moving, xy / np.maximum(xx, 1e-300), xy / np.sqrt(np.maximum(xx * yy, 1e-300))
+    slope = xy / np.maximum(xx, 1e-300)
+    correlation = xy / np.sqrt(np.maximum(xx * yy, 1e-300))
+    return moving, slope, correlation

@@ -1,11 +1,14 @@
-"""Runs foretold by other runs of their session: how far each joint's torque is off a model fitted to the others.
+"""Runs foretold by other runs of their session.
+
+How far each joint's torque is off a model fitted to the others.
 
 Of each joint
 
     tau_j = Y_j(q, dq, ddq) π + b tanh(dq_j / eps) + c dq_j + d ddq_j + o
 
-is fitted to some runs, π held near the URDF's, and the root mean square of what it leaves in another run is that run's
-error. Its logarithm has about the same scatter at every joint of sound sessions, whatever the arm is.
+is fitted to some runs, π held near the URDF's, and the root mean square of what it leaves in
+another run is that run's error. Its logarithm has about the same scatter at every joint of sound
+sessions, whatever the arm is.
 """
 
 from __future__ import annotations
@@ -25,7 +28,6 @@ from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
 
 TRANSITION_RAD_S = 0.02  # as for the sign of a torque
 LOSSES = 4  # columns of a joint's losses: dry and viscous friction, its rotor, an offset
-STATES = ("q", "dq", "ddq", "tau")
 ROUNDING = 1e-12  # of sums, below which columns are the same
 LEAST_SQUARE = 1e-24  # [(N m)²], so that logarithms stay finite
 
@@ -48,7 +50,9 @@ class RunStates:
 
     def at(self, rows: slice) -> RunStates:
         """Some of its states."""
-        return RunStates(self.name, self.q[rows], self.dq[rows], self.ddq[rows], self.tau[rows], self.moves[rows])
+        return RunStates(
+            self.name, self.q[rows], self.dq[rows], self.ddq[rows], self.tau[rows], self.moves[rows]
+        )
 
 
 def states_of(run: Recording) -> RunStates | None:
@@ -63,30 +67,46 @@ def states_of(run: Recording) -> RunStates | None:
 
 
 class RunTables:
-    """Makes sums of runs: inner products of a joint's columns and torque, each a mean over the run's states."""
+    """Makes sums of runs.
+
+    Inner products of a joint's columns and torque, each a mean over the run's states.
+    """
 
     def __init__(self, arm: ArmModel, runs: Sequence[RunStates]) -> None:
         self._arm = arm
         self._stated = np.array(arm.inertial_parameters)
         self._scale = PRIOR_SHARE["consistent"] * parameter_scale(arm)
-        spread = {name: np.concatenate([getattr(run, name) for run in runs]).std(axis=0) for name in STATES}
-        torque = np.maximum(spread["tau"], 1e-9)
-        # Columns of losses in units that no prior holds back: each may be as large as the whole torque.
-        units = [torque, torque / np.maximum(spread["dq"], 1e-6), torque / np.maximum(spread["ddq"], 1e-6), torque]
+        speed = np.concatenate([run.dq for run in runs]).std(axis=0)
+        acceleration = np.concatenate([run.ddq for run in runs]).std(axis=0)
+        torque = np.concatenate([run.tau for run in runs]).std(axis=0)
+        torque = np.maximum(torque, 1e-9)
+        # Columns of losses in units that no prior holds back: each may be as large as the whole
+        # torque.
+        units = [
+            torque,
+            torque / np.maximum(speed, 1e-6),
+            torque / np.maximum(acceleration, 1e-6),
+            torque,
+        ]
         self._loss_scale: Float[Array, "n 4"] = np.column_stack(units)
 
     def table(self, run: RunStates) -> Float[Array, "n T c"]:
         """Each joint's columns, and last what its torque is beyond the URDF's."""
         regressor = self._arm.regressor(run.q, run.dq, run.ddq).transpose(1, 0, 2)
-        losses = np.stack([np.tanh(run.dq / TRANSITION_RAD_S), run.dq, run.ddq, np.ones_like(run.dq)], axis=-1)
+        dry = np.tanh(run.dq / TRANSITION_RAD_S)
+        offset = np.ones_like(run.dq)
+        losses = np.stack([dry, run.dq, run.ddq, offset], axis=-1)
         losses = losses.transpose(1, 0, 2) * self._loss_scale[:, None, :]
         beyond = run.tau.T - regressor @ self._stated
         return np.concatenate([regressor * self._scale, losses, beyond[:, :, None]], axis=-1)
 
     def sums(self, run: RunStates) -> Float[Array, "n c c"]:
-        """The inner products of a run's table, of each joint a mean over the states in which it moves; 0 without any.
+        """The inner products of a run's table.
 
-        A joint that stands is held by anything between minus and plus its dry friction, for as long as it stands.
+        Of each joint a mean over the states in which it moves; 0 without any.
+
+        A joint that stands is held by anything between minus and plus its dry friction, for as long
+        as it stands.
         """
         table = self.table(run) * run.moves.T[:, :, None]
         count = np.maximum(run.moves.sum(axis=0), 1)
@@ -98,7 +118,9 @@ class RunTables:
         beyond = np.einsum("jtp,jp->tj", table[:, :, :-1], coefficients)
         return np.asarray(run.tau - table[:, :, -1].T + beyond)
 
-    def error_of(self, sums: Float[Array, "n c c"], others: Fit, own_losses: bool = False) -> Float[Array, " n"]:
+    def error_of(
+        self, sums: Float[Array, "n c c"], others: Fit, own_losses: bool = False
+    ) -> Float[Array, " n"]:
         """Logarithm of each joint's root mean square error; not a number where it never moves.
 
         Args:
@@ -118,7 +140,9 @@ class RunTables:
         pairs = zip(sums, others, strict=True)
         return np.array([self.error_of(run, fitted, own_losses) for run, fitted in pairs])
 
-    def errors_among(self, sums: Float[Array, "R n c c"], own_losses: bool = False) -> Float[Array, "R n"]:
+    def errors_among(
+        self, sums: Float[Array, "R n c c"], own_losses: bool = False
+    ) -> Float[Array, "R n"]:
         """Each run's error, foretold by all the others."""
         return self.errors_of(sums, fits_among(sums), own_losses)
 
@@ -129,7 +153,8 @@ class Fit:
 
     Attributes:
         coefficients: The likeliest, shape (n, p).
-        precision: Of them, each run an observation: samples of a run say much the same, shape (n, p, p).
+        precision: Of them, each run an observation: samples of a run say much the same, shape (n,
+            p, p).
     """
 
     coefficients: Float[Array, "n p"]
@@ -141,7 +166,10 @@ class Fit:
         return solve_positive(self.precision, np.eye(self.precision.shape[1])[None])
 
     def open_square(self, sums: Float[Array, "n c c"]) -> Float[Array, " n"]:
-        """Mean square of what the coefficients leave open in a run [(N m)²]: much, where it moves as none of them."""
+        """Mean square of what the coefficients leave open in a run [(N m)²].
+
+        Much, where it moves as none of them.
+        """
         count = self.coefficients.shape[1]
         return np.asarray(np.einsum("jpk,jkp->j", self.covariance, sums[:, :count, :count]))
 
@@ -153,7 +181,8 @@ def fit(sums: Float[Array, "n c c"], runs: int) -> Fit:
         sums: Inner products, a mean over runs.
         runs: How many runs that are.
 
-    Source: the prior's weight is found as in evidence maximisation (MacKay 1992), by fixed-point steps.
+    Source: the prior's weight is found as in evidence maximisation (MacKay 1992), by fixed-point
+    steps.
     """
     count = sums.shape[-1] - 1
     noise = np.maximum(sums[:, -1, -1], LEAST_SQUARE)
@@ -166,8 +195,12 @@ def fit(sums: Float[Array, "n c c"], runs: int) -> Fit:
     return Fit(coefficients, precision)
 
 
-def solve_positive(matrices: Float[Array, "n p p"], right: Float[Array, "n p k"]) -> Float[Array, "n p k"]:
-    """Solutions of positive systems, in units of the diagonals, where columns may be the same but for rounding.
+def solve_positive(
+    matrices: Float[Array, "n p p"], right: Float[Array, "n p k"]
+) -> Float[Array, "n p k"]:
+    """Solutions of positive systems, in which columns may be the same but for rounding.
+
+    They are solved in units of the diagonals.
 
     Args:
         matrices: One of each joint.
@@ -178,15 +211,19 @@ def solve_positive(matrices: Float[Array, "n p p"], right: Float[Array, "n p k"]
     return np.asarray(np.linalg.solve(scaled, right / size) / size)
 
 
-def left_square(sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]) -> Float[Array, " n"]:
+def left_square(
+    sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]
+) -> Float[Array, " n"]:
     """Mean square of what coefficients leave of each joint's torque [(N m)²]."""
     weights = np.concatenate([-coefficients, np.ones((len(coefficients), 1))], axis=1)
     left = np.einsum("jp,jpk,jk->j", weights, sums, weights)
     return np.asarray(np.maximum(left, LEAST_SQUARE))
 
 
-def left_beside_losses(sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]) -> Float[Array, " n"]:
-    """Mean square of what coefficients leave of a run beside losses that are fitted to the run itself [(N m)²]."""
+def left_beside_losses(
+    sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]
+) -> Float[Array, " n"]:
+    """Mean square of what coefficients leave of a run beside losses of its own [(N m)²]."""
     weights = np.concatenate([-coefficients, np.ones((len(coefficients), 1))], axis=1)
     across = np.einsum("jpk,jk->jp", sums, weights)
     losses = slice(-1 - LOSSES, -1)

@@ -1,4 +1,7 @@
-"""Whether a recording holds as much as its rate says: torques that go on straight lines were logged more slowly."""
+"""Whether a recording holds as much as its rate says.
+
+Torques that go on straight lines were logged more slowly.
+"""
 
 from __future__ import annotations
 
@@ -13,23 +16,29 @@ from ident.recordings.recording import Recording, Session, TelemetryIssue
 def check_information(session: Session) -> list[TelemetryIssue]:
     """Finds torques that were interpolated between samples of a lower rate.
 
-    A measured torque has noise in every sample. Where most samples lie on the line between their neighbours, and
-    corners come every so many samples, nothing was measured in between.
+    A measured torque has noise in every sample. Where most samples lie on the line between their
+    neighbours, and corners come every so many samples, nothing was measured in between.
     """
-    found = Findings(session)
+    findings = Findings(session)
     for run in session.runs:
-        steps = {joint: step for joint in range(len(run.joints)) if (step := line_length(run, joint)) is not None}
+        lengths = {joint: line_length(run, joint) for joint in range(len(run.joints))}
+        steps = {joint: length for joint, length in lengths.items() if length is not None}
         moving = int((np.ptp(run.effort, axis=0) > 0.0).sum()) if len(run) else 0
         if len(steps) > LIMIT.most_joints * moving:
             step = int(np.median(list(steps.values())))
             rate = 1.0 / run.sample_interval
-            what = f"torques go on straight lines over {step} samples: {rate:.4g} Hz made of {rate / step:.4g} Hz"
-            found.note(run, what, steps)
-    return found.issues("interpolated")
+            made_of = f"{rate:.4g} Hz made of {rate / step:.4g} Hz"
+            findings.note(
+                run, f"torques go on straight lines over {step} samples: {made_of}", steps
+            )
+    return findings.issues("interpolated")
 
 
 def line_length(run: Recording, joint: int) -> int | None:
-    """Samples from corner to corner of a torque that goes on straight lines; None where it does not."""
+    """Samples from corner to corner of a torque that goes on straight lines.
+
+    None where it does not.
+    """
     effort = run.effort[:, joint]
     if len(effort) < LIMIT.least_samples:
         return None

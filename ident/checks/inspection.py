@@ -10,7 +10,14 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ident.checks.angles import mend_absurd, mend_channel_spikes, mend_degrees, mend_spikes, mend_wraps, split_at_jumps
+from ident.checks.angles import (
+    mend_absurd,
+    mend_channel_spikes,
+    mend_degrees,
+    mend_spikes,
+    mend_wraps,
+    split_at_jumps,
+)
 from ident.checks.arrangement import check_bodies
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
 from ident.checks.clock import (
@@ -52,7 +59,10 @@ from ident.robot.arm import ArmModel
 
 
 class Repeats:
-    """Takes note of the runs that pass, and of those that hold the series of an earlier one, in whatever form."""
+    """Takes note of the runs that pass, and of those that hold an earlier one's series.
+
+    In whatever form they hold it.
+    """
 
     def __init__(self) -> None:
         self._known: dict[bytes, str] = {}
@@ -82,7 +92,11 @@ class Repeats:
         if not self._told:
             return []
         more = f", and {len(self._told) - 1} more" if len(self._told) > 1 else ""
-        return [TelemetryIssue("repeated_session", (), "fatal", self._told[0] + more, "give every recording once")]
+        return [
+            TelemetryIssue(
+                "repeated_session", (), "fatal", self._told[0] + more, "give every recording once"
+            )
+        ]
 
 
 def _mark(run: Recording) -> bytes:
@@ -100,11 +114,14 @@ Mending = Callable[[Session], tuple[Session, list[TelemetryIssue]]]
 
 
 def inspect_sessions(
-    sessions: Sequence[Session], arm: ArmModel | None = None, settings: TelemetrySettings = USUAL_TELEMETRY
+    sessions: Sequence[Session],
+    arm: ArmModel | None = None,
+    settings: TelemetrySettings = USUAL_TELEMETRY,
 ) -> tuple[TelemetryReport, ...]:
-    """Checks sessions that are to be used together, mends what can be mended safely, and compares them with the robot.
+    """Checks sessions that are to be used together.
 
-    What they lack together is reported with the first.
+    Mends what can be mended safely, and compares them with the robot. What they lack together is
+    reported with the first.
 
     Raises:
         RecordingError: No joint of the robot is recorded.
@@ -116,13 +133,14 @@ def inspect_sessions(
 def inspect_parts(
     parts: Iterable[Session], arm: ArmModel, settings: TelemetrySettings = USUAL_TELEMETRY
 ) -> Iterator[TelemetryReport]:
-    """The same of consecutive parts of sessions too long to be held, each let go before the next is read.
+    """The same of consecutive parts of sessions too long to be held.
 
-    What an earlier part of its session showed is not told again, unless it is fatal. What all parts lack together is
-    told by a last report without runs.
+    Each is let go before the next is read. What an earlier part of its session showed is not told
+    again, unless it is fatal. What all parts lack together is told by a last report without runs.
 
     Raises:
-        RecordingError: No joint of the robot is recorded, or a part has other joints than the first.
+        RecordingError: No joint of the robot is recorded, or a part has other joints than the
+        first.
     """
     reported: set[tuple[str, str, tuple[str, ...], str]] = set()
 
@@ -130,27 +148,40 @@ def inspect_parts(
         """The report without what is known of its session."""
         issues = []
         for issue in report.issues:
-            key = (str(report.session.path or report.session.name), issue.issue, issue.joints, issue.severity)
-            issues += [issue] if key not in reported or issue.severity == "fatal" or not report.session.runs else []
+            where = str(report.session.path or report.session.name)
+            key = (where, issue.issue, issue.joints, issue.severity)
+            is_new = key not in reported
+            if is_new or issue.severity == "fatal" or not report.session.runs:
+                issues.append(issue)
             reported.add(key)
         return replace(report, issues=tuple(issues))
 
     # A map and a filter hold on to nothing that they have handed out.
-    return filter(lambda report: report.session.runs or report.issues, map(news, _inspect_each(parts, arm, settings)))
+    return filter(
+        lambda report: report.session.runs or report.issues,
+        map(news, _inspect_each(parts, arm, settings)),
+    )
 
 
 def _inspect_each(
     sessions: Iterable[Session], arm: ArmModel | None, settings: TelemetrySettings
 ) -> Iterator[TelemetryReport]:
-    """A report of each session, or part of one, and a last one without runs: what they lack together or hold twice."""
-    tallies, gains, last = (Amount(settings.excitation), Repeats()), Gains(), None
+    """A report of each session, or part of one, and a last one without runs.
+
+    What they lack together or hold twice.
+    """
+    tallies = (Amount(settings.excitation), Repeats())
+    gains = Gains()
+    last = None
     for session in sessions:
-        # The checks' matrices are small: threads of the linear algebra only get into each other's way.
+        # The checks' matrices are small: threads of the linear algebra only get into each other's
+        # way.
         with threadpool_limits(limits=1, user_api="blas"):
             report = inspect_alone(gains.in_first_unit(session), arm, settings)
             for tally in tallies:
                 tally.take(session, report)
-        arm = None if arm is None else as_mounted(arm, report.session)  # later ones are held against the same arm
+        # Later ones are held against the same arm.
+        arm = None if arm is None else as_mounted(arm, report.session)
         last = TelemetryReport(report.session.replace(runs=()), (), report.arm)
         yield report
         del session, report
@@ -165,15 +196,18 @@ def inspect_alone(
 ) -> TelemetryReport:
     """All checks but those that ask for the amount of data.
 
-    Rows and columns first: each check sees what the ones before it left standing. Then the conventions of log and URDF
-    are searched together, once, and what is left is held against the model under them.
+    Rows and columns first: each check sees what the ones before it left standing. Then the
+    conventions of log and URDF are searched together, once, and what is left is held against the
+    model under them.
     """
-    issues, absent = list(session.issues()), list[str]()
+    issues = list(session.issues())
+    absent: list[str] = []
     if arm is not None:
         session, matching = match_joints(session, arm.joint_names)
         issues += matching
         absent = [name for name in arm.joint_names if name not in session.joints]
-        arm = as_mounted((arm.locked(absent) if absent else arm).with_payload(session.payload), session)
+        recorded = arm.locked(absent) if absent else arm
+        arm = as_mounted(recorded.with_payload(session.payload), session)
     session, told = check_rows(_whole_rows(session), arm)
     issues += told
     if not session.samples or arm is None:
@@ -182,16 +216,21 @@ def inspect_alone(
     if not is_damaged(issues):
         session, told = check_odd_runs(session, arm)
         issues += told
-    # Inertia and the bodies' places are part of every torque: where they are wrong, nothing else can be read.
+    # Inertia and the bodies' places are part of every torque: where they are wrong, nothing else
+    # can be read.
     misplaced = check_bodies(session, arm)
     if misplaced or is_damaged(issues) or is_clock_wrong(session, arm):
         reading = as_it_is(session, arm)
     else:
         reading = read_conventions(session, arm, settings.effort)
-    session, arm, judged = reading.session, reading.arm, reading.judged
+    session = reading.session
+    arm = reading.arm
+    judged = reading.judged
     issues += reading.issues
     session, told = mend_effort_kind(session, judged, reading.is_compensated)
-    has_clock = not any(issue.issue == "time_not_increasing" and issue.severity == "fatal" for issue in issues)
+    has_clock = not any(
+        issue.issue == "time_not_increasing" and issue.severity == "fatal" for issue in issues
+    )
     issues += told + check_clock(session, judged) + (check_rate(session) if has_clock else [])
     issues += _check_channels(session) + check_bodies_of_urdf(session, arm)
     states = collect_states(session, judged, settings.effort)
@@ -201,23 +240,29 @@ def inspect_alone(
         torque = misplaced + (check_absent(session, states, absent) if absent else [])
         torque += check_placeholders(session, arm) + check_lateness(session, judged)
         # A torque that is off at all joints by one factor is told once.
-        in_model_unit = not any(issue.issue in ("mass_factor", "effort_not_torque") for issue in reading.issues)
+        in_model_unit = not any(
+            issue.issue in ("mass_factor", "effort_not_torque") for issue in reading.issues
+        )
         torque += check_rating(session, judged, states) if in_model_unit else []
         sound = not any(issue.severity == "fatal" for issue in torque)
         issues += torque + (check_effort(session, judged, states) if sound else [])
         if not any(issue.severity == "fatal" for issue in issues):
-            issues = [*check_scales(session, states, judged), *issues]  # what rests on a wrong gain is said after it
+            # What rests on a wrong gain is said after it.
+            issues = [*check_scales(session, states, judged), *issues]
     effort = judge_effort(session, states, issues)
     return TelemetryReport(session, tuple(issues), arm, effort, reading.conventions)
 
 
 def is_damaged(issues: Sequence[TelemetryIssue]) -> bool:
-    """Whether so many cells are broken that what is left of a run tells neither its units nor its signs."""
+    """Whether so many cells are broken that a run tells neither its units nor its signs."""
     return any(issue.severity == "fatal" and issue.issue in DAMAGE for issue in issues)
 
 
 def check_rows(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
-    """What is wrong with cells, rows and channels whatever the torque is, in the order in which it is mended."""
+    """What is wrong with cells, rows and channels whatever the torque is.
+
+    In the order in which it is mended.
+    """
     steps: tuple[Mending, ...] = (
         mend_absurd,
         mend_order,
@@ -263,5 +308,8 @@ def _whole_rows(session: Session) -> Session:
 
 
 def _without_empty(session: Session) -> Session:
-    """Runs of which no row is left are none; where nothing is left at all, the first still tells the joints."""
+    """Runs of which no row is left are none.
+
+    Where nothing is left at all, the first still tells the joints.
+    """
     return session.replace(runs=[run for run in session.runs if len(run)] or session.runs[:1])

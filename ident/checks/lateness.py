@@ -1,9 +1,11 @@
-"""Whether the torque is late, or early, by more than a diagnosis looks for: then channels have clocks of their own.
+"""Whether the torque is late, or early, by more than a diagnosis looks for.
 
-Of each run and joint, the torque moved by whole steps of the filtered states is held against gravity, inertia, the
-rotor, friction and an offset. Evidence is the sum over runs and joints of the logarithm by which what they leave
-shrinks against the best step that a diagnosis looks for; it must exceed that of the number of steps over the chance of
-a false alarm.
+Then channels have clocks of their own.
+
+Of each run and joint, the torque moved by whole steps of the filtered states is held against
+gravity, inertia, the rotor, friction and an offset. Evidence is the sum over runs and joints of the
+logarithm by which what they leave shrinks against the best step that a diagnosis looks for; it must
+exceed that of the number of steps over the chance of a false alarm.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ FEWEST_STATES = 20  # of a run beside the steps, several a coefficient
 
 
 def check_lateness(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
-    """Finds torques that are later or earlier than the motion by more than a diagnosis looks for."""
+    """Finds torques that are late, or early, by more than a diagnosis looks for."""
     steps = np.arange(-LATENESS.steps, LATENESS.steps + 1)
     intervals, costs = [], []
     for run in session.runs:
@@ -40,11 +42,21 @@ def check_lateness(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
         return []
     side = "later" if delays[best] > 0.0 else "earlier"
     share = float(1.0 - np.exp(-gain / len(costs) / arm.n))
-    return [issue_of("effort_late", session, (), delay=1000.0 * abs(delays[best]), side=side, share=share)]
+    return [
+        issue_of(
+            "effort_late", session, (), delay=1000.0 * abs(delays[best]), side=side, share=share
+        )
+    ]
 
 
 def errors_of(motion: FilteredRun, arm: ArmModel, steps: Float[Array, " s"]) -> Float[Array, " s"]:
-    """Sum over the joints of the logarithms of the errors of a run, by the steps by which its torque is late."""
+    """Logarithms of a run's errors, summed over the joints, by how late its torque is taken to be.
+
+    Args:
+        motion: The run.
+        arm: Whose model it is held against.
+        steps: By how many states the torque is late.
+    """
     margin = int(np.abs(steps).max())
     inside = slice(margin, len(motion.q) - margin)
     q, dq, ddq = motion.q[inside], motion.dq[inside], motion.ddq[inside]
@@ -53,9 +65,18 @@ def errors_of(motion: FilteredRun, arm: ArmModel, steps: Float[Array, " s"]) -> 
     costs = np.zeros(len(steps))
     for joint in range(arm.n):
         speed = dq[:, joint]
-        columns = [gravity[:, joint], inertial[:, joint], ddq[:, joint], np.tanh(speed / TRANSITION_RAD_S), speed]
+        columns = [
+            gravity[:, joint],
+            inertial[:, joint],
+            ddq[:, joint],
+            np.tanh(speed / TRANSITION_RAD_S),
+            speed,
+        ]
         table = np.column_stack([*columns, np.ones(len(speed))])
-        torques = [motion.tau[margin + step : len(motion.q) - margin + step, joint] for step in steps.tolist()]
+        torques = [
+            motion.tau[margin + step : len(motion.q) - margin + step, joint]
+            for step in steps.tolist()
+        ]
         moved = np.column_stack(torques)
         left = moved - table @ least_squares(table, moved)
         costs += 0.5 * np.log(np.mean(left**2, axis=0) + 1e-24)

@@ -1,4 +1,7 @@
-"""What is told of runs that have a convention otherwise than the rest, and the session without them."""
+"""What is told of runs that have a convention otherwise than the rest.
+
+And the session without them.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +26,17 @@ WORDS = {
     "effort_scale": "the torque of {joints} is {size:.3g} times as large",
     "zero": "the zero of {joints} is moved by {size:.2f} rad",
     "clock": "the clock goes at {size:.3g} times its speed",
-    OTHER_ARM: "nothing is as in the other runs: another arm, another load, or columns of other joints",
+    OTHER_ARM: (
+        "nothing is as in the other runs: another arm, another load, or columns of other joints"
+    ),
 }
 
 
 def check_odd_runs(session: Session, arm: ArmModel) -> tuple[Session, list[TelemetryIssue]]:
-    """Finds runs that have a convention otherwise than the rest; later checks see the session without them."""
+    """Finds runs that have a convention otherwise than the rest.
+
+    Later checks see the session without them.
+    """
     compared = ComparedRuns(session, arm)
     difference = find_difference(compared) or find_zero_step(compared)
     if difference is None:
@@ -38,7 +46,7 @@ def check_odd_runs(session: Session, arm: ArmModel) -> tuple[Session, list[Telem
 
 
 def tell(difference: RunDifference, session: Session) -> TelemetryIssue:
-    """The issue of a difference, with the runs and joints concerned, and by how much its errors shrink."""
+    """The issue of a difference: runs and joints concerned, and by how much errors shrink."""
     change = difference.change
     joints = [session.joints[joint] for joint in change.joints]
     what = WORDS[change.kind].format(joints=" and ".join(joints), size=change.size)

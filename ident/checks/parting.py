@@ -1,6 +1,7 @@
 """One parting of a session's runs, the odd ones against the rest: what the odd ones have otherwise.
 
-What is gained is the sum over runs and joints of the logarithm by which errors shrink (`between_runs`).
+What is gained is the sum over runs and joints of the logarithm by which errors shrink
+(`between_runs`).
 """
 
 from __future__ import annotations
@@ -14,7 +15,14 @@ import numpy as np
 from ident.arrays import Array, Bool, Float
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.foretold import Fit, RunStates, RunTables, fit, fits_among, mean_error, states_of
-from ident.checks.run_changes import OF_TORQUES, OTHER_ARM, RunChange, discrete_changes, scale_changes, zero_changes
+from ident.checks.run_changes import (
+    OF_TORQUES,
+    OTHER_ARM,
+    RunChange,
+    discrete_changes,
+    scale_changes,
+    zero_changes,
+)
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 
@@ -29,7 +37,8 @@ class RunDifference:
     change: RunChange
     gain: float  # by how much all errors shrink together [nats]
     before: Float[Array, " n"]  # their root mean square errors, foretold by the rest [N m]
-    after: Float[Array, " n"]  # and with the change undone; as they are among themselves where the arm is another
+    # And with the change undone; as they are among themselves where the arm is another.
+    after: Float[Array, " n"]
     usual: Float[Array, " n"]  # that of the rest among themselves
 
 
@@ -87,24 +96,30 @@ class Parting:
 
     @cached_property
     def foretold(self) -> Bool[Array, " n"]:
-        """The joints whose torque in the odd runs the rest can foretell, as one that moves as they do.
+        """The joints whose torque in the odd runs the rest can foretell.
 
-        A joint that moves in the odd runs alone has friction and inertia that the rest know nothing of.
+        A joint that moves in the odd runs alone has friction and inertia that the rest know nothing
+        of.
         """
         sums = self.session.sums
         left_open = np.mean([self.others.open_square(sums[number]) for number in self.odd], axis=0)
-        of_rest = [fitted.open_square(sums[k]) for k, fitted in zip(self.rest, self._among, strict=True)]
+        of_rest = [
+            fitted.open_square(sums[k]) for k, fitted in zip(self.rest, self._among, strict=True)
+        ]
         as_usual = np.max(of_rest, axis=0) + np.exp(2.0 * mean_error(self.usual))
         return np.asarray(left_open < as_usual)
 
     def excess(self) -> float:
-        """By how much the rest foretell the odd runs worse than each run is foretold by all others, where most."""
+        """By how much the rest foretell the odd runs worse than runs are foretold, where most.
+
+        Logarithm of a ratio of errors; usual is each run foretold by all others.
+        """
         errors = self.session.errors
         worse = self.errors_of_odd() - mean_error(errors[self.rest])
         return float(np.max(worse, initial=-np.inf, where=np.isfinite(worse)))
 
     def errors_of_odd(self, change: RunChange | None = None) -> Float[Array, " n"]:
-        """Mean logarithm of the odd runs' errors by joint, foretold by the rest, with a change undone."""
+        """Mean logarithm of the odd runs' errors, foretold by the rest, with a change undone."""
         tables = self.session.tables
         errors = [tables.error_of(sums, self.others) for sums in self._sums_of_odd(change)]
         return mean_error(np.array(errors))
@@ -115,10 +130,18 @@ class Parting:
         return [self.session.tables.sums(change.undo(run)) for run in self.runs]
 
     def possible(self) -> float:
-        """What is gained where the odd runs become like the rest [nats]: as much as any change can."""
+        """What is gained where the odd runs become like the rest [nats].
+
+        As much as any change can.
+        """
         return self._gain(self.session.errors, mean_error(self.usual), self.usual)
 
-    def _gain(self, before: Float[Array, "R n"], of_odd: Float[Array, "... n"], of_rest: Float[Array, "r n"]) -> float:
+    def _gain(
+        self,
+        before: Float[Array, "R n"],
+        of_odd: Float[Array, "... n"],
+        of_rest: Float[Array, "r n"],
+    ) -> float:
         """What is gained at joints that are foretold [nats].
 
         Args:
@@ -132,8 +155,8 @@ class Parting:
     def another_arm(self, least: float) -> RunDifference | None:
         """The odd runs as ones of another arm; None where less is gained than `least` [nats].
 
-        As much has to be gained where each run has friction, rotors and offsets of its own: on a sound arm they drift
-        with its warmth, which is no other arm.
+        As much has to be gained where each run has friction, rotors and offsets of its own: on a
+        sound arm they drift with its warmth, which is no other arm.
         """
         session = self.session
         own = self._among_themselves(self.usual, own_losses=False)
@@ -146,11 +169,13 @@ class Parting:
             return None
         return self.difference(RunChange(OTHER_ARM, ()), gain, mean_error(own))
 
-    def _among_themselves(self, usual: Float[Array, "r n"], own_losses: bool) -> Float[Array, "k n"]:
+    def _among_themselves(
+        self, usual: Float[Array, "r n"], own_losses: bool
+    ) -> Float[Array, "k n"]:
         """Errors of the odd runs, each foretold by the other odd ones; none is below the rest's.
 
-        Smaller torques have smaller errors. A run alone is foretold from half to half; halves are more alike than runs:
-        the most that one of the rest gains so is added.
+        Smaller torques have smaller errors. A run alone is foretold from half to half; halves are
+        more alike than runs: the most that one of the rest gains so is added.
 
         Args:
             usual: Errors of the rest.
@@ -173,8 +198,13 @@ class Parting:
         return mean_error(tables.errors_among(halves, own_losses))
 
     def conventions(self, least: float) -> Iterator[RunDifference]:
-        """Conventions of the odd runs by which more is gained than `least` [nats] and their number allow."""
-        changes = [change for change in self._changes() if can_be_judged(change, self.foretold, self.runs)]
+        """Conventions of the odd runs by which more is gained than `least` [nats].
+
+        And more than the number of conventions makes likely.
+        """
+        changes = [
+            change for change in self._changes() if can_be_judged(change, self.foretold, self.runs)
+        ]
         if not changes:
             return
         errors = [self.errors_of_odd(change) for change in changes]
@@ -189,13 +219,16 @@ class Parting:
                 yield self.difference(change, gain, errors[int(place)])
 
     def _units(self, change: RunChange) -> float:
-        """What a change of torque's unit adds to the logarithms of errors by itself, where joints move."""
+        """What a change of torque's unit adds to logarithms of errors, where joints move."""
         moving = np.mean([run.moves.any(axis=0) for run in self.runs], axis=0)
         units = moving * change.log_units(self.session.arm.n)
         return float(units[self.foretold].sum())
 
     def _gains_of(self, change: RunChange) -> tuple[float, float]:
-        """What all runs gain by a change of the odd ones, and how much of it no drift of friction explains [nats]."""
+        """What all runs gain by a change of the odd ones [nats].
+
+        And how much of it no drift of friction explains.
+        """
         session = self.session
         sums = np.array(session.sums)
         sums[self.odd] = self._sums_of_odd(change)
@@ -205,14 +238,18 @@ class Parting:
         if change.kind != "effort_scale":
             return gain, gain
         after = session.tables.errors_among(sums, own_losses=True)
-        beside_losses = self._gain(session.errors_beside_losses, after[self.odd], after[self.rest]) - cost
+        beside_losses = (
+            self._gain(session.errors_beside_losses, after[self.odd], after[self.rest]) - cost
+        )
         return gain, min(gain, beside_losses)
 
     def _changes(self) -> Iterator[RunChange]:
         """All that may be otherwise in the odd runs."""
         arm = self.session.arm
         yield from discrete_changes(arm.n, arm.sliding_joints)
-        foretold = [self.session.tables.foretell(run, self.others.coefficients) for run in self.runs]
+        foretold = [
+            self.session.tables.foretell(run, self.others.coefficients) for run in self.runs
+        ]
         yield from scale_changes(self.runs, np.concatenate(foretold))
 
         def cost(change: RunChange) -> float:
@@ -223,17 +260,24 @@ class Parting:
             if tried:
                 yield followed(min(tried, key=cost), cost)
 
-    def difference(self, change: RunChange, gain: float, after: Float[Array, " n"]) -> RunDifference:
-        """What is told of a change of the odd runs: its gain [nats], and the errors that it leaves."""
+    def difference(
+        self, change: RunChange, gain: float, after: Float[Array, " n"]
+    ) -> RunDifference:
+        """What is told of a change of the odd runs: its gain [nats], and the errors it leaves."""
         names = tuple(run.name for run in self.runs)
         before, usual = self.errors_of_odd(), mean_error(self.usual)
         return RunDifference(names, change, gain, np.exp(before), np.exp(after), np.exp(usual))
 
 
-def can_be_judged(change: RunChange, foretold: Bool[Array, " n"], runs: Sequence[RunStates]) -> bool:
-    """Whether what a change says is foretold: torques of its own joints, or of all if it changes the motion.
+def can_be_judged(
+    change: RunChange, foretold: Bool[Array, " n"], runs: Sequence[RunStates]
+) -> bool:
+    """Whether what a change says is foretold.
 
-    Of two joints that change places both have to move at once: one that stands takes no torque to be foretold.
+    Torques of its own joints, or of all if it changes the motion.
+
+    Of two joints that change places both have to move at once: one that stands takes no torque to
+    be foretold.
     """
     if change.kind in OF_TORQUES:
         return bool(foretold[list(change.joints)].all())

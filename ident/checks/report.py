@@ -23,12 +23,13 @@ ORDER: tuple[Severity, ...] = ("fatal", "warning", "note")
 MISREAD = "torque_scale"
 # What a recording may be used under, but not without a word.
 DOUBTFUL = (MISREAD, "guessed_gains", "mounting")
-# These say that there is too little to learn from, not that what is there is wrong: harmless in an evaluation.
+# These say that there is too little to learn from, not that what is there is wrong: harmless in an
+# evaluation.
 TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
 
 
 class SpacedFormatter(string.Formatter):
-    """`str.format` whose percentages stand apart from their sign, as any number does from its unit: `81 %`."""
+    """`str.format` whose percentages stand apart from their sign, as any number does: `81 %`."""
 
     def format_field(self, value: object, format_spec: str) -> str:
         text = str(super().format_field(value, format_spec))
@@ -43,9 +44,9 @@ class JointEffort(Record):
     """What one joint's effort is."""
 
     joint: str  # its name
-    # ``motor_current``, ``motor_torque`` (with the gear's friction), ``joint_torque`` (hardly any friction),
-    # ``external_torque`` (follows neither gravity nor motion), ``gravity_compensated``, ``commanded``, ``model_output``
-    # or ``unknown``.
+    # ``motor_current``, ``motor_torque`` (with the gear's friction), ``joint_torque`` (hardly any
+    # friction), ``external_torque`` (follows neither gravity nor motion), ``gravity_compensated``,
+    # ``commanded``, ``model_output`` or ``unknown``.
     kind: str
     evidence: str  # what was seen, with figures
 
@@ -54,13 +55,16 @@ class JointEffort(Record):
 class TelemetryReport:
     """What a telemetry check found."""
 
-    session: Session  # the session with everything mended that can be mended safely, joints in the robot's order
+    # With everything mended that can be mended safely, joints in the robot's order.
+    session: Session
     issues: tuple[TelemetryIssue, ...]  # what was found, the worst first
-    # The robot with the joints locked that the recording lacks, and its payload; None if none was given.
+    # The robot with the joints locked that the recording lacks, and its payload; None if none was
+    # given.
     arm: ArmModel | None = None
     # What each joint's effort is; empty where there is no robot to hold it against.
     effort: tuple[JointEffort, ...] = ()
-    # How log and URDF are best read: what is changed, and the share of torque that it explains, the best two.
+    # How log and URDF are best read: what is changed, and the share of torque that it explains, the
+    # best two.
     conventions: tuple[dict[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
@@ -79,11 +83,20 @@ class TelemetryReport:
 
     @property
     def verdict(self) -> str:
-        """The same in words; never fit without a word where every size found rests on a doubtful one."""
-        doubts = [issue.issue for issue in self.issues if issue.issue in DOUBTFUL and issue.severity == "warning"]
+        """Whether the recordings may be fitted, in words.
+
+        Never fit without a word where every size found rests on a doubtful one.
+        """
+        doubts = [
+            issue.issue
+            for issue in self.issues
+            if issue.issue in DOUBTFUL and issue.severity == "warning"
+        ]
         if not self.is_fit:
             return "not fit for use"
-        return f"to be used with care: {', '.join(dict.fromkeys(doubts))}" if doubts else "fit for use"
+        return (
+            f"to be used with care: {', '.join(dict.fromkeys(doubts))}" if doubts else "fit for use"
+        )
 
     def find(self, issue: str) -> tuple[TelemetryIssue, ...]:
         """The issues of one kind."""
@@ -162,7 +175,9 @@ def as_mounted(arm: ArmModel, session: Session) -> ArmModel:
 
 
 # What issues say, by wording.
-WORDS: Mapping[str, Any] = tomllib.loads(Path(__file__).with_name("issues.toml").read_text(encoding="utf-8"))
+WORDS: Mapping[str, Any] = tomllib.loads(
+    Path(__file__).with_name("issues.toml").read_text(encoding="utf-8")
+)
 
 
 def issue_of(
@@ -179,17 +194,22 @@ def issue_of(
         key: Its row.
         session: The recordings.
         columns: Of the joints concerned, see `joints_at`.
-        worst: Column of the joint that the words name; of arrays over the joints they name its entry.
+        worst: Column of the joint that the words name; of arrays over the joints they name its
+            entry.
         severity: Another one than the row's.
         **seen: What its words name.
     """
     row = WORDS[key]
     if worst is not None:
-        seen = {name: one[worst] if isinstance(one, np.ndarray) else one for name, one in seen.items()}
+        seen = {
+            name: one[worst] if isinstance(one, np.ndarray) else one for name, one in seen.items()
+        }
         seen["joint"] = session.joints[worst]
     evidence, remedy = (SPACED.format(row[part], **seen) for part in ("evidence", "remedy"))
     reported = f"{session.name}: {evidence}"
-    return TelemetryIssue(row["issue"], joints_at(session, columns), severity or row["severity"], reported, remedy)
+    return TelemetryIssue(
+        row["issue"], joints_at(session, columns), severity or row["severity"], reported, remedy
+    )
 
 
 def joints_at(session: Session, columns: Iterable[Any]) -> tuple[str, ...]:
@@ -220,7 +240,9 @@ class Findings:
         self.reported.append((run.name, what))
         self.columns.update(int(column) for column in columns)
 
-    def issues(self, key: str, severity: Severity | None = None, **seen: Any) -> list[TelemetryIssue]:
+    def issues(
+        self, key: str, severity: Severity | None = None, **seen: Any
+    ) -> list[TelemetryIssue]:
         """All that was seen as one issue, in the words of `issues.toml`; none if nothing was.
 
         The first run's is reported, and in how many more there is something.
@@ -229,17 +251,24 @@ class Findings:
             return []
         run, what = self.reported[0]
         others = len({name for name, _ in self.reported}) - 1
-        also = f"; also in {others} of the other {len(self.session.runs) - 1} runs" if others else ""
+        also = (
+            f"; also in {others} of the other {len(self.session.runs) - 1} runs" if others else ""
+        )
         named = self.session.replace(name=run)
-        return [issue_of(key, named, sorted(self.columns), severity=severity, reported=what + also, **seen)]
+        return [
+            issue_of(
+                key, named, sorted(self.columns), severity=severity, reported=what + also, **seen
+            )
+        ]
 
     def left(self) -> Session:
         """The session of the runs that are left; as it was where nothing was seen."""
         return self.session.replace(runs=self.runs) if self.reported else self.session
 
 
-# A torque that a model made tells nothing of an arm, but its fit is right: benchmarks and examples are made so. It is
-# told where something is fitted; a diagnosis still refuses it. Bodies that lie elsewhere are what a fit mends.
+# A torque that a model made tells nothing of an arm, but its fit is right: benchmarks and examples
+# are made so. It is told where something is fitted; a diagnosis still refuses it. Bodies that lie
+# elsewhere are what a fit mends.
 MENDED_BY_A_FIT = ("bodies_misplaced",)
 REPORTED_BY_A_FIT = ("effort_is_model", *MENDED_BY_A_FIT)
 
@@ -252,17 +281,30 @@ def check_accepted(accept: Sequence[str]) -> tuple[str, ...]:
     """
     for name in accept:
         if name not in WORDS["acceptable"]:
-            raise InputError("--accept", f"{name!r} can't be accepted", f"use one of: {', '.join(WORDS['acceptable'])}")
+            raise InputError(
+                "--accept",
+                f"{name!r} can't be accepted",
+                f"use one of: {', '.join(WORDS['acceptable'])}",
+            )
     return tuple(dict.fromkeys(accept))
 
 
-def overrule(report: TelemetryReport, accept: Sequence[str], reported: Sequence[str] = ()) -> TelemetryReport:
-    """A report whose refusals are warnings where the user accepts them, or where what comes next reports them."""
+def overrule(
+    report: TelemetryReport, accept: Sequence[str], reported: Sequence[str] = ()
+) -> TelemetryReport:
+    """A report whose refusals are warnings.
+
+    Where the user accepts them, or where what comes next reports them.
+    """
 
     def weaken(issue: TelemetryIssue) -> TelemetryIssue:
         if issue.severity != "fatal" or issue.issue not in (*accept, *reported):
             return issue
-        said = f"accepted by --accept {issue.issue}" if issue.issue in accept else "told, not refused, here"
+        said = (
+            f"accepted by --accept {issue.issue}"
+            if issue.issue in accept
+            else "told, not refused, here"
+        )
         return replace(issue, severity="warning", remedy=f"{said}; otherwise {issue.remedy}")
 
     return replace(report, issues=tuple(weaken(issue) for issue in report.issues))

@@ -1,4 +1,7 @@
-"""What may be otherwise in some runs of a session: a change undone gives the states as the other runs have them."""
+"""What may be otherwise in some runs of a session.
+
+A change undone gives the states as the other runs have them.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,8 @@ from ident.checks.foretold import RunStates
 from ident.robot.arm import ArmModel
 
 OTHER_ARM = "other_arm"  # nothing is as in the other runs
-OF_TORQUES = ("effort_sign", "effort_columns", "effort_scale")  # changes of torques alone, not of the motion
+# Changes of torques alone, not of the motion.
+OF_TORQUES = ("effort_sign", "effort_columns", "effort_scale")
 ZEROS = 12  # places of a joint's zero that are tried at first, evenly over a turn
 # Factors by which the clock of a run, or the unit of an angle, is another one's.
 CLOCKS = (0.5, 2.0)
@@ -23,15 +27,17 @@ CLOCKS = (0.5, 2.0)
 class RunChange:
     """One convention that some runs have otherwise."""
 
-    kind: str  # `effort_sign`, `axis`, `columns`, `effort_columns`, `effort_scale`, `zero`, `clock` or `other_arm`
+    # `effort_sign`, `axis`, `columns`, `effort_columns`, `effort_scale`, `zero`, `clock` or
+    # `other_arm`.
+    kind: str
     joints: tuple[int, ...]  # columns of the joints concerned
     size: float = 0.0  # of a zero [rad], a scale or a clock [1]
 
     def log_units(self, count: int) -> Float[Array, " n"]:
-        """Logarithm of the factor by which each joint's torque is divided; count is the number of joints.
+        """Logarithm of the factor by which each joint's torque is divided, of so many joints.
 
-        An error of torques that were divided by a factor is one of so many times as much as recorded: a factor that
-        only makes torque and noise small explains nothing.
+        An error of torques that were divided by a factor is one of so many times as much as
+        recorded: a factor that only makes torque and noise small explains nothing.
         """
         units = np.zeros(count)
         if self.kind == "effort_scale":
@@ -51,10 +57,16 @@ class RunChange:
             case "effort_sign":
                 return replace(run, tau=sign * run.tau)
             case "axis":
-                return replace(run, q=sign * run.q, dq=sign * run.dq, ddq=sign * run.ddq, tau=sign * run.tau)
+                return replace(
+                    run, q=sign * run.q, dq=sign * run.dq, ddq=sign * run.ddq, tau=sign * run.tau
+                )
             case "columns":
                 return replace(
-                    run, q=run.q[:, order], dq=run.dq[:, order], ddq=run.ddq[:, order], tau=run.tau[:, order]
+                    run,
+                    q=run.q[:, order],
+                    dq=run.dq[:, order],
+                    ddq=run.ddq[:, order],
+                    tau=run.tau[:, order],
                 )
             case "effort_columns":
                 return replace(run, tau=run.tau[:, order])
@@ -107,4 +119,6 @@ def zero_changes(arm: ArmModel, joint: int) -> Iterator[RunChange]:
     if not bool(arm.sliding_joints[joint]):
         for step in range(1, ZEROS):
             angle = 2.0 * np.pi * step / ZEROS
-            yield RunChange("zero", (joint,), float(angle if angle <= np.pi else angle - 2.0 * np.pi))
+            yield RunChange(
+                "zero", (joint,), float(angle if angle <= np.pi else angle - 2.0 * np.pi)
+            )

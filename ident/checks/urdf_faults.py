@@ -1,7 +1,10 @@
-"""Bodies of a URDF that none can be: inertias that are negative or impossible, links without a mass.
+"""Bodies of a URDF that none can be.
 
-An inertia about the centre of mass has positive principal moments, and none is larger than the other two together:
-simulators refuse any other. What such a URDF says of masses and centres may be right all the same.
+Inertias that are negative or impossible, links without a mass.
+
+An inertia about the centre of mass has positive principal moments, and none is larger than the
+other two together: simulators refuse any other. What such a URDF says of masses and centres may be
+right all the same.
 """
 
 from __future__ import annotations
@@ -41,7 +44,10 @@ def check_bodies_of_urdf(session: Session, arm: ArmModel) -> list[TelemetryIssue
 
 
 def is_impossible(moments: Float[Array, "n 3"]) -> Array:
-    """Which principal moments, in rising order, no body has; rounding of URDFs' few digits is allowed for."""
+    """Which principal moments, in rising order, no body has.
+
+    Rounding of URDFs' few digits is allowed for.
+    """
     uneven = moments[:, 2] > moments[:, 0] + moments[:, 1] + rounding(moments)
     return np.asarray(is_negative(moments) | uneven)
 

@@ -128,6 +128,7 @@ class NetModel:
     net: ResidualNet
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        """Torque that the motors deliver along a run [N m], the net's part included."""
         rigid = self.arm.inverse_dynamics(q, dq, ddq)
         return np.asarray(rigid + self.net.predict(q, dq, ddq, rigid))
 

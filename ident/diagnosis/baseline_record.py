@@ -15,11 +15,12 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.effects import optional
 from ident.inference.estimate import Estimate
-from ident.model.inertia import lift_base, parameter_scale
+from ident.model.inertia import lift_base
 from ident.regression.baseline import Baseline
 from ident.regression.design import LOSS_PARAMETERS
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection, project, solve_signed
+from ident.robot.tolerance import parameter_scale
 
 LOSS_KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
 # Order of a link's ten inertial parameters, in its joint's frame.
@@ -38,6 +39,7 @@ class OpenLaw:
     shape: Mapping[str, float]  # inner parameters and other constants of its columns
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return {"coefficients": list(self.coefficients), "shape": dict(self.shape)}
 
 
@@ -54,6 +56,7 @@ class TunedJoint:
     laws: Mapping[str, OpenLaw]  # by effect, the law that its reported parameters do not determine
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return {
             **dict(zip(LOSS_KEYS, (self.motor_inertia, self.viscous, self.coulomb), strict=True)),
             "transition_rad_s": self.transition,

@@ -62,6 +62,7 @@ class Figure:
     change_rms: float | None = None  # torque that the difference from the URDF makes, rms while moving [N m]
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         low, high = self.given_urdf or (None, None)
         low_with_urdf, high_with_urdf = self.with_urdf or (None, None)
         record = {
@@ -85,6 +86,7 @@ class LinkFigures:
     beyond_tolerance: bool  # whether any differs from the URDF by more than URDFs are off
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return {
             "joint": self.joint,
             "mass_kg": self.mass.to_dict(),
@@ -110,6 +112,7 @@ class IdentifiedNumbers:
     rigid_rms: Mapping[str, float]
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         record: dict[str, Any] = {}
         for joint, figures in self.joints.items():
             record[joint] = {key: figure.to_dict() for key, figure in figures.items()}
@@ -160,7 +163,11 @@ def identify(solved: Solved) -> IdentifiedNumbers:
 
 
 def stated_friction(arm: ArmModel) -> dict[str, dict[str, float]]:
-    """What the URDF's `<dynamics>` say, by joint and key; nothing of a joint of which they say nothing."""
+    """What the URDF's `<dynamics>` say of each joint, empty where they say nothing.
+
+    Returns:
+        By joint: `viscous_Nms_rad` and `coulomb_Nm`, each where it is stated.
+    """
     found: dict[str, dict[str, float]] = {joint: {} for joint in arm.joint_names}
     for element in ET.fromstring(arm.urdf).iter("joint"):
         dynamics = element.find("dynamics")

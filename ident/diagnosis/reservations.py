@@ -43,6 +43,7 @@ class Reservation:
         return cls(name.group.effect.id, where, words, estimate.parameters, probability, estimate.reasons)
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         weighed = {}
         if self.probability is not None:
             reasons = [reason.to_dict() for reason in self.reasons]

@@ -57,6 +57,7 @@ class Finding(ReportedEffect):
         return {joint: self.evaluated.absorbed * float(np.sqrt(max(old**2 - new**2, 0.0))) for joint, old, new in sides}
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return {
             **self.shared_record(),
             "reasons": [reason.to_dict() for reason in self.estimate.reasons],
@@ -95,6 +96,7 @@ class JointGap:
     slides: bool = False  # whether the joint is prismatic: units are N then
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         mean, std = self.energy_error
         own = {} if self.model_rms is None else {"model_rms_Nm": self.model_rms}
         return {
@@ -120,6 +122,7 @@ class HeldOutGain:
     improvement: Improvement  # energy errors, a discrepancy in the effects' place, and the replayed motion
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+        """Its record, figures by the joints' names."""
         return {
             "rms_before_Nm": dict(zip(joints, map(float, self.rms_before), strict=True)),
             "rms_after_Nm": dict(zip(joints, map(float, self.rms_after), strict=True)),

@@ -29,6 +29,7 @@ class SavedFinding:
 
     @classmethod
     def of(cls, record: Mapping[str, Any]) -> SavedFinding:
+        """Read from a finding of a saved diagnosis."""
         heldout = record["heldout"]
         parameters = {name: interval_of(value) for name, value in record["parameters"].items()}
         return cls(

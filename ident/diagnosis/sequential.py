@@ -30,6 +30,7 @@ class RepeatedLook:
     missing: tuple[str, ...]  # reasons why the result is not certain enough; empty if it is
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         record = {**vars(self), "minutes": self.seconds / 60.0, "missing": list(self.missing)}
         del record["seconds"]
         return record

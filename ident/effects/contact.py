@@ -35,6 +35,7 @@ class Push:
     outward: float = 0.0  # where on the link: 0 at its centre of mass, 1 at the next joint
 
     def overlaps(self, other: Push) -> bool:
+        """Whether two pushes share a moment."""
         return self.run == other.run and self.start < other.end and other.start < self.end
 
 

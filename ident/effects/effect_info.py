@@ -43,6 +43,7 @@ class Expression:
     otherwise: str = ""
 
     def to_dict(self) -> dict[str, str]:
+        """Its record, for JSON."""
         return {"expressed": self.answer, "how": self.words}
 
     def given(self, parameters: Mapping[str, float]) -> Expression:

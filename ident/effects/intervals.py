@@ -82,7 +82,16 @@ def amplitude_interval(
 def wave_parameters(
     order: float, coefficients: Float[Array, " 2"], covariance: Float[Array, "2 2"]
 ) -> dict[str, Interval]:
-    """What is reported of a wave: its amplitude, its order and its phase."""
+    """What is reported of a wave of torque A cos(order q - phase).
+
+    Args:
+        order: Waves a turn.
+        coefficients: Of cos and sin [N m].
+        covariance: Of these.
+
+    Returns:
+        `amplitude_Nm`, `order` and `phase_rad`, with 95 % intervals.
+    """
     return {
         "amplitude_Nm": amplitude_interval(coefficients, covariance),
         "order": exactly(order),

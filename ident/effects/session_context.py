@@ -51,6 +51,7 @@ class RunContext:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return self.motion.n
 
     @property
@@ -114,6 +115,7 @@ class SessionContext:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return len(self.joint_names)
 
 

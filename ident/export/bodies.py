@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.inertia import is_consistent, parameter_scale, solve_bounded
+from ident.model.bodies import is_consistent, solve_bounded
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import parameter_scale
 
 # How much more the torques count than the numbers behind them, when bodies are sought.
 TORQUE_WEIGHT = 1e4

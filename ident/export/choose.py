@@ -97,6 +97,7 @@ class Gap:
         return np.sum(WORSE * loss + np.minimum(sure, 0.0), axis=0)
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+        """Its record, figures by the joints' names."""
         named = (*MEASURES.items(), ("velocity", "velocity_rms_rad_s"))
         errors = {key: dict(zip(joints, map(float, self.error(name)), strict=True)) for name, key in named}
         return {**errors, "windows": int(np.isfinite(self.squares["position"][:, 0]).sum())}
@@ -203,6 +204,7 @@ class Chosen:
         return self.bodies if set(self.joints) == {self.bodies} else "mixed"
 
     def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
+        """Its record, figures by the joints' names."""
         worse, joints = {name: ratio for name, (_, ratio) in self.worse.items()}, zip(names, self.joints, strict=True)
         return {"written": self.name, "bodies": self.bodies, "joints": dict(joints), "worse": worse}
 

@@ -23,8 +23,8 @@ from ident.export.bodies import Links, nearest_bodies
 from ident.laws.acting import BODIES, KNOWN, link_change, turned_gravity
 from ident.laws.acting import Effect as ModuleEffect
 from ident.laws.motion import Losses
+from ident.model.bodies import is_consistent
 from ident.model.hybrid import HybridModel
-from ident.model.inertia import is_consistent
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.results import files_of
 from ident.robot.arm import ArmModel

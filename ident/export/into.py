@@ -26,9 +26,10 @@ from ident.export.mjcf import CONSTRAINT_TIME, HARDNESS
 from ident.export.xml_places import EditedXml, Element, find_all
 from ident.files import atomic_write
 from ident.laws.acting import payload_parameters
-from ident.model.inertia import is_consistent, parameter_scale
+from ident.model.bodies import is_consistent
 from ident.model.link_inertia import about_centre, moved, read_inertial
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import parameter_scale
 from ident.safe_read import LARGEST_TEXT, declare_prefixes, require_regular
 
 # How far an axis of the file may lie from the URDF's to be the same [m, rad].
@@ -54,6 +55,7 @@ class WrittenInto:
     left: list[str] = field(default_factory=list)  # what was not written, and why
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return {
             "file": str(self.path),
             "format": self.form,

@@ -67,11 +67,18 @@ class LawModel:
         return cls(arm, identified.losses, tuple(in_module(identified.changes)))
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        """Torque that the motors deliver along a run [N m].
+
+        Args:
+            q, dq, ddq: Its states, evenly sampled, shape (T, n) [rad, rad/s, rad/s²].
+            interval: Time between them [s].
+        """
         states = MovingArm(self.arm, self.losses, q, dq, ddq, interval, warmth=self.warmth)
         plain = states.rigid + self.losses.torque(dq, ddq, states.direction)
         return np.asarray(plain + acting_torque(self.effects, states))
 
     def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
+        """What a log says of such a torque, its sensors' errors included [N m]."""
         return read_log(self.effects, torque, interval)
 
 

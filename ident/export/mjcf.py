@@ -25,7 +25,7 @@ from ident.effects.rigid_body import UnknownPayload
 from ident.errors import RobotError
 from ident.export.identified import IdentifiedArm
 from ident.laws.acting import payload_parameters
-from ident.model.inertia import is_consistent
+from ident.model.bodies import is_consistent
 from ident.model.link_inertia import about_centre, ball_of, child, moved, numbers, read_inertial, set_inertial
 from ident.robot.arm import ArmModel
 from ident.robot.rotations import matrix_to_rpy, rotation_about, rpy_to_matrix

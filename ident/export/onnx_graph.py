@@ -65,15 +65,19 @@ class Graph:
         return Tensor(self, name)
 
     def exp(self, term: Tensor) -> Tensor:
+        """Exponential of each element."""
         return self.node("Exp", term)
 
     def sin(self, term: Tensor) -> Tensor:
+        """Sine of each element."""
         return self.node("Sin", term)
 
     def cos(self, term: Tensor) -> Tensor:
+        """Cosine of each element."""
         return self.node("Sin", term + 0.5 * np.pi)
 
     def tanh(self, term: Tensor) -> Tensor:
+        """Hyperbolic tangent of each element."""
         return self.node("Tanh", term)
 
     def clip(self, term: Tensor, low: Array | float, high: Array | float) -> Tensor:
@@ -85,6 +89,7 @@ class Graph:
         return self.node("Concat", *terms, axis=1)
 
     def reshape(self, term: Tensor, *shape: int) -> Tensor:
+        """The same elements in another shape; -1 for what is left over."""
         return self.node("Reshape", term, self.constant(np.array(shape, dtype=np.int64)))
 
     def finish(self, name: str, about: str) -> bytes:

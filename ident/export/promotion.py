@@ -208,6 +208,7 @@ class Promotion:
         return held_out and all(contest.beats for contest in self.contests)
 
     def to_dict(self) -> dict[str, object]:
+        """Its record, for JSON."""
         return {
             "passed": self.passed,
             "in_sample": self.in_sample,

@@ -37,11 +37,12 @@ from ident.fitting.left_out import (
 )
 from ident.fitting.over_parts import helps, no_worse_work, surely_less
 from ident.laws.carried import NamedLaw
-from ident.model.inertia import base_parameters, lift_base, parameter_scale
+from ident.model.inertia import base_parameters, lift_base
 from ident.model.linearisation import LEAST_MOVING
 from ident.model.loss import TRANSITION_GRID
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import parameter_scale
 
 # How far the URDF's inertial numbers may be off, as shares of each link's scale: tried in turn.
 SHARES = (0.1, 0.3, 1.0, 3.0)

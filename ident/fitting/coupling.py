@@ -25,17 +25,12 @@ from ident.errors import InputError
 from ident.fitting.held_out_sums import split_parts
 from ident.fitting.over_parts import SURE
 from ident.model.carried import CarriedEffect, as_acting, carried_torque, moving_arm
-from ident.model.inertia import (
-    PRIOR_SHARE,
-    BaseParameters,
-    base_parameters,
-    base_prior,
-    parameter_scale,
-)
+from ident.model.inertia import BaseParameters, base_parameters, base_prior
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
 from ident.motion.stretches import hold
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
 
 # Speed over which the sum of both speeds turns friction round [rad/s].
 WIDTH = 0.02

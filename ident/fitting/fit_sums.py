@@ -21,7 +21,6 @@ from ident.effects.base import Variant
 from ident.effects.states_effect import StatesEffect
 from ident.errors import RecordingError
 from ident.laws.carried import NamedLaw
-from ident.model.inertia import PRIOR_SHARE
 from ident.model.linearisation import LEAST_MOVING, Sliding
 from ident.model.loss import TRANSITION_GRID
 from ident.motion.motion import Motion
@@ -31,6 +30,7 @@ from ident.regression.gather import gather
 from ident.regression.gram import Evidence
 from ident.regression.runs import build_session
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import PRIOR_SHARE
 
 # A joint with a smaller share of its moving samples clear of reversals is fitted where it moves at
 # all.

@@ -21,19 +21,13 @@ from ident.fitting.frictionless import find_frictionless, lossless_parameters
 from ident.fitting.held_out_sums import part_of_blocks
 from ident.fitting.joint_estimate import JointEstimate, estimate, estimates_left_out
 from ident.laws.carried import NamedLaw
-from ident.model.inertia import (
-    PRIOR_SHARE,
-    BaseParameters,
-    InertiaResults,
-    base_prior,
-    compute_condition,
-    parameter_scale,
-    solve_bounded,
-)
+from ident.model.bodies import solve_bounded
+from ident.model.inertia import BaseParameters, InertiaResults, base_prior, compute_condition
 from ident.model.loss import NAMES, InertiaFigure, LossParameters, LossResults
 from ident.regression.design import LOSS_PARAMETERS
 from ident.regression.partition import partition_motions
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
 
 # Parameters whose estimates are correlated beyond this are reported as a pair that the recordings
 # can't tell apart.

@@ -22,12 +22,9 @@ from ident.fitting.held_out_sums import (
     VISCOUS,
     HeldOutSums,
 )
-from ident.model.inertia import (
-    base_prior,
-    parameter_scale,
-    solve_bounded,
-    solve_partly_non_negative,
-)
+from ident.model.bodies import solve_bounded, solve_partly_non_negative
+from ident.model.inertia import base_prior
+from ident.robot.tolerance import parameter_scale
 
 LOSSES = 3
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.fitting.identification import Identified
-from ident.model.hybrid import TrainingRange
 from ident.model.intervals import quantile
+from ident.model.training_range import TrainingRange
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 

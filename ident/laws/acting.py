@@ -129,7 +129,7 @@ def _six(inertia: Array) -> Array:
 
 
 def payload_parameters(p: dict[str, float]) -> Array:
-    """Ten numbers of a point mass at the payload's centre."""
+    """Ten inertial numbers of a point mass, from `mass_kg`, `com_x_m`, `com_y_m` and `com_z_m`."""
     return p["mass_kg"] * point_mass(np.array([p[f"com_{axis}_m"] for axis in "xyz"]))
 
 
@@ -155,7 +155,12 @@ def link_change(link: Array, p: dict[str, float]) -> Array:
 
 
 def turned_gravity(gravity: Array, p: dict[str, float]) -> Array:
-    """Gravity seen from a base that is turned by small angles about its own x and y axes [m/s²]."""
+    """Gravity seen from a base that is turned by small angles, shape (3,) [m/s²].
+
+    Args:
+        gravity: As the URDF has it, in the base's axes [m/s²].
+        p: The angles about its own x and y, `tilt_x_rad` and `tilt_y_rad`.
+    """
     tilt = np.array([p["tilt_x_rad"], p["tilt_y_rad"], 0.0])
     angle = float(np.linalg.norm(tilt))
     return (

@@ -82,7 +82,7 @@ def rigid_torque(
 
 
 def rotation_about(axis: Array, angle: Array) -> Array:
-    """Rotations about one axis by many angles, shape (T, 3, 3)."""
+    """Rotations about one unit vector by many angles [rad], shape (T, 3, 3)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     s = np.sin(angle)[:, None, None]
@@ -200,7 +200,11 @@ class MovingArm:
         return whole
 
     def sampled(self, law: str) -> float:
-        """The sampling interval, of which laws with a memory make use [s]."""
+        """The sampling interval, of which laws with a memory make use [s].
+
+        Raises:
+            ValueError: There is none, or no whole run; names the law that asks.
+        """
         if self.interval <= 0.0 or len(self.q) < 3:
             raise ValueError(f"{law} remembers: give a whole run, evenly sampled, and its interval")
         return self.interval

@@ -45,6 +45,7 @@ class Check:
 
     @property
     def passed(self) -> bool:
+        """Whether the limit is kept."""
         if self.value is None:
             return False
         if self.figure in LEAST:
@@ -52,6 +53,7 @@ class Check:
         return self.value <= self.bound
 
     def to_dict(self) -> dict[str, object]:
+        """Its record, for JSON."""
         return {**vars(self), "passed": self.passed}
 
 

@@ -22,9 +22,7 @@ from ident.laws.carried import NamedLaw, named_torque
 from ident.model.carried import CarriedEffect, as_logged, carried_torque, moving_arm
 from ident.model.loss import NAMES, InertiaFigure, LossFigure, LossParameters
 from ident.model.sampling import sampling_interval
-from ident.model.training_range import QUANTITIES as QUANTITIES
-from ident.model.training_range import UNITS as UNITS
-from ident.model.training_range import TrainingRange as TrainingRange
+from ident.model.training_range import TrainingRange
 from ident.recordings.recording import Payload
 from ident.robot.arm import STANDARD_GRAVITY, ArmModel
 from ident.safe_read import read_text, read_toml

@@ -16,14 +16,8 @@ import numpy as np
 from scipy.linalg import qr
 
 from ident.arrays import Array, Float, freeze
-from ident.model.bodies import is_consistent as is_consistent
-from ident.model.bodies import pseudo_inertia as pseudo_inertia
-from ident.model.bodies import solve_bounded as solve_bounded
-from ident.model.bodies import solve_partly_non_negative as solve_partly_non_negative
 from ident.model.loss import InertiaFigure
 from ident.robot.arm import ArmModel
-from ident.robot.tolerance import PRIOR_SHARE as PRIOR_SHARE
-from ident.robot.tolerance import parameter_scale as parameter_scale
 
 PER_LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 # Columns whose pivot is smaller than this share of the largest act on no joint torque.

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.net_bounds import NetBounds as NetBounds
 
 # Rows that are reckoned at once: hidden units of more would not stay in the cache.
 ROWS = 2048

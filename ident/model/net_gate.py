@@ -52,6 +52,7 @@ class JointGate:
         return self.weight > 0.0
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return {**vars(self), "kept": self.kept}
 
 

@@ -18,11 +18,11 @@ import numpy as np
 from scipy.special import ndtri
 
 from ident.arrays import Array, Float, Int
-from ident.model.inertia import parameter_scale
 from ident.monitor.estimates import PIECE_S, ParameterEstimate
 from ident.motion.motion import Motion
 from ident.regression.settings import USUAL_REGRESSION
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import parameter_scale
 
 AXES = ("x", "y", "z")
 # Losses of a joint beside its bodies: rotor, damping, dry friction, offset.

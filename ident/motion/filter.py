@@ -85,7 +85,11 @@ def filter_both_ways(
 def filter_together(
     sections: Float[Array, "s 6"], parts: Sequence[Float[Array, "T ..."]], padding: int
 ) -> Float[Array, "T k"]:
-    """The same of several arrays: all of their columns side by side."""
+    """Filters several arrays along the first axis, without delay, as `filter_both_ways`.
+
+    Returns:
+        All of their columns side by side.
+    """
     length = len(parts[0])
     # One signal after the other, then all of a sample side by side: each of the two copies reads or
     # writes in order.
@@ -159,7 +163,7 @@ class Lowpass:
         return self.together([values]).reshape(-1, *np.shape(values)[1:])
 
     def together(self, parts: Sequence[Float[Array, "T ..."]]) -> Float[Array, "t k"]:
-        """The same of several signals, all of their columns side by side."""
+        """Filters several signals along the first axis and decimates them, columns side by side."""
         padding = min(len(parts[0]) - 1, int(3 * self.rate / self.cutoff))
         return filter_together(
             design_lowpass(FILTER_ORDER, self.cutoff, self.rate), parts, padding

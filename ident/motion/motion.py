@@ -64,6 +64,7 @@ class Motion:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return len(self.joints)
 
     @property

@@ -76,8 +76,9 @@ def load_parts(
     most: int = PART_SAMPLES,
     with_effort: bool = True,
 ) -> Iterator[Session]:
-    """The same as one session or, where it is long, as several of consecutive runs, each read when
-    it is asked for.
+    """Recordings as one session or, where they are long, as several of consecutive runs.
+
+    Each is read when it is asked for.
 
     A part ends with the run that fills so many samples.
 

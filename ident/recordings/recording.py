@@ -176,6 +176,7 @@ class Session:
         return self.notes + tuple(issue for run in self.runs for issue in run.issues)
 
     def replace(self, **changes: Any) -> Session:
+        """The same session with other fields; it is checked anew."""
         return replace(self, **changes)
 
 

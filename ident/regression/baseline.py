@@ -19,19 +19,14 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.errors import RecordingError
-from ident.model.inertia import (
-    BaseParameters,
-    base_parameters,
-    base_prior,
-    lift_base,
-    parameter_scale,
-    solve_partly_non_negative,
-)
+from ident.model.bodies import solve_partly_non_negative
+from ident.model.inertia import BaseParameters, base_parameters, base_prior, lift_base
 from ident.model.linearisation import LEAST_MOVING, Sliding, fit_sliding
 from ident.model.loss import TRANSITION_GRID, LossParameters
 from ident.motion.motion import Motion
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import parameter_scale
 
 # Losses that can't be negative: motor inertia, viscous and Coulomb friction.
 LOSSES = 3

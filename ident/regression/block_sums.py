@@ -46,8 +46,11 @@ class SymmetricSums:
 
     @classmethod
     def of(cls, whole: Float[Array, "K p p"], room: SpooledArrays | None = None) -> SymmetricSums:
-        """The same of whole matrices; those that are large go to where others wait on disk, if that
-        is given.
+        """Packed from whole symmetric matrices, one a block.
+
+        Args:
+            whole: The matrices.
+            room: Where large ones wait on disk; in memory if None.
         """
         nonzero = np.flatnonzero(whole.any(axis=(0, 1)))
         halves = (pack(sums[np.ix_(nonzero, nonzero)]) for sums in whole)

@@ -109,7 +109,7 @@ class Evidence:
         )
 
     def with_held(self, friction: Sequence[float]) -> Evidence:
-        """The same, before `with_dwells`, with other levels of static friction.
+        """The sums with other levels of static friction; `with_dwells` comes after it.
 
         Args:
             friction: Of each joint [N m].

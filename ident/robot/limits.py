@@ -35,7 +35,11 @@ class KnownLimits(NamedTuple):
 
 
 def is_placeholder(values: Float[Array, " n"]) -> Bool[Array, " n"]:
-    """Which speeds or torques are none that somebody gave."""
+    """Which limits are an exporter's round numbers, and none that somebody gave.
+
+    Args:
+        values: Limits of speed [rad/s] or torque [N m], as the URDF has them.
+    """
     return np.isin(np.asarray(values, dtype=float), PLACEHOLDERS)
 
 

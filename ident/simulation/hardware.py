@@ -241,6 +241,7 @@ class Hardware:
         return self.arm.n
 
     def replace(self, **changes: Any) -> Hardware:
+        """The same hardware with other fields."""
         return replace(self, **changes)
 
     def with_laws(self, group: str, joint: int | None = None, **values: Column) -> Hardware:

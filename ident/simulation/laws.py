@@ -259,6 +259,7 @@ class Contact(NamedTuple):
 
 
 def no_contact() -> Contact:
+    """Nothing pushes: a contact without force."""
     return Contact(0, 0.0, 0.0, np.zeros(3), np.zeros(3))
 
 

@@ -112,6 +112,7 @@ def fresh_state(n: int) -> Array:
 
 
 def fresh_log(ticks: int, n: int) -> TickLog:
+    """An empty log of so many ticks and joints."""
     return TickLog(*(np.zeros((ticks, n)) for _ in TickLog._fields))
 
 
@@ -145,7 +146,15 @@ def coupled_torque(joint: np.record, state: np.record, other_speed: float, dt: f
 
 @compiled()
 def motor_motion(engine: Engine, drive: Array, state: Array) -> None:
-    """Takes over the motors' angle and speed from the links where the two are one body."""
+    """Writes the links' angle [rad] and speed [rad/s] into the motors' state.
+
+    Where motor and link are one body; elastic joints keep their own.
+
+    Args:
+        engine: Where the links are.
+        drive: Laws of each joint's drive.
+        state: Each joint's, which is written.
+    """
     for j in range(len(state)):
         if not drive[j].elastic:
             state[j].motor_angle = engine.qpos[j]

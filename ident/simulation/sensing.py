@@ -30,6 +30,7 @@ class ReadOnly:
                 object.__setattr__(self, name, freeze(value))
 
     def replace(self, **changes: Any) -> Self:
+        """The same with other fields."""
         return replace(self, **changes)  # type: ignore[type-var]
 
 

@@ -13,14 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.joint_nets import (
-    DIRECTION_SCALES,
-    LOAD_ROUNDING,
-    ROWS,
-    JointNets,
-    NetBounds,
-    joint_features,
-)
+from ident.model.joint_nets import DIRECTION_SCALES, LOAD_ROUNDING, ROWS, JointNets, joint_features
+from ident.model.net_bounds import NetBounds
 
 if TYPE_CHECKING:
     from ident.model.residual_net import ResidualNet

@@ -59,6 +59,7 @@ class Cut:
         return f"{apart} and keep that instead of the {asked} asked for"
 
     def to_dict(self) -> dict[str, object]:
+        """Its record, for JSON."""
         return {
             "links": list(self.links),
             "end": self.end,

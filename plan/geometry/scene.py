@@ -116,7 +116,7 @@ class Scene:
         return lines
 
     def to_dict(self) -> dict[str, Any]:
-        """The same for results.
+        """Its record, for JSON.
 
         Pairs left out, what stands in for which links, and the convex parts of meshes.
         """

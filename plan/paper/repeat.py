@@ -94,11 +94,13 @@ class Repeat:
         self.progress = SearchProgress(all_searches(self.effort))
 
     def problem(self, duration: float, obstacles: tuple[Box, ...] = ()) -> PlanningProblem:
+        """The paper's task in a duration [s], among obstacles or without."""
         place = Path("the paper's task")
         task = Task(source=place, robot="tm5-900", start=START, goal=GOAL, duration=duration, obstacles=obstacles)
         return set_up(task, self.model, TaskOptions(metric="absolute" if obstacles else "signed", beyond=True))
 
     def ppo(self, times: float = 1.0) -> Ppo:
+        """The paper's learner, with so many times the usual effort."""
         return learner(self.effort, times)
 
     def run(
@@ -115,6 +117,7 @@ class Repeat:
         return solve(problem, options, planner, starts)
 
     def enter(self, table: str, *lines: Line) -> None:
+        """Adds lines to a table of the page."""
         self.tables.setdefault(table, []).extend(lines)
 
     def optimise_small_task(self) -> None:

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, freeze
-from ident.model.hybrid import TrainingRange
+from ident.model.training_range import TrainingRange
 from plan.dynamics.power import ChainTorque, Metric, power_integral, section_nodes
 from plan.geometry.clearance_proof import find_margins
 from plan.geometry.scene import Scene

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.hybrid import QUANTITIES, UNITS
+from ident.model.training_range import QUANTITIES, UNITS
 from ident.records import Record, as_record
 from ident.results import Result
 from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes

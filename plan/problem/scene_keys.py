@@ -124,7 +124,7 @@ class SceneTable:
         return [(f"{name} {number}", one) for number, one in enumerate(found, start=1)]
 
     def tables(self, key: str) -> list[SceneTable]:
-        """The same as tables whose keys are known."""
+        """The tables of a list; each refuses keys that a scene file does not know."""
         keys = KEYS[self.path(key)]
         return [SceneTable(self.file, name, entry, keys, self.joints) for name, entry in self.items(key)]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.model.hybrid import TrainingRange
+from ident.model.training_range import TrainingRange
 from ident.robot.arm import ArmModel
 from plan.command_options import TaskOptions
 from plan.problem.makers_limits import MakersLimits

@@ -23,9 +23,10 @@ from ident.export.onnx_model import run_onnx, write_onnx
 from ident.laws.carried import NamedLaw
 from ident.model.boosted import DEPTH, TREES, Trees
 from ident.model.hybrid import HybridModel
-from ident.model.joint_nets import JointNets, NetBounds, width_of
+from ident.model.joint_nets import JointNets, width_of
 from ident.model.loss import LossParameters
 from ident.model.memory import SEVERAL, JointMemory, own_inputs
+from ident.model.net_bounds import NetBounds
 from ident.model.residual_net import JOINT_FEATURES, PRESETS, ResidualNet
 from ident.model.sampling import sampling_interval
 from ident.motion.motion import Motion

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.model.joint_nets import NetBounds
 from ident.model.loss import LossParameters
+from ident.model.net_bounds import NetBounds
 from ident.robot.arm import ArmModel
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.power import ChainTorque

@@ -145,6 +145,7 @@ class Board:
         return [{"robot": arm, "joints": list(joints), "sessions": names} for (arm, joints), names in groups.items()]
 
     def session_folder(self, name: str) -> Path:
+        """Folder of a session by its name; it need not be there."""
         return self.folder / SESSIONS / name
 
     def before_folder(self, name: str) -> Path | None:
@@ -152,6 +153,7 @@ class Board:
         return self.folder / BEFORE / name if self.sessions[name]["before"] else None
 
     def unseen_file(self, name: str) -> Path:
+        """File of the motion that is to be foretold, by the session's name."""
         return self.folder / UNSEEN / f"{name}.parquet"
 
 
@@ -177,6 +179,7 @@ class Kept:
         return cls(folder, int(record["seed"]), record["answers"], record.get("oracle", {}))
 
     def unseen_file(self, name: str) -> Path:
+        """File of the torque that was kept back, by the session's name."""
         return self.folder / UNSEEN / f"{name}.parquet"
 
 

@@ -281,6 +281,7 @@ def different_urdfs(board: Board) -> list[str]:
 
 
 def main() -> None:
+    """The command; what it takes stands in the module's docstring."""
     form = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
     parser.add_argument("board", type=Path)

@@ -162,6 +162,7 @@ class EntryScore:
     predictions: Mapping[str, PredictionScore]  # empty where nothing is foretold
 
     def to_dict(self) -> Row:
+        """Its record, for JSON."""
         record: Row = {
             "name": self.name,
             "sha256": self.sha256,

@@ -89,7 +89,7 @@ class Hypothesis:
         return np.asarray(factor * position[:, list(self.order)] + zero)
 
     def rates(self, values: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:
-        """The same of a derivative of the positions."""
+        """The URDF's rates of the log's: as `angles`, without the zeros [rad/s or m/s]."""
         return self.angles(values, sliding) - self.angles(np.zeros_like(values[:1]), sliding)
 
     def with_entry(self, name: str, joint: int, value: Any) -> Hypothesis:

@@ -29,6 +29,7 @@ class Side:
     duration_s: float = 0.0  # duration of its runs together [s]
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return {**vars(self), "sessions": list(self.sessions)}
 
 
@@ -48,6 +49,7 @@ class ArmChange(ReportedEffect):
         return f"{super().action}; or is it the tool? these recordings can't tell" if carried else super().action
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return {
             **self.shared_record(),
             "reasons": [reason.to_dict() for reason in self.estimate.reasons],

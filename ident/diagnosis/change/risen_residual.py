@@ -38,6 +38,7 @@ class RisenResidual:
     p_value: float  # corrected for the number of joints
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return dict(vars(self))
 
 

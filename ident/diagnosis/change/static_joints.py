@@ -36,6 +36,7 @@ class StaticJoint:
         return f"it {how} {self.when}; record runs that move it faster"
 
     def to_dict(self) -> dict[str, str]:
+        """Its record, for JSON."""
         return {"joint": self.name, "when": self.when, "reason": self.reason}
 
 
@@ -55,6 +56,7 @@ class SamplesUsed:
         return max(0.0, 1.0 - self.in_motion - self.at_rest - self.turning)
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return {**vars(self), "left_out": self.left_out, "why": LEFT_OUT}
 
 

@@ -58,6 +58,7 @@ class Place:
         return self.share_of_gap / max(self.share_of_time, 1e-9)
 
     def to_dict(self) -> dict[str, Any]:
+        """Its record, for JSON."""
         return vars(self).copy()
 
 

@@ -33,17 +33,20 @@ def _sprung(
 
 
 def joint_elasticity(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """A gear that twists, with a stiffness [N m/rad], little damped."""
     hardware, damping = _sprung(scene, size, GEAR.damping_ratio)
     return hardware, {"stiffness_Nm_rad": size, "damping_Nms_rad": damping}
 
 
 def backlash(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """Play of a gear [rad], between teeth that are stiff."""
     stiffness = GEAR.play_stiffness * scene.rated
     hardware, _ = _sprung(scene, stiffness, 2.0 * GEAR.damping_ratio, gap=size)
     return hardware, {"gap_rad": size, "mesh_stiffness_Nm_rad": stiffness}
 
 
 def torque_ripple(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """Torque of an amplitude [N m] that waves with the joint's angle, part of it with the load."""
     phase = float(scene.rng.uniform(-np.pi, np.pi))
     order = float(scene.hardware.drive.ripple_order[scene.joint])
     hardware = scene.with_laws("drive", ripple=size, ripple_phase=phase, ripple_load=0.5)
@@ -51,6 +54,10 @@ def torque_ripple(scene: Circumstances, size: float) -> tuple[Hardware, Paramete
 
 
 def nonlinear_viscous_friction(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """Eyring's law of a lubricant, of a size [N m], at a speed drawn by chance.
+
+    Its parameters hold the nearest power law, too, the form in which it is reported.
+    """
     velocity = float(scene.rng.uniform(0.05, 0.3))
     # Nearest power law over 0.1 to 2 rad/s, the form in which it is reported.
     v = np.geomspace(0.1, 2.0, 60)
@@ -83,12 +90,14 @@ def thermal_friction(scene: Circumstances, size: float) -> tuple[Hardware, Param
 
 
 def presliding_hysteresis(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """Dry friction of a size [N m] that builds up over a travel drawn by chance."""
     displacement = float(np.exp(scene.rng.uniform(np.log(2e-3), np.log(3e-2))))
     hardware = scene.with_laws("friction", soft=size, soft_stiffness=size / displacement)
     return hardware, {"amplitude_Nm": size, "displacement_rad": displacement}
 
 
 def position_dependent_friction(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """Dry friction that waves by a size [N m] once or twice a turn."""
     order = int(scene.rng.integers(1, 3))
     phase = float(scene.rng.uniform(-np.pi, np.pi))
     hardware = scene.with_laws(
@@ -98,6 +107,7 @@ def position_dependent_friction(scene: Circumstances, size: float) -> tuple[Hard
 
 
 def asymmetric_friction(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """More friction in one direction: so much dry friction [N m], and some viscous."""
     viscous = float(
         scene.rng.uniform(0.3, 0.8)
         * size
@@ -210,12 +220,14 @@ def torque_offset(scene: Circumstances, size: float) -> tuple[Hardware, Paramete
 
 
 def torque_delay(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """All torques are late by a time [s]."""
     return scene.hardware.replace(sensing=scene.hardware.sensing.replace(delay=size)), {
         "delay_s": size
     }
 
 
 def cable_drag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """Dry friction of a size [N m] within a band of the joint's angle, felt by a neighbour, too."""
     centre = float(scene.rng.uniform(-0.5, 0.5))
     width = float(scene.rng.uniform(0.3, 0.7))
     share = float(scene.rng.choice([-1.0, 1.0]) * scene.rng.uniform(0.5, 1.0))
@@ -226,12 +238,14 @@ def cable_drag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]
 
 
 def velocity_product_drag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """Torque by the product of two joints' speeds, of a size [N m s²/rad²]."""
     other = scene.neighbour
     hardware = scene.with_laws("outside", product=size, product_other=other)
     return hardware, {"drag_Nms2_rad2": size, "other_joint": scene.hardware.arm.joint_names[other]}
 
 
 def sloshing_load(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """A mass [kg] that swings in the load at the arm's end."""
     frequency = float(scene.rng.uniform(1.2, 3.0))
     slosh = Slosh(size, (0.0, 0.0, 0.06 * scene.reach), frequency)
     hardware = scene.hardware.replace(bodies=scene.hardware.bodies.replace(slosh=slosh))
@@ -239,6 +253,7 @@ def sloshing_load(scene: Circumstances, size: float) -> tuple[Hardware, Paramete
 
 
 def supply_sag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """A torque sensor that reads more by a share [1] as the arm draws power."""
     h = scene.hardware
     speed = np.minimum(0.3 * np.array(h.arm.velocity_limit), 1.0)
     power = float((h.friction.coulomb * speed).sum() + 0.2 * (h.drive.effort_limit * speed).sum())

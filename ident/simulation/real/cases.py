@@ -104,7 +104,7 @@ def plant_floor(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange
 
 
 def plant_tooth(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """Friction of sliding teeth turns round at every pitch point."""
+    """Friction of sliding teeth, of a size [N m], turns round at every pitch point."""
     usual = float(np.quantile(np.abs(arm.v[:, j]), 0.6)) + 1e-3
     order = float(np.clip(round(2.0 * np.pi * draw.uniform(0.8, 3.0) / usual), 4, 80))
     wave = np.tanh(4.0 * np.sin(order * arm.q[:, j]))

@@ -56,6 +56,7 @@ class Planted:
 def at_joint(
     arm: MovedArm, j: int, torque: Float[Array, " N"], parameters: Parameters
 ) -> PlantedChange:
+    """A torque added at one joint [N m], nothing at the others."""
     added = np.zeros_like(arm.tau)
     added[:, j] = torque
     return PlantedChange(parameters, added)
@@ -96,6 +97,7 @@ def decay(arm: MovedArm, power: Float[Array, " N"], constant: float) -> Float[Ar
 
 
 def plant_stribeck(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Friction that falls as motion sets in, by so much at rest [N m]."""
     speed = float(np.exp(draw.uniform(np.log(0.02), np.log(0.15))))
     exponent = float(draw.uniform(0.9, 2.0))
     v = arm.v[:, j]
@@ -121,6 +123,7 @@ def plant_curved(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
 
 
 def plant_load(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Dry friction that grows with the load, by a share of it [1]."""
     return at_joint(arm, j, size * np.abs(arm.load[:, j]) * bristle(arm, arm.v[:, j]), {"mu": size})
 
 
@@ -145,6 +148,7 @@ def plant_thermal(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
 
 
 def plant_hysteresis(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Dry friction of a size [N m] that builds up over a travel drawn by chance."""
     travel = float(np.exp(draw.uniform(np.log(2e-3), np.log(3e-2))))
     q = arm.q[:, j]
     dt = np.where(np.isfinite(arm.steps), arm.steps, 1.0)
@@ -158,6 +162,7 @@ def plant_hysteresis(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedC
 
 
 def plant_seat(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Dry friction that waves by a size [N m] once or twice a turn."""
     order = int(draw.integers(1, 3))
     phase = float(draw.uniform(-np.pi, np.pi))
     level = size * np.cos(order * arm.q[:, j] - phase)
@@ -199,6 +204,7 @@ def plant_coupling(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedCha
 
 
 def neighbour(arm: MovedArm, j: int, draw: Draw) -> int:
+    """The joint before or after one, by chance."""
     return int(draw.choice([k for k in (j - 1, j + 1) if 0 <= k < arm.n]))
 
 
@@ -218,6 +224,7 @@ def _turned(
 
 
 def plant_elasticity(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """A gear that twists by so much under a torque [rad/(N m)], little damped."""
     stiffness = 1.0 / size
     states, damping = twist_of(arm, j, stiffness, float(draw.uniform(0.03, 0.15)))
     return _turned(arm, j, states, {"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping})
@@ -242,6 +249,7 @@ def plant_ripple(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
 
 
 def plant_spring(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """A spring of a stiffness [N m/rad], at rest at an angle within the motion."""
     low, high = np.quantile(arm.q[:, j], [0.05, 0.95])
     rest = float(draw.uniform(low, high))
     return at_joint(
@@ -253,6 +261,7 @@ def plant_spring(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
 
 
 def plant_payload(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """A body of a mass [kg] near the end of the last link."""
     reach = length_of(arm.model)
     com = reach * 0.06 * draw.uniform([-0.6, -0.6, 0.3], [0.6, 0.6, 1.2])
     heavier = with_body(arm.source.urdf, arm.source.joints[-1], size, com, 0.03 * reach)
@@ -279,6 +288,7 @@ def plant_link(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
 
 
 def plant_tilt(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """A base that stands askew by an angle [rad], towards a side drawn by chance."""
     heading = float(draw.uniform(-np.pi, np.pi))
     axis = np.array([np.cos(heading), np.sin(heading), 0.0])
     askew = arm.model.copy()
@@ -316,11 +326,13 @@ def plant_contact(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
 
 
 def plant_gain(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """A torque that is read too large or too small by a share [1]."""
     gain = size * float(draw.choice([-1.0, 1.0]))
     return at_joint(arm, j, gain * arm.tau[:, j], {"gain": gain})
 
 
 def plant_offset(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """A torque that is read too large or too small by so much [N m], with a slow drift."""
     offset = size * float(draw.choice([-1.0, 1.0]))
     drift = float(offset * draw.uniform(-0.1, 0.1) / 60.0)
     middle = 0.5 * (arm.t[0] + arm.t[-1])
@@ -330,6 +342,7 @@ def plant_offset(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
 
 
 def plant_delay(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """All torques are late by a time [s]."""
     late = arm.over_runs(
         arm.tau, lambda t, x: np.column_stack([np.interp(t - size, t, column) for column in x.T])
     )
@@ -350,6 +363,7 @@ def plant_saturation(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedC
 
 
 def plant_encoder(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """A zero that is off to either side by an angle [rad]."""
     shift = np.zeros(arm.n)
     shift[j] = size * float(draw.choice([-1.0, 1.0]))
     unseen = arm.rigid - rigid_torque(arm.model, arm.q + shift, arm.v, arm.a)
@@ -384,6 +398,7 @@ def over_range(share: float) -> Callable[[MovedArm, int], float]:
 
 
 def fixed(most: float) -> Callable[[MovedArm, int], float]:
+    """The same largest size on every joint."""
     return lambda arm, j: most
 
 

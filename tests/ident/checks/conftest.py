@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
+from ident.robot.names import data_path
 
 RATE_HZ = 125.0
 COULOMB = np.array([9.0, 9.0, 6.0, 2.5, 2.0, 1.5])
@@ -44,3 +46,9 @@ def clean(arm: ArmModel) -> Session:
     rng = np.random.default_rng(5)
     runs = [make_run(arm, rng, f"run{k}", 30.0 * k, 12.0) for k in range(5)]
     return Session("clean", tuple(runs))
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    """A recording of the arm that is shipped."""
+    return load_session(data_path("logs/tm5_900/E1"))

@@ -41,3 +41,9 @@ def freeze_rows(values: np.ndarray, first: int, last: int) -> np.ndarray:
 
 def without_velocity(session: Session) -> Session:
     return spoil(session, lambda run: run.replace(velocity=None))
+
+
+def changed(session: Session, channel: str, change: object) -> Session:
+    """A session whose one channel is worked on, columns by joint."""
+    assert callable(change)
+    return session.replace(runs=[run.replace(**{channel: change(getattr(run, channel))}) for run in session.runs])

@@ -23,11 +23,13 @@ from ident.export.mjcf import spring_at_rest, write_urdf
 from ident.export.write import PATCH_FILES, write_patch
 from ident.laws.acting import acting_torque, link_change, point_mass
 from ident.laws.motion import Losses, MovingArm
+from ident.model.bodies import is_consistent
 from ident.model.carried import describe_arm
-from ident.model.inertia import base_parameters, is_consistent, lift_base, parameter_scale
+from ident.model.inertia import base_parameters, lift_base
 from ident.model.linearisation import stop_operator
 from ident.outputs import MARKER
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import parameter_scale
 from tests.ident.export.diagnoses import COULOMB, FIGURES, VISCOUS, baseline, write_diagnosis
 from tests.ident.made_up import random_states
 

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.model.inertia import parameter_scale, pseudo_inertia, solve_bounded
+from ident.model.bodies import pseudo_inertia, solve_bounded
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import parameter_scale
 from tests.ident.made_up import random_states
 
 UNIT = pseudo_inertia(np.eye(10))

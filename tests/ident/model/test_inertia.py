@@ -13,17 +13,13 @@ from ident.arrays import Array, Float
 from ident.command_options import FitOptions, Inertia
 from ident.fitting.fit_sums import FitSums
 from ident.fitting.identification import Identified, identify
-from ident.model.inertia import (
-    base_parameters,
-    is_consistent,
-    parameter_scale,
-    solve_bounded,
-    solve_partly_non_negative,
-)
+from ident.model.bodies import is_consistent, solve_bounded, solve_partly_non_negative
+from ident.model.inertia import base_parameters
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import parameter_scale
 from tests.ident.made_up import exact_motion, made_motions, random_states, sliding_arm
 
 LOSS = LossParameters(*(np.full(6, value) for value in (0.1, 8.0, 6.0, 0.0, 0.02)))

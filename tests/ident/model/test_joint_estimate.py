@@ -14,11 +14,13 @@ from ident.command_options import FitOptions
 from ident.errors import RecordingError
 from ident.fitting.fit_sums import FitSums
 from ident.fitting.identification import Identified, describe, identify
-from ident.model.inertia import base_parameters, parameter_scale, solve_bounded
+from ident.model.bodies import solve_bounded
+from ident.model.inertia import base_parameters
 from ident.model.loss import NAMES
 from ident.motion.motion import Motion
 from ident.regression.settings import USUAL_REGRESSION
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import parameter_scale
 from tests.ident.made_up import exact_motion, made_motions, multisine
 
 TRUTH = np.array([[0.6, 10.0, 8.0], [0.8, 6.0, 5.0]])  # rotor inertia, viscous, Coulomb of each joint

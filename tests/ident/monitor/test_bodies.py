@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.model.inertia import parameter_scale
 from ident.monitor.bodies import ARM, FLANGE, estimate_bodies
 from ident.monitor.ranges import find_ranges
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.regression.settings import USUAL_REGRESSION
 from ident.robot.arm import ArmModel
+from ident.robot.tolerance import parameter_scale
 from tests.ident.made_up import made_motions
 
 NOISE = 0.1  # [N m]

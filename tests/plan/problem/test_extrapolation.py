@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError
-from ident.model.hybrid import HybridModel, TrainingRange
+from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
+from ident.model.training_range import TrainingRange
 from ident.robot.arm import ArmModel
 from plan.api.planning import open_task
 from plan.command_options import SolveOptions, TaskOptions

@@ -1,0 +1,139 @@
+"""Laws of torques of another size than the model's: gains, ratings, guesses."""
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.checks.effort import collect_states
+from ident.checks.effort_kind import fit_scale
+from ident.checks.inspection import inspect_alone as found
+from ident.checks.inspection import inspect_sessions
+from ident.recordings.load import load_session
+from ident.recordings.recording import Session
+from ident.recordings.save import write_session
+from ident.robot.arm import ArmModel
+from tests.ident.checks.faults import changed, inspect, spoil, spoil_column
+from tests.ident.checks.mounts import angle_between, mounted
+from tests.ident.checks.real_arms import load_real
+from tests.ident.made_up import made_session
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def test_a_rotor_bends_no_scale() -> None:
+    """Law: what a motor feels of its own rotor is no part of the links' torque, and moves neither scale nor mount."""
+    arm = ArmModel.load("tm5-900")
+    rotors = 2.0 * arm.mean_inertia(np.random.default_rng(2).uniform(-1.5, 1.5, (50, 6)))
+    law = lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq) + rotors * ddq + 2.0 * np.tanh(dq / 0.01)  # noqa: E731
+    made = made_session(arm, law, [3, 4], duration=20.0)
+    states = collect_states(made, arm)
+    heavy = map(int, np.flatnonzero(states.heavy))
+    assert [fit_scale(states, joint)[0] for joint in heavy] == pytest.approx([1.0] * int(states.heavy.sum()), abs=0.03)
+    turned, _ = mounted(made, arm.with_gravity(np.array([9.81, 0.0, 0.0])))
+    assert angle_between(np.array(turned.model.gravity.linear), GRAVITY) < 1.0
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("name", ["panda", "rokae", "ur10"])
+def test_a_wrong_gain_of_a_real_joint_that_feels_gravity_is_said_first(name: str, real_data: Path) -> None:
+    """And as large as it is, beside what the arm's URDF makes of the untouched log."""
+    recording, arm = load_real(name, real_data)
+    session = found(recording, arm).session
+    states = collect_states(session, arm.keeping(session.joints))
+    judged = np.flatnonzero(states.heavy & states.alive & states.moving)
+    assert len(judged) > 1
+    for at, factor in product(judged, (0.5, 0.7, 1.5)):
+        own, error, _ = fit_scale(states, at)
+        gains = np.where(np.arange(len(session.joints)) == at, factor, 1.0)
+        (issue,) = found(changed(session, "effort", gains.__mul__), arm).find("torque_scale")
+        assert issue.joints[0] == session.joints[at]
+        seen = float(issue.evidence.split(" reads ")[1].split()[0])
+        assert seen == pytest.approx(factor * own, abs=2.0 * factor * error + 0.01)
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("factor", [0.5, 0.9, 1.12])
+def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
+    joint: int, factor: float, session: Session, arm: ArmModel
+) -> None:
+    """Law: the reported scale follows the planted factor to 1e-9, wherever it is; the interval is of its size."""
+    gains = np.where(np.arange(6) == joint, factor, 1.0)
+    report = found(changed(session, "effort", lambda effort: effort * gains), arm)
+    assert session.joints[joint] in report.issues[0].joints
+    assert report.verdict == "to be used with care: torque_scale"
+    pair = [collect_states(one.session, arm) for one in (found(session, arm), report)]
+    (before, *_), (after, error, _) = (fit_scale(states, joint) for states in pair)
+    assert after == pytest.approx(factor * before, rel=1e-6)
+    assert abs(after - factor) < max(0.08 * factor, 3.0 * error)
+    assert f"is {after:.2f} ± {2.0 * error:.2f} times" in report.effort[joint].evidence
+
+
+@pytest.mark.parametrize("stiffness", [-60.0, -25.0, 40.0, 120.0, 300.0])
+def test_a_spring_is_no_wrong_gain_and_no_wrong_sign(stiffness: float, session: Session, arm: ArmModel) -> None:
+    """What a spring beside gravity explains is not reported as gravity's size, nor as its sign where it is stronger."""
+    springs = np.diag(stiffness * (np.arange(6) == 1))
+    sprung = session.replace(runs=[run.replace(effort=run.effort + run.position @ springs) for run in session.runs])
+    assert not found(sprung, arm).find("torque_scale") + found(sprung, arm).find("effort_sign_flipped")
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e9])
+def test_effort_beyond_any_rating_is_refused_with_the_factor(factor: float, session: Session, arm: ArmModel) -> None:
+    loud = changed(session, "effort", lambda values: values * np.array([1, 1, 1, 1, 1, factor]))
+    (issue,) = found(loud, arm).find("effort_not_torque")
+    assert issue.joints == ("joint_6",)
+    assert "times the 43 N m that it is rated for" in issue.evidence
+
+
+def test_guessed_gains_are_told_and_make_no_recording_fit_without_a_word(
+    session: Session, arm: ArmModel, tmp_path: Path
+) -> None:
+    """session.toml marks them; two sessions of one arm with different guesses are told so."""
+    gains = dict.fromkeys(session.joints, 10.0)
+    lines = "".join(f"{joint} = 10.0\n" for joint in session.joints)
+    write_session(session, tmp_path / "session")
+    (tmp_path / "session/session.toml").write_text(f"[drive_gain_Nm_per_A]\n{lines}guessed = true\n")
+    marked = load_session(tmp_path / "session")
+    assert marked.guessed_gains == gains
+    report = found(marked, arm)
+    assert report.find("guessed_gains")[0].joints == session.joints
+    assert report.verdict == "to be used with care: guessed_gains"
+    other = marked.replace(guessed_gains={**gains, "joint_2": 12.0}, name="other")
+    first, _ = inspect_sessions([marked, other], arm)
+    assert any("other" in issue.evidence and "joint_2" in issue.joints for issue in first.find("guessed_gains"))
+
+
+def test_another_guess_of_a_gain_is_no_change_of_the_arm(session: Session, arm: ArmModel) -> None:
+    """Law: the same currents are the same torques, whatever a later session's gains were guessed to be."""
+    guesses = [np.full(len(session.joints), 10.0), np.linspace(8.0, 13.0, len(session.joints))]
+    marked = [
+        spoil(
+            session, lambda run, gains=gains: run.replace(current=run.effort / 10.0, effort=gains / 10.0 * run.effort)
+        ).replace(guessed_gains=dict(zip(session.joints, gains, strict=True)), name=name)
+        for gains, name in zip(guesses, ("before", "after"), strict=True)
+    ]
+    before, after = (report.session.runs[0].effort for report in inspect_sessions(marked, arm))
+    np.testing.assert_allclose(after, before, rtol=1e-12)
+
+
+def test_an_effort_of_zeros_is_refused(session: Session, arm: ArmModel) -> None:
+    assert not inspect_sessions([changed(session, "effort", np.zeros_like)], arm)[0].is_fit
+
+
+@pytest.mark.parametrize(("joint", "factor"), [(3, 10.0), (3, 5.0), (4, 20.0)])
+def test_a_wrist_of_another_scale_is_told(joint: int, factor: float, clean: Session, arm: ArmModel) -> None:
+    """Law: a torque that its URDF's tolerance leaves no room for is named, however little gravity changes there."""
+    report = inspect(spoil_column(clean, "effort", joint, lambda effort: factor * effort), arm)
+    told = {name for issue in report.issues if issue.severity != "note" for name in issue.joints}
+    assert told == {arm.joint_names[joint]}
+    assert {issue.issue for issue in report.issues if issue.severity != "note"} <= {"torque_scale", "effort_not_torque"}
+
+
+def test_a_urdf_within_its_tolerance_has_no_scale(clean: Session, arm: ArmModel) -> None:
+    """Law: links that are some per cent off, as URDFs are, are told of no wrist."""
+    rng = np.random.default_rng(8)
+    for _ in range(3):
+        off = arm.with_inertial_parameters(arm.inertial_parameters * rng.lognormal(0.0, 0.05, 10 * arm.n))
+        joints = {name for issue in inspect(clean, off).find("torque_scale") for name in issue.joints}
+        assert not joints & {"joint_4", "joint_5", "joint_6"}
