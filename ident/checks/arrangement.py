@@ -17,6 +17,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import minimize
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.effort import TRANSITION_RAD_S, States, fit_signed
@@ -139,8 +140,6 @@ def find_direction(
     def cost(along: Float[Array, "k 3"]) -> Float[Array, " k"]:
         unit = along / np.linalg.norm(along, axis=1)[:, None]
         return np.sum([np.log(left_of(pull, unit, scales)) for pull in pulls], axis=0)
-
-    from scipy.optimize import minimize  # slow to load, and hardly ever needed
 
     def cost_of(along: Float[Array, " 3"]) -> float:
         return float(cost(along[None])[0])

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float, least_squares
 from ident.checks.channels import flat_top
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, filter_run
 from ident.checks.report import issue_of
-from ident.optimum import non_negative_least_squares
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_key
@@ -130,7 +130,7 @@ def fit_signed(
     free, _ = np.linalg.qr(np.column_stack(either_sign))
     whole = np.column_stack([scaled, tau])
     triangle = np.asarray(np.linalg.qr(whole - free @ (free.T @ whole), mode="r"))
-    weights, left = non_negative_least_squares(triangle[:, :-1], triangle[:, -1])
+    weights, left = nnls(triangle[:, :-1], triangle[:, -1])
     gravity, inertia, *_ = np.where(live, weights / divisor, 0.0)
     variance = float(tau.var())
     explained = 1.0 - left**2 / len(tau) / variance if variance > 0.0 else 0.0

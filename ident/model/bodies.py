@@ -15,10 +15,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
+from scipy.optimize import nnls
 
 from ident.arrays import Array, Float, Int
 from ident.model.interior_point import NO_BODIES, Bodies, Program, minimise
-from ident.optimum import non_negative_least_squares
 
 # Eigenvalues of a pseudo-inertia above minus this share of its trace count as not negative.
 TOLERANCE = 1e-9
@@ -148,7 +148,9 @@ def solve_partly_non_negative(
     count = len(free)
     solution = np.zeros(len(sums) - 1)
     remaining = triangle[count:, count:-1]
-    solution[positive], _ = non_negative_least_squares(remaining, triangle[count:, -1])
+    # SciPy's routine spoils memory where there is nothing to solve.
+    if remaining.size:
+        solution[positive], _ = nnls(remaining, triangle[count:, -1])
     left = triangle[:count, -1] - triangle[:count, count:-1] @ solution[positive]
     solution[free] = np.linalg.lstsq(triangle[:count, :count], left, rcond=None)[0]
     return solution * scale[-1] / scale[:-1]

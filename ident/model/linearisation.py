@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.compiled import compiled
@@ -22,7 +23,6 @@ from ident.laws.friction_laws import bent
 from ident.laws.motion import direction, follow
 from ident.model.loss import TRANSITION_GRID
 from ident.motion.motion import Motion
-from ident.optimum import non_negative_least_squares
 
 # Samples in motion, all runs together, below which a joint has no loss to be fitted.
 LEAST_MOVING = 20
@@ -195,8 +195,7 @@ def _misfit(known: Sequence[_Known], trial: Sliding) -> Float[Array, "stretches 
         scale = np.sqrt(np.maximum(np.diag(sums), 1e-24))
         ridge = 1e-10 * np.eye(len(sums))
         root = np.linalg.cholesky(sums / np.outer(scale, scale) + ridge).T
-        solution, _ = non_negative_least_squares(root[:, :-1], root[:, -1])
-        weights = np.append(-solution, 1.0) * scale[-1] / scale
+        weights = np.append(-nnls(root[:, :-1], root[:, -1])[0], 1.0) * scale[-1] / scale
         left[:, j] = np.einsum("bac,a,c->b", grams[:, j], weights, weights)
     return left
 

@@ -14,12 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from ident.arrays import Array, Float, freeze
 from ident.motion.kalman import filter_joint, smooth_joint
 from ident.motion.kalman_reference import smooth_by_filterpy
 from ident.motion.settings import USUAL_MOTION, MotionSettings
-from ident.optimum import least_within
 
 # Prior standard deviations of the first velocity and acceleration: wide for any arm [rad/s,
 # rad/s²].
@@ -170,9 +170,13 @@ def _fit_joint(
     profile = _Profile(columns, samplings, float(np.median(intervals)))
     slowest = np.log(settings.slowest_corner_hz)
     fastest = np.log(settings.fastest_corner_share / profile.interval)
-    log_frequency = least_within(
-        lambda log_frequency: profile.evaluate(log_frequency)[0], slowest, fastest, WIDTH
+    optimum = minimize_scalar(
+        lambda log_frequency: profile.evaluate(log_frequency)[0],
+        bounds=(slowest, fastest),
+        method="bounded",
+        options={"xatol": WIDTH},
     )
+    log_frequency = float(optimum.x)
     variance = profile.evaluate(log_frequency)[1]
     return profile.ratio(log_frequency) * variance, variance
 

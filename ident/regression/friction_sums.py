@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.regression.design import LOSS_PARAMETERS
@@ -87,9 +88,10 @@ class FrictionSums:
         products = np.einsum("kap,ka->kp", pieces, theirs) + np.einsum(
             "kap,ka->kp", whole, ours - again
         )
-        taken = np.zeros((count, products.shape[1]))
-        np.add.at(taken, self.block, products)
-        return taken
+        members = csr_array(
+            (np.ones(len(products)), (self.block, np.arange(len(products)))), (count, len(products))
+        )
+        return np.asarray(members @ products)
 
     def is_cut(self, folds: Int[Array, " B"]) -> bool:
         """Whether a stretch lies in several folds."""

@@ -16,6 +16,7 @@ from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from ident.arrays import Array, Float
 from ident.checks.conventions.description import (
@@ -44,7 +45,6 @@ from ident.checks.conventions.readings import (
     telling,
     unexplained,
 )
-from ident.optimum import cheapest_assignment
 from ident.records import read_group
 from ident.robot.arm import ArmModel
 
@@ -356,7 +356,7 @@ class Search:
                 picks.append(Pick(float(own[f, g]), f, g, order, signs))
             f, g = divmod(int(np.argmin(bound)), own.shape[1])
             if bound[f, g] < own.min() - column:
-                columns = cheapest_assignment(best[f, g] + moved)
+                _, columns = linear_sum_assignment(best[f, g] + moved)
                 signs = signed[f, g][joints, columns].argmin(axis=-1) ^ turned
                 cost = float((best[f, g] + moved)[joints, columns].sum() + unlikely[f, g]) + more
                 picks.append(Pick(cost, f, g, columns, signs))
