@@ -38,7 +38,6 @@ class JointRows:
 
     features: Float[Array, "N k"]
     open: Bool[Array, " N"]  # whether there is such a cause
-    weights: Float[Array, " N"]
     units: Array
 
     @classmethod
@@ -55,7 +54,9 @@ class JointRows:
         Args:
             results, entries: Results and index entries by case.
         """
-        features, gaps, weights, units = [], [], [], []
+        features = []
+        gaps = []
+        units = []
         for case, result in results.items():
             entry = entries.get(case)
             if entry is None or not result.get("joints"):
@@ -66,9 +67,8 @@ class JointRows:
             for values, is_open in rows:
                 features.append([values[name] for name in FEATURES])
                 gaps.append(is_open)
-                weights.append(1.0 / len(rows))
                 units.append(unit_of(entry))
-        return cls(np.array(features), np.array(gaps), np.array(weights), np.array(units))
+        return cls(np.array(features), np.array(gaps), np.array(units))
 
 
 def unit_of(entry: Entry) -> str:
@@ -123,8 +123,14 @@ class GapFit:
 
 
 def fit_gaps(rows: JointRows) -> GapFit:
-    """Fits the odds; every feature speaks for a cause."""
+    """Fits the odds; every feature speaks for a cause.
+
+    All joints weigh alike, for a probability is told of each joint. Of a real arm one joint is
+    taken, of a simulated one all: if sessions weighed alike, nearly all of what counts would be
+    joints with a cause.
+    """
     signs = dict.fromkeys(FEATURES, 1)
+    weights = np.ones(len(rows.open))
     best: tuple[float, float, Float[Array, " N"]] | None = None
     for ridge in RIDGES:
         probability = np.zeros(len(rows.open))
@@ -133,18 +139,18 @@ def fit_gaps(rows: JointRows) -> GapFit:
             model = fit_logistic(
                 rows.features[~inside],
                 rows.open[~inside],
-                rows.weights[~inside],
+                weights[~inside],
                 FEATURES,
                 float(ridge),
                 signs,
             )
             probability[inside] = model.probability(rows.features[inside])
-        score = log_score(probability, rows.open, rows.weights)
+        score = log_score(probability, rows.open, weights)
         if best is None or score > best[0]:
             best = score, float(ridge), probability
     assert best is not None
     _, ridge, probability = best
-    model = fit_logistic(rows.features, rows.open, rows.weights, FEATURES, ridge, signs)
+    model = fit_logistic(rows.features, rows.open, weights, FEATURES, ridge, signs)
     told = probability >= 0.5
     return GapFit(
         model,
