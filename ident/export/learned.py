@@ -126,13 +126,16 @@ def _net(model: HybridModel) -> str:
         _table("kSilent", np.array(silent), "int"),
         _table("kLow", net.bounds.low),
         _table("kHigh", net.bounds.high),
+        _table("kLeast", net.bounds.torques[0]),
+        _table("kMost", net.bounds.torques[1]),
     ]
     return (
         "\n".join(tables)
         + f"""
 inline double within(double x, double low, double high) {{ return x < low ? low : (x > high ? high : x); }}
 
-// Net of a joint by its speed, acceleration and load; beyond its training it says what it says at the edge.
+// Net of a joint by its speed, acceleration and load; beyond its training it says what it says at the edge,
+// and never more than it said there.
 inline double net(std::size_t j, double v, double a, double load) {{
   if (kSilent[j]) return 0.0;
   v = within(v, kLow[j], kHigh[j]);
@@ -148,7 +151,7 @@ inline double net(std::size_t j, double v, double a, double load) {{
     for (int f = 0; f < 6; ++f) z += w[f] * x[f];
     out += kLast[j * {hidden} + h] * z / (1.0 + std::exp(-within(z, -80.0, 80.0)));
   }}
-  return out;
+  return within(out, kLeast[j], kMost[j]);
 }}
 """
     )

@@ -250,7 +250,7 @@ def _net(graph: Graph, model: HybridModel, dq: Tensor, ddq: Tensor, rigid: Tenso
         hidden = scaled @ first[j] + bias[j]
         hidden = hidden / (1.0 + graph.exp(-hidden))
         columns.append((hidden @ last[j] + offset[j]) * float(net.output_std[j]))
-    return graph.concat(columns)
+    return graph.clip(graph.concat(columns), *net.bounds.torques)
 
 
 def _memory(graph: Graph, model: HybridModel, states: tuple[Tensor, ...]) -> tuple[Tensor, Tensor]:

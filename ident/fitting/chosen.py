@@ -95,6 +95,10 @@ class Choice:
         as_good = bool(np.sum(squares / self.noise**2) <= most)
         return as_good and no_worse_work(plain.work.sum(axis=1), work.sum(axis=1))
 
+    def with_rows(self, whitened: bool) -> Choice:
+        """The same with parameters from whitened rows in any case, or from plain ones."""
+        return replace(self, whitened=whitened)
+
     def without(self, gone: Collection[tuple[str, int]]) -> Choice:
         """The same without some laws, by their effects and joints."""
         numbers = []

@@ -178,7 +178,7 @@ def _fit_rigid(
     fitted = {(law.effect, law.joint) for law in identified.named}
     chosen = {(law.effect, law.joint) for law in choice.laws}
     choice = choice.without(chosen - fitted)
-    choice = replace(choice, whitened=not identified.plain_rows)
+    choice = choice.with_rows(not identified.plain_rows)
     alone = None
     if identified.named:
         plain = identify(sums.only(()), choice.without(fitted))

@@ -107,7 +107,8 @@ class ResidualNet:
             dq, ddq, rigid = self.bounds.clip(dq, ddq, rigid)
         if isinstance(self.network, JointNets):
             x = (joint_features(dq, ddq, rigid) - self.input_mean) / self.input_std
-            return np.asarray(self.network(x).astype(float) * self.output_std)
+            torque = np.asarray(self.network(x).astype(float) * self.output_std)
+            return torque if self.bounds is None else self.bounds.clip_torque(torque)
         x = (np.concatenate([q, dq, ddq], axis=1) - self.input_mean) / self.input_std
         return self.network.run(x) * self.output_std
 
@@ -270,6 +271,7 @@ def fit_residual_net(
     run = np.repeat(np.arange(len(lengths)), lengths)
     gate = shrink_net(scale * unseen, y, counts, interval * every * dq, groups, run)
     network = network.scaled([verdict.weight for verdict in gate])
+    bounds = bounds.with_torques(scale * network(inputs[0]), counts)
     return ResidualNet(options, network, freeze(mean), freeze(std), freeze(scale), gate, bounds)
 
 

@@ -101,7 +101,7 @@ class CompiledJointNets:
 
     joints: tuple[Layers, ...]  # layers of each joint's net
     # Speeds, accelerations and loads of the training; beyond them the net gives what it gives at
-    # their edge.
+    # their edge, and nowhere more than it gave there.
     bounds: NetBounds
 
     def frozen(self, positions: Float[Array, " k"]) -> CompiledJointNets:
@@ -129,7 +129,7 @@ class CompiledJointNets:
         for j, layers in enumerate(self._single):
             clipped = self._clip(j, dq[:, j], ddq[:, j], rigid[:, j])
             residual[:, j] = _joint_torque(layers, clipped.astype(np.float32).T)
-        return residual
+        return self.bounds.clip_torque(residual)
 
     def joint_slopes(
         self,
@@ -153,7 +153,9 @@ class CompiledJointNets:
         slopes = (tangents @ last)[:, :, 0]
         # Beyond the training's edge the net stays as it is.
         inside = np.stack([dq, ddq, rigid]) == clipped
-        return torque, slopes * inside
+        least, most = self.bounds.torques
+        said = np.clip(torque, least[j], most[j])
+        return said, slopes * (inside & (said == torque))
 
     def add_slopes(
         self,

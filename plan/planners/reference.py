@@ -108,7 +108,9 @@ def _net_torque(net: CompiledJointNets, j: int, dq: Symbol, ddq: Symbol, load: S
     for weight, bias in layers:
         x = ca.sparsify(ca.DM(np.array(weight.T))) @ x + ca.DM(np.array(bias))
         x = 0.5 * x * (1.0 + ca.tanh(0.5 * x))
-    return ca.dot(ca.DM(np.array(last[:, 0])), x) + float(offset[0])
+    said = ca.dot(ca.DM(np.array(last[:, 0])), x) + float(offset[0])
+    least, most = net.bounds.torques
+    return ca.fmin(ca.fmax(said, float(least[j])), float(most[j]))
 
 
 # Rounding of the sign of the speed [rad/s] and of the modulus of power [W], solve by solve: a joint that turns back is

@@ -53,9 +53,9 @@ def joint_nets(n: int = 3, seed: int = 0) -> CompiledJointNets:
 
 
 def bounded_nets() -> CompiledJointNets:
-    """The same with a training that ends well inside what tests ask for."""
+    """The same with a training, and torques, that end well inside what tests ask for."""
     edge = np.outer([0.7, 2.0, 5.0], [1.0, 0.8, 1.2])
-    return replace(joint_nets(), bounds=NetBounds(-0.9 * edge, edge))
+    return replace(joint_nets(), bounds=NetBounds(-0.9 * edge, edge, np.full(3, -2.0), np.full(3, 1.5)))
 
 
 def dense_net(n: int = 3, seed: int = 0) -> CompiledDenseNet:

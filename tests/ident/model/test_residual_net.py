@@ -212,6 +212,29 @@ def test_beyond_its_training_the_net_says_what_it_says_at_the_edge(tmp_path: Pat
     assert np.array_equal(ResidualNet.load(tmp_path).predict(*far), net.predict(*far))
 
 
+def test_a_net_never_says_more_than_it_said_where_it_was_fitted(tmp_path: Path) -> None:
+    """Where speed, acceleration and load go together, a corner of their box is unseen: the torque there is bounded."""
+    rng = np.random.default_rng(3)
+    time = np.linspace(0.0, 20.0, 3000)
+    dq = np.stack([np.sin(time), np.cos(0.7 * time)], axis=1)
+    together = (np.zeros_like(dq), dq, dq, dq)
+    target = 2.0 * dq**3 + 0.05 * rng.standard_normal(dq.shape)
+    net = fit_residual_net([together], [target])
+    said = net.predict(*together)
+    apart = (np.zeros_like(dq), 0.9 * dq, -0.9 * dq, 0.9 * dq[::-1])
+    assert net.bounds is not None
+    assert np.array_equal(net.bounds.clip(*apart[1:]), apart[1:])
+    least, most = net.bounds.torques
+    assert np.all(net.predict(*apart) >= said.min(axis=0))
+    assert np.all(net.predict(*apart) <= said.max(axis=0))
+    assert np.all((least < 0.0) & (most > 0.0))
+    free = replace(net, bounds=replace(net.bounds, least=None, most=None))
+    assert np.any(free.predict(*apart) > said.max(axis=0))
+    assert np.mean((free.predict(*together) - said) ** 2) < 1e-4 * np.mean(said**2)
+    net.save(tmp_path)
+    assert np.array_equal(ResidualNet.load(tmp_path).predict(*apart), net.predict(*apart))
+
+
 def test_noise_is_not_learnt() -> None:
     """On pure noise the default net stays nearly silent: under 3 % of the noise's mean square on an unseen motion."""
     rng, train = np.random.default_rng(8), [_states(seed) for seed in (20, 21)]
