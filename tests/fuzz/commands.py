@@ -37,9 +37,7 @@ LINES = {
     **dict.fromkeys(("metadata.yaml", "metadata.yaml of a .db3"), FOLDER),
     **dict.fromkeys(("urdf", "xacro"), ROBOT),
     "included xacro": ("ident inspect {run} --robot {corpus}/arm.xacro --json {out}",),
-    **dict.fromkeys(
-        ("model/model.toml", "model/robot.urdf", "model/residual.json", "model/residual.safetensors"), MODEL
-    ),
+    **dict.fromkeys(MODEL_FILES, MODEL),
     "limits.toml": ("ident verify {corpus}/model {run} --limits {file} --json {out}",),
     "diagnosis.json": ("ident patch {file} --robot tm5-900 --out patched --json {out}",),
     "world.toml": ("ident simulate --world {file} --runs 1 --duration 1 --rate 50 --out simulated",),
