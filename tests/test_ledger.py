@@ -12,10 +12,10 @@ TEXT = (ROOT / "docs/security.md").read_text(encoding="utf-8")
 LIBRARIES, PROMISES = "## What libraries read by themselves", "## Promises, and the tests that hold them"
 TEST = re.compile(r"`(tests/[\w/]+\.py)::(test_\w+)`")
 # Libraries of ours that read no settings: each was looked at among the traps, by watched files and traced calls.
-SILENT = ("numpy", "scipy", "pin", "scikit-learn", "threadpoolctl", "tomli-w", "typer", "rich", "jinja2", "markupsafe")
-SILENT += ("filterpy", "llvmlite", "lz4", "backports.zstd", "PyYAML", "daqp", "toppra", "plyfile", "pypcd4")
-SILENT += ("ruckig", "pydantic", "typing_extensions", "armgap")
+SILENT = ("tomli-w", "jinja2", "markupsafe", "filterpy", "lz4", "backports.zstd", "PyYAML", "daqp", "toppra", "plyfile")
+SILENT += ("pypcd4", "ruckig", "typing_extensions", "armgap")
 CALLED = {"distributed": "Dask", "rerun-sdk": "Rerun", "onnxruntime": "ONNX Runtime", "cma": "pycma"}
+CALLED |= {"pin": "Pinocchio"}
 
 
 def rows(title: str) -> list[list[str]]:

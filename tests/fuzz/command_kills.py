@@ -70,7 +70,7 @@ LINES = {
     "close": "ident close --out closed --arms 1 --rounds 1 --json a.json",
     "board": "ident board make board --cases 1 --seed 1 --worlds development",
     "excite": "plan excite --separate backlash,payload --minutes 0.3 --evaluations 8 --out motion --json a.json",
-    "solve": "plan solve task.toml --model {c}/model --method toppra --out motion.csv --json a.json --picture a.png",
+    "solve": "plan solve task.toml --method toppra --objective time --beyond --out a.csv --json a.json --picture a.png",
     "cycle": "plan cycle cycle.toml --out motions --objective time --evaluations 40 --json a.json",
     "plan compare": "plan compare task.toml --methods toppra --objective time --seeds 1 --out compared --json a.json",
     "paper": "plan paper --model {c}/model --out paper --epochs 1 --generations 1 --trials 1 --levels 2",

@@ -37,15 +37,13 @@ LINES = {
     **dict.fromkeys(("metadata.yaml", "metadata.yaml of a .db3"), FOLDER),
     **dict.fromkeys(("urdf", "xacro"), ROBOT),
     "included xacro": ("ident inspect {run} --robot {corpus}/arm.xacro --json {out}",),
-    **dict.fromkeys(
-        ("model/model.toml", "model/robot.urdf", "model/residual.json", "model/residual.safetensors"), MODEL
-    ),
+    **dict.fromkeys(MODEL_FILES, MODEL),
     "limits.toml": ("ident verify {corpus}/model {run} --limits {file} --json {out}",),
     "diagnosis.json": ("ident patch {file} --robot tm5-900 --out patched --json {out}",),
     "world.toml": ("ident simulate --world {file} --runs 1 --duration 1 --rate 50 --out simulated",),
     "commands.csv": ("ident simulate --plan {file} --rate 50 --out simulated",),
     "plan.json": ("ident simulate --plan {file} --rate 50 --out simulated",),
-    "scene.toml": ("plan solve {file} --model {corpus}/model --method toppra --json {out}",),
+    "scene.toml": ("plan solve {file} --model {corpus}/model --method toppra --objective time --beyond --json {out}",),
 }
 
 
@@ -128,6 +126,16 @@ class Commands:
             "out": folder / RESULT,
         }
         return [word.format(**places) for word in attempt.line.split()]
+
+
+def command_table(
+    seconds: float, seed: int, kinds: list[Kind], corpus: Path
+) -> tuple[tuple[str, ...], dict[str, list[int]], tuple[str, ...]]:
+    """Counts by kind and outcome, of as many tries as the time allows."""
+    commands = Commands(kinds, corpus, seed)
+    commands.run(seconds)
+    table = {name: list(counts.values()) for name, counts in commands.counts.items()}
+    return OUTCOMES, table, GOOD
 
 
 def judge(ended: Ended, folder: Path) -> tuple[str, str]:

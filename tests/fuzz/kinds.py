@@ -256,7 +256,8 @@ def settings(folder: Path, arm: ArmModel) -> list[Kind]:
         *stored,
         Kind("session.toml", folder / "session.toml", load_session_file),
         Kind("urdf", folder / "robot.urdf", lambda path: ArmModel.load(str(path)), check_arm),
-        Kind("xacro", folder / "arm.xacro", lambda path: ArmModel.load(str(path)), check_arm),
+        # Expressions may take up to a second each before they are refused.
+        Kind("xacro", folder / "arm.xacro", lambda path: ArmModel.load(str(path)), check_arm, 0.3),
         Kind("included xacro", folder / "links.xacro", include, check_arm, 0.5),
         Kind("limits.toml", folder / "limits.toml", lambda path: load_limits(path, arm.joint_names, rungs)),
         Kind("world.toml", folder / "world.toml", find_world),

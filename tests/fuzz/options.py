@@ -34,6 +34,8 @@ TEXTS = (".", "nan", "", "x" * 5000, "$(touch RUN)", "[bold]\x1b[31m", "a:b:c:d"
 PATHS = (".", "/dev/zero", "/proc/self/mem", "nowhere/below", "\x1b[31m", "notes.txt/x", "x" * 5000, "")
 # Processor time after which a command counts as having taken its options [s].
 MOMENT_S = 0.3
+# Between two looks at a command [s].
+LOOKING_S = 0.05
 # A command may take so much processor time, and wait so long without any.
 SLOWEST_CPU_S, SLOWEST_S = 60, 300.0
 SKIPPED = ("help", "version", "install_completion", "show_completion")
@@ -217,7 +219,7 @@ def fork_command(
             if ended:
                 break
             patience.look(0)
-            time.sleep(0.01)
+            time.sleep(LOOKING_S)
         errors.seek(0)
         code = os.WEXITSTATUS(status) if os.WIFEXITED(status) else -os.WTERMSIG(status)
         return Ended(code, errors.read().decode(errors="backslashreplace"))

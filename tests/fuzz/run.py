@@ -1,4 +1,4 @@
-"""`make fuzz`: spoilt files into every reader, kills amid every write, hostile options; a table of the outcomes.
+"""`make fuzz`: spoilt files into every reader and command, kills amid every write, hostile options.
 
     python -m tests.fuzz.run [--seconds 60] [--seed N] [--keep out/fuzz] [--only KIND,KIND]
                              [--tally FILE] [--corpus DIR]
@@ -21,6 +21,7 @@ from pathlib import Path
 import pyarrow as pa
 import torch
 
+from tests.fuzz.commands import command_table
 from tests.fuzz.corpus import in_a_child, write_files
 from tests.fuzz.kills import kill_table
 from tests.fuzz.kinds import kinds
@@ -28,7 +29,7 @@ from tests.fuzz.options import option_table
 from tests.fuzz.readers import GOOD, OUTCOMES, Readers
 from tests.fuzz.tally import Tally, add_up, total
 
-# Of the time: the rest goes to kills and options.
+# Of the time: the rest goes to kills, options and whole commands.
 READING = 0.8
 Table = tuple[tuple[str, ...], dict[str, list[int]], tuple[str, ...]]
 
@@ -59,12 +60,13 @@ def main() -> None:
     print(f"seed {options.seed}: {readers.inputs} inputs")
     bad = _print(OUTCOMES, readers.table(), GOOD)
     if not only:
-        rest = options.seconds * (1.0 - READING) / 2
+        rest = options.seconds * (1.0 - READING) / 3
         with tempfile.TemporaryDirectory() as place:
             in_a_child(write_files, Path(place), False)
             parts: dict[str, Callable[[], Table]] = {
                 "kills": lambda: kill_table(rest, options.seed),
                 "hostile options": lambda: option_table(rest, options.seed, Path(place)),
+                "whole commands": lambda: command_table(rest, options.seed, kinds(Path(place)), Path(place)),
             }
             for title, part in parts.items():
                 outcomes, table, good = part()

@@ -49,7 +49,8 @@ def lay_traps(seed: bytes, run: Path, folder: Path) -> Path:
     rng = np.random.default_rng(zlib.crc32(seed))
     for _ in range(int(rng.integers(1, 5))):
         path = folder / NAMES[int(rng.integers(len(NAMES)))]
-        path.parent.mkdir(exist_ok=True)
-        if not os.path.lexists(path):
+        if not os.path.lexists(path.parent):
+            path.parent.mkdir()
+        if path.parent.is_dir() and not os.path.lexists(path):
             PUT[int(rng.integers(len(PUT)))](path)
     return folder
