@@ -69,8 +69,8 @@ def figures_of(board: Board, name: str) -> dict[str, float]:
         "bytes of a number": after.bytes_of_row,
         "bytes of the URDF": float((folder / URDF_FILE).stat().st_size),
         "bytes of the unseen": float(unseen.stat().st_size) if unseen.is_file() else 0.0,
-        "values that differ": most_apart(after.distinct, before and before.distinct),
-        "values repeated": most_apart(after.repeated, before and before.repeated),
+        "values that differ": most_apart(after.distinct, before.distinct if before else None),
+        "values repeated": most_apart(after.repeated, before.repeated if before else None),
         "rows before": float(before.rows) if before else 0.0,
         "bytes before": before.bytes_of_row if before else 0.0,
     }
