@@ -13,7 +13,14 @@ from collections.abc import Collection
 
 import numpy as np
 
-from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
+from ident.checks.conventions.hypothesis import (
+    AS_STATED,
+    COMPENSATED,
+    GEARS,
+    UNITS,
+    ZEROS,
+    Hypothesis,
+)
 from ident.records import read_group
 
 DESCRIPTION = read_group(__file__, "description")
@@ -22,8 +29,8 @@ MASSES = read_group(__file__, "masses")
 SEARCH = read_group(__file__, "search")
 
 # The kinds of change: order, effort order, direction, zero, unit, sign, mount, compensation,
-# factor, scale, body, all masses.
-KIND = math.log(12.0)
+# factor, scale, body, all masses, gear, share of the joint before.
+KIND = math.log(14.0)
 BODY_PARAMETERS = 4
 OTHER_ZEROS = len(ZEROS) - 1
 AXES = 6
@@ -54,6 +61,9 @@ def description_length(hypothesis: Hypothesis, usual_orders: Orders = ()) -> flo
     length += _order(hypothesis.effort_order, hypothesis.order)
     length += (KIND + math.log(count)) * sum(sign < 0 for sign in hypothesis.direction)
     length += (KIND + math.log(OTHER_ZEROS * count)) * sum(map(bool, hypothesis.quarters))
+    geared = sum(factor != 1.0 for factor in hypothesis.gear)
+    length += geared * (KIND + math.log(len(GEARS) * count))
+    length += sum(map(bool, hypothesis.share)) * (KIND + math.log(2 * count))
     length += _units(hypothesis) + _signs(hypothesis) + gravity_length(hypothesis.gravity)
     if hypothesis.mass_factor != 1.0:
         length += KIND + sizes_told_apart()

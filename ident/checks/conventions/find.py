@@ -30,6 +30,7 @@ class Conventions:
     # What of the best leaves the log as it says.
     of_urdf: Scored | None = None
     guess: Scored | None = None  # the log as it says, the URDF's masses being guesses
+    of_masses: Scored | None = None  # the likeliest that changes the URDF's masses alone
 
     def led_by(self, reading: Scored) -> Conventions:
         """The same with another reading in the best's place."""
@@ -39,14 +40,14 @@ class Conventions:
 
     @property
     def gain(self) -> float:
-        """By how much the best explains more than any reading that leaves the log as it says, its
-        changes' costs taken off, and by the joints that move alone, whichever is less [nats].
+        """By how much the best explains more than log and URDF as they say, its changes' costs taken
+        off, and by the joints that move alone, whichever is less [nats].
 
-        A body at the end of the arm is compared with log and URDF as they say.
+        What changes more than the URDF's masses must explain more than these would, too.
         """
         others = [self.as_it_is]
-        if self.guess is not None and not is_of_masses(self.best):
-            others.append(self.guess)
+        if self.of_masses is not None and not is_of_masses(self.best):
+            others.append(self.of_masses)
         gain = min(other.cost for other in others) - self.best.cost
         by_moving = min(other.cost_of_moving for other in others) - self.best.cost_of_moving
         return min(gain, by_moving)
@@ -87,7 +88,14 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     as_it_is = next(scored for scored in ranked if scored.hypothesis == plain)
     best = ranked[0]
     guess = next((scored for scored in ranked if scored.hypothesis.parameters is not None), None)
-    return Conventions(as_it_is, best, _second(ranked, model.usual_orders), _part_of_urdf(ranked), guess)
+    of_masses = next((scored for scored in ranked if _changes_masses(scored)), None)
+    second = _second(ranked, model.usual_orders)
+    return Conventions(as_it_is, best, second, _part_of_urdf(ranked), guess, of_masses)
+
+
+def _changes_masses(reading: Scored) -> bool:
+    """Whether a reading changes the URDF's masses, and nothing else."""
+    return bool(reading.hypothesis.changes) and is_of_masses(reading)
 
 
 def _second(ranked: Sequence[Scored], usual_orders: Orders) -> Scored | None:

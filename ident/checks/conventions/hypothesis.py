@@ -15,6 +15,8 @@ QUARTER = 0.5 * math.pi
 ZEROS = (0.0, QUARTER, math.pi, -QUARTER)  # angles of 0 to 3 quarters, the shorter way round [rad]
 # Factors that make radians of what a log may hold, by the unit's name; radians read as degrees among them.
 UNITS = {"deg": math.radians(1.0), "turns": math.tau, "rad": math.degrees(1.0)}
+# Factors that make a joint's angle of one that is counted elsewhere in its drive, or by another encoder.
+GEARS = (0.5, 2.0)
 # Gravity is where the URDF's base has it.
 AS_STATED = "stated"
 # No gravity is in the effort.
@@ -27,7 +29,7 @@ class Hypothesis:
 
     The URDF's angle of joint j is
 
-        q_j = direction_j · unit_j · position[order_j] + zero_j,
+        q_j = a_j + share_j · a_(j-1),    a_j = direction_j · gear_j · unit_j · position[order_j] + zero_j,
 
     and its torque direction_j · effort_sign_j · effort[effort_order_j].
     """
@@ -38,6 +40,9 @@ class Hypothesis:
     quarters: tuple[int, ...]  # quarters of a turn between both zeros, 0 to 3
     unit: tuple[str, ...]  # of each joint's position: empty for what the log states, or a key of `UNITS`
     effort_sign: tuple[int, ...]  # 1, or -1 where the log's torque alone has the other sign
+    gear: tuple[float, ...]  # of each joint's position: 1, or one of `GEARS`
+    # Of the position of the joint before that is part of each joint's angle: 0, 1 or -1.
+    share: tuple[int, ...]
     # `stated`, `compensated`, or a vector in the base's frame [m/s²].
     gravity: str | tuple[float, float, float] = AS_STATED
     mass_factor: float = 1.0  # what all masses of the URDF are to be multiplied with
@@ -53,12 +58,14 @@ class Hypothesis:
     def as_it_is(cls, count: int) -> Hypothesis:
         """The log and the URDF as they say."""
         own = tuple(range(count))
-        return cls(own, own, (1,) * count, (0,) * count, ("",) * count, (1,) * count)
+        ones = (1,) * count
+        zeros = (0,) * count
+        return cls(own, own, ones, zeros, ("",) * count, ones, (1.0,) * count, zeros)
 
     @property
     def motion(self) -> tuple[Any, ...]:
         """What of it the motion depends on."""
-        return self.order, self.direction, self.quarters, self.unit
+        return self.order, self.direction, self.quarters, self.unit, self.gear, self.share
 
     @property
     def changes(self) -> tuple[str, ...]:
@@ -72,6 +79,8 @@ class Hypothesis:
         units = [(j, unit) for j, unit in enumerate(self.unit) if unit]
         names += ["unit"] if len({unit for _, unit in units}) == 1 and len(units) == len(own) else []
         names += [f"unit {j}" for j, _ in units] if "unit" not in names else []
+        names += [f"gear {j}" for j, factor in enumerate(self.gear) if factor != 1.0]
+        names += [f"share {j}" for j, share in enumerate(self.share) if share]
         flipped = [j for j, sign in enumerate(self.effort_sign) if sign < 0]
         names += ["effort_sign"] if len(flipped) == len(own) else [f"effort_sign {j}" for j in flipped]
         names += [] if self.gravity == AS_STATED else ["gravity"]
@@ -84,9 +93,18 @@ class Hypothesis:
     def angles(self, position: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:
         """The URDF's angles of the log's positions [rad or m]; a slide has no unit and no turns."""
         factor = np.array([UNITS.get(unit, 1.0) for unit in self.unit])
-        factor = np.where(sliding, 1.0, factor) * np.array(self.direction)
+        factor = np.where(sliding, 1.0, factor) * np.array(self.direction) * np.array(self.gear)
         zero = np.where(sliding, 0.0, np.array(ZEROS)[list(self.quarters)])
-        return np.asarray(factor * position[:, list(self.order)] + zero)
+        angles = factor * position[:, list(self.order)] + zero
+        return self.with_shares(angles)
+
+    def with_shares(self, angles: Float[Array, "T n"]) -> Float[Array, "T n"]:
+        """Angles, or their derivatives, with the joint before's part of them."""
+        if not any(self.share):
+            return np.asarray(angles)
+        before = np.zeros_like(angles)
+        before[:, 1:] = angles[:, :-1]
+        return np.asarray(angles + np.array(self.share) * before)
 
     def rates(self, values: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:
         """The URDF's rates of the log's: as `angles`, without the zeros [rad/s or m/s]."""

@@ -24,7 +24,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.conventions.description import DESCRIPTION, MASSES, scale_length, size_price
+from ident.checks.conventions.description import (
+    ALONG_AXIS,
+    DESCRIPTION,
+    MASSES,
+    scale_length,
+    size_price,
+)
 from ident.checks.conventions.hypothesis import Hypothesis
 from ident.records import read_group
 from ident.robot.arm import ArmModel
@@ -79,6 +85,20 @@ class Model:
         alphabetical = tuple(sorted(names).index(name) for name in names)
         plain = tuple(range(len(names)))
         return tuple(order for order in (alphabetical, plain[::-1]) if order != plain)
+
+    @property
+    def after_parallel(self) -> tuple[int, ...]:
+        """Joints that turn about an axis along that of the joint before, as URDFs place both: their
+        angles may be counted from the link before the last one.
+        """
+        chain = self.arm.chain
+        joints = []
+        for j in range(1, self.arm.n):
+            axis = chain.rotations[j, 0] @ chain.axes[j]  # in the frame of the link before
+            is_parallel = abs(float(axis @ chain.axes[j - 1])) > ALONG_AXIS
+            if is_parallel and not self.sliding[j] and not self.sliding[j - 1]:
+                joints.append(j)
+        return tuple(joints)
 
     def parts(self, q: Array, dq: Array, ddq: Array) -> Float[Array, "T n 4"]:
         """Gravity torque along each axis of the base for 1 m/s², and the inertial torque [N m]."""

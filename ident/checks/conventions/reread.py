@@ -37,17 +37,19 @@ TORQUES = ("effort", "effort_command", "current")
 def reread(session: Session, hypothesis: Hypothesis) -> Session:
     """The session in the URDF's order, directions, zeros and units, its torques with the URDF's signs."""
     order, efforts = list(hypothesis.order), list(hypothesis.effort_order)
-    direction = np.array(hypothesis.direction, dtype=float)
+    direction = np.array(hypothesis.direction, dtype=float) * np.array(hypothesis.gear)
     unit = np.array([UNITS.get(name, 1.0) for name in hypothesis.unit])
     rate = unit if _velocities_alike(session) else np.ones_like(unit)
     zero = np.array(ZEROS)[list(hypothesis.quarters)]
-    sign = direction * np.array(hypothesis.effort_sign)
+    sign = np.array(hypothesis.direction) * np.array(hypothesis.effort_sign)
 
     def changed(run: Recording) -> Recording:
         channels = run.channels()
         found = {name: values[:, order] for name, values in channels.items() if name not in TORQUES}
         found.update({name: direction * unit * found[name] + zero for name in PLACES if name in found})
         found.update({name: direction * rate * found[name] for name in RATES if name in found})
+        angles = [name for name in (*PLACES, *RATES) if name in found]
+        found.update({name: hypothesis.with_shares(found[name]) for name in angles})
         found.update({name: sign * channels[name][:, efforts] for name in TORQUES if name in channels})
         return run.replace(**found)
 
@@ -83,6 +85,10 @@ def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
     found["direction"] = {joints[j]: -1 for j, sign in enumerate(hypothesis.direction) if sign < 0}
     found["zero_rad"] = {joints[j]: round(ZEROS[k], 4) for j, k in enumerate(hypothesis.quarters) if k}
     found["unit"] = {joints[j]: unit for j, unit in enumerate(hypothesis.unit) if unit}
+    gears = enumerate(hypothesis.gear)
+    found["angle_factor"] = {joints[j]: factor for j, factor in gears if factor != 1.0}
+    shares = enumerate(hypothesis.share)
+    found["share_of_joint_before"] = {joints[j]: share for j, share in shares if share}
     found["effort_sign"] = {joints[j]: -1 for j, sign in enumerate(hypothesis.effort_sign) if sign < 0}
     if hypothesis.gravity == COMPENSATED:
         found["effort_kind"] = "gravity_compensated"
@@ -112,6 +118,7 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
             names = ", ".join(known[kind])
             lines = ", ".join(f"{toml_key(name)} = {json.dumps(value)}" for name, value in known[kind].items())
             issues.append(issue_of(key, session, known[kind], names=names, lines=lines, **seen))
+    issues += _angle_issues(known, session, seen)
     moved = {**known.get("order", {}), **known.get("effort_order", {})}
     if moved:
         parts = columns_in_words(best, joints)
@@ -135,6 +142,21 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         mass, *moment = best.body or (0.0, 0.0, 0.0, 0.0)
         centre = ", ".join(f"{value / mass:.2f}" for value in moment) if mass else ""
         issues.append(issue_of(key, session, joints[-1:], mass=abs(mass), centre=centre, link=arm.links[-1], **seen))
+    return issues
+
+
+def _angle_issues(known: dict[str, Any], session: Session, seen: dict[str, Any]) -> list[TelemetryIssue]:
+    """Angles that are counted elsewhere than between a joint's two links."""
+    joints = list(session.joints)
+    issues = []
+    for name, factor in known.get("angle_factor", {}).items():
+        figures: dict[str, Any] = {"factor": factor, "reported": 1.0 / factor}
+        issues.append(issue_of("angle_scale", session, [name], name=name, **figures, **seen))
+    for name, share in known.get("share_of_joint_before", {}).items():
+        before = joints[joints.index(name) - 1]
+        how = "plus" if share > 0 else "minus"
+        figures = {"before": before, "how": how}
+        issues.append(issue_of("angle_coupled", session, [name], name=name, **figures, **seen))
     return issues
 
 

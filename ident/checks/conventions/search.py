@@ -30,7 +30,7 @@ from ident.checks.conventions.description import (
     sign_lengths,
     sizes_told_apart,
 )
-from ident.checks.conventions.hypothesis import COMPENSATED, UNITS, Hypothesis
+from ident.checks.conventions.hypothesis import COMPENSATED, GEARS, UNITS, Hypothesis
 from ident.checks.conventions.masses import Variant, guessed_masses, variants
 from ident.checks.conventions.readings import (
     AXES,
@@ -98,6 +98,7 @@ class Search:
         self.weights = evidence_of_columns(self.log)
         self.n = self.log.q.shape[1]
         self.usual_orders = model.usual_orders
+        self.after_parallel = model.after_parallel
         self.gravities, self.vectors = self._gravities()
         # By motion, and whether it was screened with a body: its likeliest readings of the torque.
         self._screened: dict[Motion, list[Scored]] = {}
@@ -214,6 +215,13 @@ class Search:
             for unit in ("deg", ""):
                 if unit != reading.unit[j]:
                     yield reading.with_entry("unit", j, unit)
+            for gear in (1.0, *GEARS):
+                if gear != reading.gear[j]:
+                    yield reading.with_entry("gear", j, gear)
+        for j in self.after_parallel:
+            for share in (-1, 0, 1):
+                if share != reading.share[j]:
+                    yield reading.with_entry("share", j, share)
 
     def screen(self, readings: Sequence[Hypothesis], model: Model, has_body: bool) -> None:
         """Scores some readings of the motion that were not asked for yet, with the likeliest
@@ -385,8 +393,10 @@ def with_body(arm: ArmModel, hypothesis: Hypothesis) -> ArmModel:
 
 def reordered(reading: Hypothesis, order: tuple[int, ...]) -> Hypothesis:
     """The reading with columns in another order, each in the unit that it has."""
-    unit_of_column = dict(zip(reading.order, reading.unit, strict=True))
-    return replace(reading, order=order, unit=tuple(unit_of_column[column] for column in order))
+    joint_of = {column: joint for joint, column in enumerate(reading.order)}
+    unit = tuple(reading.unit[joint_of[column]] for column in order)
+    gear = tuple(reading.gear[joint_of[column]] for column in order)
+    return replace(reading, order=order, unit=unit, gear=gear)
 
 
 def motion_of(hypothesis: Hypothesis) -> Hypothesis:

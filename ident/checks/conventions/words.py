@@ -31,6 +31,7 @@ def reading_in_words(hypothesis: Hypothesis, joints: Sequence[str]) -> str:
     phrases += _axes(hypothesis, joints)
     phrases += _zeros(hypothesis, joints)
     phrases += _units(hypothesis, joints)
+    phrases += _angles(hypothesis, joints)
     phrases += _signs(hypothesis, joints)
     phrases += _gravity(hypothesis)
     phrases += _masses(hypothesis, joints)
@@ -96,6 +97,19 @@ def _units(hypothesis: Hypothesis, joints: Sequence[str]) -> list[str]:
             phrases.append(f"all positions {words}")
         elif named:
             phrases.append(f"the positions of {join_words(named)} {words}")
+    return phrases
+
+
+def _angles(hypothesis: Hypothesis, joints: Sequence[str]) -> list[str]:
+    """Angles that are counted elsewhere than between a joint's two links."""
+    phrases = []
+    for joint, factor in enumerate(hypothesis.gear):
+        if factor != 1.0:
+            phrases.append(f"the angle of {joints[joint]} {1.0 / factor:.3g} times the joint's")
+    for joint, share in enumerate(hypothesis.share):
+        if share:
+            how = "plus" if share > 0 else "minus"
+            phrases.append(f"the angle of {joints[joint]} {how} that of {joints[joint - 1]}")
     return phrases
 
 

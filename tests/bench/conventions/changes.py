@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arrays import Array
-from ident.checks.conventions.hypothesis import COMPENSATED, UNITS, ZEROS, Hypothesis
-from ident.checks.conventions.readings import Log
+from ident.checks.conventions.hypothesis import COMPENSATED, GEARS, UNITS, ZEROS, Hypothesis
+from ident.checks.conventions.readings import Log, Model
 from ident.robot.arm import ArmModel
 from tests.bench.conventions.arms import Case
 
@@ -20,6 +20,8 @@ KINDS = (
     "zero",
     "unit",
     "unit_of_one",
+    "gear",
+    "share",
     "effort_sign",
     "effort_sign_of_one",
     "gravity",
@@ -47,6 +49,8 @@ def draw_kinds(case: Case, rng: np.random.Generator) -> tuple[str, ...]:
             continue
         # One joint alone tells neither an order, nor its torque's unit from its masses'.
         if case.arm.n < 2 and (OF_COLUMNS | OF_MASSES) & {*kinds}:
+            continue
+        if "share" in kinds and not Model(case.arm).after_parallel:
             continue
         return kinds
 
@@ -76,6 +80,11 @@ def _draw_one(case: Case, truth: Hypothesis, kind: str, rng: np.random.Generator
         return replace(truth, unit=(str(rng.choice(["deg", "turns"])),) * n)
     if kind == "unit_of_one":
         return truth.with_entry("unit", joint, "deg")
+    if kind == "gear":
+        return truth.with_entry("gear", joint, float(rng.choice(GEARS)))
+    if kind == "share":
+        joint = int(rng.choice(Model(case.arm).after_parallel))
+        return truth.with_entry("share", joint, int(rng.choice([-1, 1])))
     if kind == "effort_sign":
         return replace(truth, effort_sign=(-1,) * n)
     if kind == "effort_sign_of_one":
@@ -127,12 +136,20 @@ def spoil(case: Case, truth: Hypothesis, rng: np.random.Generator) -> tuple[Log,
     for joint, scale in truth.effort_scale:
         torque[:, joint] *= scale
     for j, (column, effort) in enumerate(zip(truth.order, truth.effort_order, strict=True)):
-        factor = truth.direction[j] * UNITS.get(truth.unit[j], 1.0)
-        q[:, column] = (case.log.q[:, j] - ZEROS[truth.quarters[j]]) / factor
-        dq[:, column] = case.log.dq[:, j] / factor
-        ddq[:, column] = case.log.ddq[:, j] / factor
+        factor = truth.direction[j] * truth.gear[j] * UNITS.get(truth.unit[j], 1.0)
+        share = truth.share[j]
+        q[:, column] = (_counted(case.log.q, j, share) - ZEROS[truth.quarters[j]]) / factor
+        dq[:, column] = _counted(case.log.dq, j, share) / factor
+        ddq[:, column] = _counted(case.log.ddq, j, share) / factor
         tau[:, effort] = truth.direction[j] * truth.effort_sign[j] * torque[:, j]
     return Log(q, dq, ddq, tau), _spoilt_arm(case.arm, truth, rng)
+
+
+def _counted(angles: Array, joint: int, share: int) -> Array:
+    """A joint's angle, or a derivative of it, without the part that the joint before has of it."""
+    if not share:
+        return np.asarray(angles[:, joint])
+    return np.asarray(angles[:, joint] - share * angles[:, joint - 1])
 
 
 def _spoilt_arm(arm: ArmModel, truth: Hypothesis, rng: np.random.Generator) -> ArmModel:
