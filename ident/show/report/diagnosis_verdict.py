@@ -394,13 +394,19 @@ def overtuned_joints(record: Mapping[str, Any]) -> list[str]:
     return [joint for joint, gap in gaps.items() if left[joint] > OVERTUNED * gap.get("fixed_rms_Nm", math.inf)]
 
 
+def joints_tuned_away(record: Mapping[str, Any]) -> set[str]:
+    """Joints at which tuning hides a named effect: what it closes is counted from the model before tuning."""
+    findings = record.get("findings", [])
+    hidden = [one for one in findings if one.get("evidence", {}).get("judged_against") == "urdf"]
+    return set[str]().union(*map(joints_shown, hidden))
+
+
 def describe_findings(record: Mapping[str, Any]) -> str:
     """How far the named effects shrink the gap: where tuning hides one, that of the model before tuning."""
     heldout, gaps, findings = record.get("heldout") or {}, record.get("gap", {}), record.get("findings", [])
     if not findings or "shrink" not in heldout:
         return ""
-    hidden = [one for one in findings if one.get("evidence", {}).get("judged_against") == "urdf"]
-    absorbed, named = (set[str]().union(*map(joints_shown, some)) for some in (hidden, findings))
+    absorbed, named = joints_tuned_away(record), set[str]().union(*map(joints_shown, findings))
     new, old = heldout.get("rms_after_Nm", {}), heldout.get("rms_before_Nm", {})
     old = {**old, **{joint: gaps[joint]["fixed_rms_Nm"] for joint in absorbed}}
     parts = [
