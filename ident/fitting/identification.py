@@ -29,7 +29,7 @@ from ident.model.inertia import (
     parameter_scale,
     solve_bounded,
 )
-from ident.model.loss import NAMES, InertiaFigure, LossParameters, LossResults
+from ident.model.loss import NAMES, WORDS, InertiaFigure, LossParameters, LossResults
 from ident.regression.design import LOSS_PARAMETERS
 from ident.robot.arm import ArmModel
 
@@ -369,7 +369,8 @@ def describe(identified: Identified) -> list[str]:
         f"friction changes from run to run by (%): {spreads}",
     ]
     if identified.tied:
-        pairs = [f"{first} with {second}" for first, second, _ in identified.tied[:MOST_TIED]]
+        tied = identified.tied[:MOST_TIED]
+        pairs = [f"{in_words(first)} with {in_words(second)}" for first, second, _ in tied]
         line = f"not distinguished by these motions: {', '.join(pairs)}"
         more = len(identified.tied) - MOST_TIED
         if more > 0:
@@ -383,6 +384,12 @@ def describe(identified: Identified) -> list[str]:
         names = ", ".join(identified.lossless)
         lines.append(f"effort without friction or rotor, as of torque at the link: {names}")
     return lines
+
+
+def in_words(figure: str) -> str:
+    """A parameter's name as people say it: `rotor inertia of joint_1`; of a link's as it is."""
+    joint, _, name = figure.rpartition(".")
+    return f"{WORDS[name]} of {joint}" if name in WORDS else figure
 
 
 def tied_figures(
