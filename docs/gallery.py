@@ -20,7 +20,7 @@ from ident.api.daily import servo
 from ident.api.diagnosing import examine
 from ident.command_options import DiagnoseOptions
 from ident.show.report.diagnosis_pages import write_diagnosis_report
-from ident.show.report.diagnosis_verdict import diagnosis_headline
+from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action
 from ident.show.report.laws import draw_laws
 from ident.show.report.servo_page import verdict_values, write_servo_report
 from ident.show.report.traces import gather_traces
@@ -76,29 +76,31 @@ def show(arm: RealArm, real: Path, out: Path) -> str:
     file = out / f"{arm.file.split('/')[0]}.html"
     robot = str(real / arm.robot) if arm.robot.endswith(".urdf") else arm.robot
     if arm.is_servo:
-        headline = show_servo(real / arm.file, robot, file)
+        headline, action = show_servo(real / arm.file, robot, file)
     else:
-        headline = show_diagnosis(real / arm.file, robot, file)
+        headline, action = show_diagnosis(real / arm.file, robot, file)
     picture = f"gallery_{file.stem}.png"
     take_picture(file, TABLE.with_name(picture))
-    return f"## {arm.title}\n\n{headline}\n\n![The page's first screen]({picture})\n\nRecordings: {arm.origin}.\n"
+    said = f"{headline}\n\nWhat to do first: {action}" if action else headline
+    return f"## {arm.title}\n\n{said}\n\n![The page's first screen]({picture})\n\nRecordings: {arm.origin}.\n"
 
 
-def show_diagnosis(recording: Path, robot: str, file: Path) -> str:
-    """The page of a diagnosis; its first sentence."""
+def show_diagnosis(recording: Path, robot: str, file: Path) -> tuple[str, str]:
+    """The page of a diagnosis; its first sentence, and what to do first."""
     found = examine(recording, robot, DiagnoseOptions())
     record = found.diagnosis.to_dict()
     pictures = () if found.analysis is None else draw_laws(found.analysis)
     traces = None if found.analysis is None else gather_traces(found.analysis)
     write_diagnosis_report(file, record, None, pictures, traces)
-    return diagnosis_headline(record)
+    return diagnosis_headline(record), first_action(record)
 
 
-def show_servo(recording: Path, robot: str, file: Path) -> str:
-    """The page of a servo; its first sentence."""
+def show_servo(recording: Path, robot: str, file: Path) -> tuple[str, str]:
+    """The page of a servo; its first sentence, and what to do first."""
     found = servo(recording, robot)
     write_servo_report(file, found)
-    return str(verdict_values(found.to_dict())["headline"])
+    values = verdict_values(found.to_dict())
+    return str(values["headline"]), str(values["first"])
 
 
 def main(real: str, out: str = "out/gallery") -> None:

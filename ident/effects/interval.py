@@ -83,14 +83,14 @@ class Interval:
         known = {
             "high": f"at least {least} {unit}",
             "low": f"at most {most} {unit}",
-            "both": f"{middle} {unit}, or anything else,",
+            "both": f"{middle} {unit} (a guess: the recordings leave it open)",
         }
         return known.get(self.open, f"{middle} {unit} [{least}, {most}]")
 
 
 def _three_digits(value: float) -> str:
-    """A number as people write it: a true minus, thousands in full."""
-    text = f"{value:.3g}"
+    """A number as people write it: a true minus, none before 0, thousands in full."""
+    text = f"{value + 0.0:.3g}"
     if 1e3 <= abs(value) < 1e6:
         text = f"{float(text):.0f}"
     return text.replace("-", "−")

@@ -23,7 +23,7 @@ from ident.fitting.joint_estimate import JointEstimate, estimate, estimates_left
 from ident.laws.carried import NamedLaw
 from ident.model.bodies import solve_bounded
 from ident.model.inertia import BaseParameters, InertiaResults, base_prior, compute_condition
-from ident.model.loss import NAMES, InertiaFigure, LossParameters, LossResults
+from ident.model.loss import NAMES, WORDS, InertiaFigure, LossParameters, LossResults
 from ident.regression.design import LOSS_PARAMETERS
 from ident.regression.partition import partition_motions
 from ident.robot.arm import ArmModel
@@ -395,7 +395,8 @@ def describe(identified: Identified) -> list[str]:
         f"friction changes from run to run by (%): {spreads}",
     ]
     if identified.tied:
-        pairs = [f"{first} with {second}" for first, second, _ in identified.tied[:MOST_TIED]]
+        tied = identified.tied[:MOST_TIED]
+        pairs = [f"{in_words(first)} with {in_words(second)}" for first, second, _ in tied]
         line = f"not distinguished by these motions: {', '.join(pairs)}"
         more = len(identified.tied) - MOST_TIED
         if more > 0:
@@ -409,6 +410,12 @@ def describe(identified: Identified) -> list[str]:
         names = ", ".join(identified.lossless)
         lines.append(f"effort without friction or rotor, as of torque at the link: {names}")
     return lines
+
+
+def in_words(figure: str) -> str:
+    """A parameter's name as people say it: `rotor inertia of joint_1`; of a link's as it is."""
+    joint, _, name = figure.rpartition(".")
+    return f"{WORDS[name]} of {joint}" if name in WORDS else figure
 
 
 def tied_figures(

@@ -87,9 +87,10 @@ class LossResults:
         for figure in self.figures():
             if figure.low == figure.high == 0.0:
                 continue  # was not fitted
-            value, low, note = figure.value, figure.low, ""
-            if figure.name in bounds[figure.joint]:
-                value, low, note = 0.0, 0.0, ", at zero"
+            at_zero = figure.name in bounds[figure.joint]
+            value = 0.0 if at_zero else figure.value
+            low = 0.0 if at_zero else figure.low
+            note = ", at zero" if at_zero else ""
             interval = f"[{low:.4g}, {figure.high:.4g}]"
             name = f"{figure.joint:<{wide}} {WORDS[figure.name]:<15}"
             lines.append(f"{name} {value:>9.4g}  {interval:<20} {figure.unit}{note}")

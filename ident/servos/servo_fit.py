@@ -141,7 +141,7 @@ class ServoJoint:
     rms_after: float
 
     def describe_untold(self) -> list[str]:
-        """Figures that are not reported, a line for each reason: all by it alone where there is no other."""
+        """Figures that are not reported, a line for each reason; of all alike the reason alone."""
         reasons = dict[str, list[str]]()
         for name, reason in self.untold.items():
             reasons.setdefault(reason, []).append(FIGURES[name]["name"])

@@ -153,7 +153,7 @@ def say(console: Console, text: str, indent: str = "", hanging: str | None = Non
 
 
 def say_lines(console: Console, text: str) -> None:
-    """Prints a text of several lines as they stand; those longer than a sentence may be are wrapped."""
+    """Prints lines as they stand; those that are longer than a sentence may be are wrapped."""
     for line in text.splitlines():
         if len(line) <= text_width(console):
             console.print(visible(line), soft_wrap=True, highlight=False)

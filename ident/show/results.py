@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ident.checks.report import Inspection
     from ident.fitting.fit import FitResults
     from ident.infer.new_session import NewSession
-    from ident.model.evaluation import Evaluation
+    from ident.model.evaluation import Evaluation, SessionScore
 
 
 def write(console: Console, result: Result) -> None:
@@ -104,11 +104,16 @@ def print_evaluation(console: Console, result: Any) -> None:
 def describe_evaluation(evaluation: Evaluation) -> str:
     """What the whole model errs by, and what its first rung does, all joints together."""
     score = evaluation.pooled
-    torque, energy = score.rmse_mean[:, -1], score.energy_mean[:, -1]
-    before, after = (f"{significant(torque[k])} N m and {significant(energy[k])} J a run" for k in (0, -1))
-    first = rung_name(score.rungs[0])
     runs = plural(len(score.runs), "run")
-    return f"{evaluation.model} is off by {after} on {runs} of {score.name}; the {first} alone by {before}."
+    whole = f"{evaluation.model} is off by {describe_error(score, -1)} on {runs} of {score.name}"
+    return f"{whole}; the {rung_name(score.rungs[0])} alone by {describe_error(score, 0)}."
+
+
+def describe_error(score: SessionScore, rung: int) -> str:
+    """What a rung errs by, all joints together."""
+    torque = significant(score.rmse_mean[rung, -1])
+    energy = significant(score.energy_mean[rung, -1])
+    return f"{torque} N m and {energy} J a run"
 
 
 def draw_evaluation(result: Evaluation) -> Figure:

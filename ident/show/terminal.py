@@ -36,16 +36,21 @@ from ident.show.results import draw_bars
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# A result, or a part of it, as JSON has it.
+Record = Mapping[str, Any]
+
 STILL = "only torque beyond its static friction shows"
+# Where the rest is of a result whose first screen leaves something out.
+REST = "More: `--details` prints {}; `--html PAGE` has it with pictures."
 UNTESTABLE: list[dict[str, Any]] = TABLES["untestable"]
 
 
-def group_silent(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def group_silent(rows: Sequence[Record]) -> list[str]:
     """Lines such as: not testable, as the motion shows too little of it: backlash (joint_1), …"""
     return [f"not testable, as {reason}: {', '.join(items)}" for reason, items in silent_groups(rows)]
 
 
-def silent_groups(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
+def silent_groups(rows: Sequence[Record]) -> list[tuple[str, list[str]]]:
     """Reasons, each with the effects that it keeps from being tested, and at which joints."""
     found: dict[str, dict[str, list[str]]] = {}
     for row in rows:
@@ -62,7 +67,7 @@ def silent_groups(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str
     return rows_of
 
 
-def describe_limits(record: Mapping[str, Any]) -> str:
+def describe_limits(record: Record) -> str:
     """One line about all effects that would have been named, each with its range over the joints; "" without any."""
     rows = [one for one in record.get("detectable", []) if not one["hidden"] and one["limit"] is not None]
     parts, found = [], dict[tuple[str, str, str], list[float]]()
@@ -75,7 +80,7 @@ def describe_limits(record: Mapping[str, Any]) -> str:
     return f"would have been named nine times in ten: {', '.join(parts)}" if parts else ""
 
 
-def limit_rows(record: Mapping[str, Any]) -> list[dict[str, str]]:
+def limit_rows(record: Record) -> list[dict[str, str]]:
     """A row for each effect and joint: what would have been named, and what bounds it."""
     rows = []
     for one in record.get("detectable", []):
@@ -91,7 +96,7 @@ def limit_rows(record: Mapping[str, Any]) -> list[dict[str, str]]:
     return rows
 
 
-def headline(record: Mapping[str, Any]) -> tuple[str, str]:
+def headline(record: Record) -> tuple[str, str]:
     """The verdict as a sentence, and what to do where no change is named."""
     from ident.diagnosis.change.candidates import CARRIED  # a diagnosis compares nothing
     from ident.diagnosis.change.laws import PLAIN_FRICTION
@@ -120,7 +125,7 @@ def headline(record: Mapping[str, Any]) -> tuple[str, str]:
     return told, "" if changes else order
 
 
-def describe_unforetold(record: Mapping[str, Any]) -> list[str]:
+def describe_unforetold(record: Record) -> list[str]:
     """How far off each joint is that one set's model does not foretell and no change is named at; the worst first."""
     named = {joint for change in record["changes"] for joint in change["joints"]}
     rows = [one for one in record.get("unforetold", ()) if one["joint"] not in named]
@@ -132,7 +137,7 @@ def describe_unforetold(record: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def describe_risen(record: Mapping[str, Any]) -> list[str]:
+def describe_risen(record: Record) -> list[str]:
     """By how much each joint's residual rose beside what every law explains."""
     return [
         f"that of {one['joint']} is {one['ratio']:.1f} times what it was (rms; {one['low']:.1f} to {one['high']:.1f})"
@@ -140,18 +145,18 @@ def describe_risen(record: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def places_of(change: Mapping[str, Any]) -> str:
+def places_of(change: Record) -> str:
     """A change's joints, and those where it may be as well; nothing of one of the whole arm."""
     return "" if change["effect"] in OF_THE_ARM else with_others(change)
 
 
-def with_others(one: Mapping[str, Any]) -> str:
+def with_others(one: Record) -> str:
     """The joints of a finding or change, and those where the same effect may be as well."""
     others = [it["joint"] for it in one.get("elsewhere", ()) if it["joint"] and it["effect"] == one["effect"]]
     return join_words(one["joints"]) + (f" (or {join_words(others)})" if others else "")
 
 
-def print_comparison(console: Console, record: Mapping[str, Any], details: bool = False) -> None:
+def print_comparison(console: Console, record: Record, details: bool = False) -> None:
     """Verdict and changes with what to do; all else where `details` are asked for."""
     for name in ("before", "after"):
         side = record[name]
@@ -179,60 +184,66 @@ def print_comparison(console: Console, record: Mapping[str, Any], details: bool 
         say(console, REST.format(", ".join(parts)))
 
 
-# Where the rest is of a result whose first screen leaves something out.
-REST = "More: `--details` prints {}; `--html PAGE` has it with pictures."
-
-
-def without_still(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def without_still(record: Record) -> list[Record]:
     """What could not be tested for another reason than that a joint stood still."""
     said = {one["reason"] for one in record.get("still", ())}
     return [one for one in record["not_testable"] if one["reason"] not in said]
 
 
-def describe_name(one: Mapping[str, Any], record: Mapping[str, Any], measured: str) -> str:
+def describe_name(cause: Record, record: Record, measured: str) -> str:
     """A name in one sentence: where, how sure, what it closes at the joint where it closes most.
 
     Args:
-        one: A finding or a change.
+        cause: A finding or a change.
         record: The result that holds it.
         measured: Where the error was measured.
     """
-    before, after = (one["heldout"][f"rms_{when}_Nm"] for when in ("before", "after"))
+    where = f" in {with_others(cause)}"
+    if cause["effect"] in OF_THE_ARM:
+        where = place_words(cause["effect"], cause["joints"])
+    name = sentence(name_with_rivals(cause))
+    closes = f"torque error {measured} {describe_fall(cause, record)}"
+    rivals = cause.get("class", ())[1:]
+    if rivals and not is_likely(cause):
+        sure = percent(cause["class_probability"])
+        return f"{name}{where}: {sure} sure that it is one of these; {closes}"
+    tied = " or ".join(map(effect_name, rivals))
+    others = f"; can't be told from {tied} by these recordings" if tied else ""
+    return f"{name}{where}: {percent(cause['probability'])} sure; {closes}{others}"
+
+
+def describe_fall(cause: Record, record: Record) -> str:
+    """The torque error without and with a cause, at the joint where it closes most."""
+    before = cause["heldout"]["rms_before_Nm"]
+    after = cause["heldout"]["rms_after_Nm"]
     worst = max(before, key=lambda joint: before[joint] ** 2 - after[joint] ** 2)
-    old, new = significant(before[worst]), significant(after[worst])
-    closes = f"{old} → {new}" if old != new else f"stays at {old}"
-    closes += f" {in_units_of([worst], record, 'N m')} at {worst}"
-    where = f" in {with_others(one)}"
-    if one["effect"] in OF_THE_ARM:
-        where = place_words(one["effect"], one["joints"])
-    rivals, others = one.get("class", ())[1:], ""
-    if rivals and not is_likely(one):
-        sure = f"{percent(one['class_probability'])} sure that it is one of these"
-    else:
-        sure = f"{percent(one['probability'])} sure"
-        tied = " or ".join(map(effect_name, rivals))
-        others = f"; can't be told from {tied} by these recordings" if tied else ""
-    return f"{sentence(name_with_rivals(one))}{where}: {sure}; torque error {measured} {closes}{others}"
+    old = significant(before[worst])
+    new = significant(after[worst])
+    fall = f"{old} → {new}" if old != new else f"stays at {old}"
+    return f"{fall} {in_units_of([worst], record, 'N m')} at {worst}"
 
 
-def describe_sizes(change: Mapping[str, Any], record: Mapping[str, Any]) -> str:
+def describe_sizes(change: Record, record: Record) -> str:
     """How large a change is, and what it explains at each of its joints."""
     heldout = change["heldout"]
+    after = heldout["rms_after_Nm"]
     parts = [
-        f"{name} {fixed(before)} → {fixed(heldout['rms_after_Nm'][name])} {in_units_of([name], record, 'N m')}"
+        f"{name} {fixed(before)} → {fixed(after[name])} {in_units_of([name], record, 'N m')}"
         for name, before in heldout["rms_before_Nm"].items()
     ]
-    sizes = in_units_of(change["joints"], record, parameters_in_words(change["parameters"]), change["effect"])
-    return f"{sizes}; error in the later set {', '.join(parts)} ({percent(heldout['shrink'])} of what can be closed)"
+    words = parameters_in_words(change["parameters"])
+    sizes = in_units_of(change["joints"], record, words, change["effect"])
+    closed = f"{percent(heldout['shrink'])} of what can be closed"
+    return f"{sizes}; error in the later set {', '.join(parts)} ({closed})"
 
 
-def describe_notes(record: Mapping[str, Any]) -> list[str]:
-    """What fits and is not reported, and what has no name; joints of which little was used, or that stood still."""
+def describe_notes(record: Record) -> list[str]:
+    """What is not reported, what has no name, and joints of which little was used."""
     lines = [*describe_unreported(record), *describe_unnamed_changes(record)]
     return [*lines, *describe_used(record), *describe_still(record)]
 
 
-def describe_unreported(record: Mapping[str, Any]) -> list[str]:
+def describe_unreported(record: Record) -> list[str]:
     """What fits and is not reported, a line for each reason."""
     found: dict[str, list[str]] = {}
     for one in record["reservations"]:
@@ -241,22 +252,22 @@ def describe_unreported(record: Mapping[str, Any]) -> list[str]:
     return [f"not reported: {join_words(what)}: {reason}" for reason, what in found.items()]
 
 
-def describe_unnamed_changes(record: Mapping[str, Any]) -> list[str]:
+def describe_unnamed_changes(record: Record) -> list[str]:
     """What changed beside the changes that have a name."""
     if not record["changes"]:
         return []
-    risen = [f"torque that follows no law has grown beside the changes: {one}" for one in describe_risen(record)]
-    return risen + [
-        f"no change is named where one set does not foretell the other: {one}" for one in describe_unforetold(record)
-    ]
+    grown = "torque that follows no law has grown beside the changes"
+    lines = [f"{grown}: {line}" for line in describe_risen(record)]
+    unnamed = "no change is named where one set does not foretell the other"
+    return lines + [f"{unnamed}: {line}" for line in describe_unforetold(record)]
 
 
-def describe_still(record: Mapping[str, Any]) -> list[str]:
+def describe_still(record: Record) -> list[str]:
     """Joints that stood still."""
-    return [f"of {one['joint']} {STILL}: {one['reason']}" for one in record.get("still", ())]
+    return [f"of {row['joint']} {STILL}: {row['reason']}" for row in record.get("still", ())]
 
 
-def describe_spread(record: Mapping[str, Any]) -> str:
+def describe_spread(record: Record) -> str:
     """How much friction differs from run to run of one set, or is taken to where each has a single run."""
     parts = [f"{joint} {percent(share)}" for joint, share in record["friction_run_spread"].items()]
     if parts and record["before"]["runs"] + record["after"]["runs"] <= 2:
@@ -264,7 +275,7 @@ def describe_spread(record: Mapping[str, Any]) -> str:
     return f"friction differs from run to run of one set by: {', '.join(parts)}" if parts else ""
 
 
-def describe_used(record: Mapping[str, Any]) -> list[str]:
+def describe_used(record: Record) -> list[str]:
     """Joints whose friction is known in less than half of their samples, a line each: what the others are."""
     return [
         f"samples of {one['joint']}: {percent(one['in_motion'])} in motion, {percent(one['at_rest'])} at rest "
@@ -275,7 +286,7 @@ def describe_used(record: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def draw_comparison(record: Mapping[str, Any]) -> Figure:
+def draw_comparison(record: Record) -> Figure:
     """Error of the common model in the later set, without and with the changes."""
     heldout = record["heldout"]
     names: list[str] = list(heldout["rms_before_Nm"]) or list(record["joints"])

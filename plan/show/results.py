@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ident.show.console import styled
+from ident.show.console import say_lines, styled
 from plan.problem.scene_keys import as_given
 
 if TYPE_CHECKING:  # each result is known by its name: none of them needs what the others are made of
@@ -39,9 +39,8 @@ def _say(console: Console, kind: str, result: Any, *more: Any, **given: Any) -> 
 
     environment = Environment(line_statement_prefix="%", undefined=StrictUndefined)
     template = environment.from_string(LINES.read_text(encoding="utf-8"), given)
-    for line in getattr(template.module, kind)(result, *more).splitlines():
-        if line.strip():
-            console.print(line, soft_wrap=True, highlight=False)
+    lines = getattr(template.module, kind)(result, *more).splitlines()
+    say_lines(console, "\n".join(line for line in lines if line.strip()))
 
 
 def _print_plan(console: Console, result: PlanResult) -> None:

@@ -162,7 +162,9 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     gaps, heldout, named = record.get("gap", {}), record.get("heldout") or {}, bool(record.get("findings"))
     after = heldout.get("rms_after_Nm", {}) if named else {}
     joules, spread = (heldout.get(f"energy_error_after_{what}") or {} for what in ("J", "std_J"))
+    hidden = verdict.joints_tuned_away(record)
     sizes = [gap["rms_Nm"] for gap in gaps.values()]
+    sizes += [gaps[joint].get("fixed_rms_Nm", 0.0) for joint in hidden if joint in gaps]
     rows = []
     for joint, gap in gaps.items():
         energy = gap.get("energy_error_J") or {}
@@ -176,7 +178,7 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
         places = row_places([gap["rms_Nm"], gap["noise_floor_Nm"]])
         # Else a fall from what tuning made worse would look like a gain.
         worse = untuned is not None and round(untuned, places) < round(gap["rms_Nm"], places)
-        shown["untuned"] = untuned if worse else None
+        shown["untuned"] = untuned if worse or joint in hidden else None
         rows.append(
             {
                 "joint": joint,

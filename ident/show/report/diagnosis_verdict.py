@@ -36,8 +36,6 @@ ELSEWHERE = {effect.id for effect in CATALOGUE if effect.rows == "all"}  # they 
 
 # A first line that is longer says less, step by step [characters].
 LONGEST_HEADLINE = 200
-# How many names a first line holds, and whether it says where most of the rest is: the fullest first.
-FULLNESS = ((3, True), (2, True), (1, True), (1, False))
 
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
@@ -45,12 +43,11 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
 
     As many names as one sentence holds; all of them stand in the list below it.
     """
-    line = ""
-    for names, with_rest in FULLNESS:
-        line = _headline_of(record, names, with_rest)
+    for names in range(MOST_NAMED, 0, -1):
+        line = _headline_of(record, names, with_rest=True)
         if len(line) <= LONGEST_HEADLINE:
-            break
-    return line
+            return line
+    return _headline_of(record, 1, with_rest=False)
 
 
 def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
@@ -65,8 +62,9 @@ def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
     elif scale and misread:
         lead = f"{scale['reading']}{f' ({size})' * bool(record.get('where'))}{scale['others']}."
     elif scale:
-        told_below = scale["bodily"] or not joint  # what to do is about it where no joint leads
-        elsewhere = f"{scale['reading']}{scale['others']}." + f" {sentence(scale['remedy'])}." * (not told_below)
+        elsewhere = f"{scale['reading']}{scale['others']}."
+        if joint and not scale["bodily"]:  # else it is what to do first
+            elsewhere += f" {sentence(scale['remedy'])}."
     if not misread and shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it itself
         acts = _acts_on(shown[0], joint, record)
         there = "where a cause elsewhere is felt" if acts else "and is unexplained there"
@@ -90,7 +88,8 @@ def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
 
 def _first_names(listed: Sequence[Mapping[str, Any]], most: int, record: Mapping[str, Any]) -> str:
     """The first names with their joints, the leading one first, and how many more there are."""
-    lead, names = leading_joint(record)[0], []
+    lead = leading_joint(record)[0]
+    names = []
     for finding in listed[:most]:
         at_the_end = is_likely(finding) and _is_at_the_end(finding, record)
         names.append(MASS_AT_THE_END[_adds_mass(finding)] if at_the_end else called(finding, lead))
@@ -273,7 +272,8 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     joints = sorted(off["joints"], key=lambda one: one != lead)
     readings = sorted(evidence.split("; "), key=lambda one: not one.startswith(f"{lead} "))
     others = f"; off as well: {join_words(joints[1:])}" * (len(joints) > 1)
-    texts = {"reading": f"{readings[0]}{where}", "others": others, "places": _with_factors(joints, evidence)}
+    places = _with_factors(joints, evidence)
+    texts = {"reading": f"{readings[0]}{where}", "others": others, "places": places}
     return {**off, **texts, "joints": joints, "bodily": body}
 
 
@@ -281,8 +281,8 @@ def _with_factors(joints: Sequence[str], evidence: str) -> str:
     """Joints that read a factor; of several each with its own."""
     if len(joints) == 1:
         return joints[0]
-    factors = dict(READS.findall(evidence))
-    return join_words([f"{joint} ({factors[joint]})" if joint in factors else joint for joint in joints])
+    factors = {joint: f"{joint} ({factor})" for joint, factor in READS.findall(evidence)}
+    return join_words([factors.get(joint, joint) for joint in joints])
 
 
 def _explains(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any]) -> bool:
@@ -296,7 +296,8 @@ def _explains(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any])
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
     """What to do about a name; of tied ones that are less likely than not no single order."""
-    names, action = finding.get("class", []), _with_joint_names(str(finding.get("action", "")), record)
+    names = finding.get("class", [])
+    action = _with_joint_names(str(finding.get("action", "")), record)
     scale = _misread(record) if record.get("findings") else None
     if action and scale and _names_factor(finding, scale):
         return f"settle the factor above first; what is left of it with all masses tuned: {action}"
@@ -329,8 +330,9 @@ def _with_joint_names(text: str, record: Mapping[str, Any]) -> str:
 
 def _is_at_the_end(finding: Mapping[str, Any], record: Mapping[str, Any]) -> bool:
     """Whether a link's mass is what the check of the recordings has found at the arm's end."""
-    checked = {joint for one in record.get("telemetry", ()) if one["issue"] == BODY for joint in one["joints"]}
-    places = {*finding["joints"], *(one["joint"] for one in finding.get("elsewhere", ()))}
+    bodies = [issue for issue in record.get("telemetry", ()) if issue["issue"] == BODY]
+    checked = {joint for issue in bodies for joint in issue["joints"]}
+    places = {*finding["joints"], *(place["joint"] for place in finding.get("elsewhere", ()))}
     may_be_carried = not BODIES.isdisjoint(finding.get("class", ())[1:])
     changes_link = finding["effect"] in BODIES and "mass_change_kg" in finding.get("parameters", {})
     return changes_link and bool(checked) and (may_be_carried or not checked.isdisjoint(places))
@@ -359,7 +361,7 @@ AT_THE_END = {
 # A name below is less likely than not.
 LIKELY = 0.5
 # Tied names that one sentence holds.
-MOST_TIED = 3
+MOST_TIED = MOST_NAMED
 # What a motion's words begin with where it takes more than motion.
 NO_MOTION = "Motion alone hardly tells these apart. "
 OWN_INERTIAS = (
@@ -394,13 +396,21 @@ def overtuned_joints(record: Mapping[str, Any]) -> list[str]:
     return [joint for joint, gap in gaps.items() if left[joint] > OVERTUNED * gap.get("fixed_rms_Nm", math.inf)]
 
 
+def joints_tuned_away(record: Mapping[str, Any]) -> set[str]:
+    """Joints at which tuning hides a named effect, which is judged by the model before tuning."""
+    hidden = [
+        finding for finding in record.get("findings", []) if finding.get("evidence", {}).get("judged_against") == "urdf"
+    ]
+    return set[str]().union(*map(joints_shown, hidden))
+
+
 def describe_findings(record: Mapping[str, Any]) -> str:
     """How far the named effects shrink the gap: where tuning hides one, that of the model before tuning."""
     heldout, gaps, findings = record.get("heldout") or {}, record.get("gap", {}), record.get("findings", [])
     if not findings or "shrink" not in heldout:
         return ""
-    hidden = [one for one in findings if one.get("evidence", {}).get("judged_against") == "urdf"]
-    absorbed, named = (set[str]().union(*map(joints_shown, some)) for some in (hidden, findings))
+    absorbed = joints_tuned_away(record)
+    named = set[str]().union(*map(joints_shown, findings))
     new, old = heldout.get("rms_after_Nm", {}), heldout.get("rms_before_Nm", {})
     old = {**old, **{joint: gaps[joint]["fixed_rms_Nm"] for joint in absorbed}}
     parts = [

@@ -229,13 +229,15 @@ def test_what_is_zero_but_for_rounding_is_no_parameter() -> None:
 
 
 def test_what_tuning_made_worse_is_shown_beside_what_it_left(tmp_path: Path) -> None:
-    """Law: a joint's bars begin before tuning where that erred less, and only there."""
+    """Law: a joint's bars begin before tuning where that erred less, or hides a named effect, and only there."""
     record = copy.deepcopy(RECORD)
     for rms, shown in ((0.9, True), (1.3, False)):
         record["gap"]["joint_2"]["fixed_rms_Nm"] = rms
         first, second = gap_rows(record)
         assert (first["bars"]["untuned"], second["bars"]["untuned"] is not None) == (None, shown)
-        assert ("where tuning made it worse" in written(tmp_path, record)) is shown
+        assert ("or made it worse" in written(tmp_path, record)) is shown
+    record["findings"][0]["evidence"] = {"judged_against": "urdf"}
+    assert gap_rows(record)[1]["bars"]["untuned"] == 100.0
 
 
 def test_the_slowest_frequencies_are_no_place() -> None:
