@@ -8,6 +8,8 @@ from pathlib import Path
 
 # Control characters, marks that turn the direction of writing, and bytes of names that are not UTF-8.
 UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
+# As much of a place, a fault and a remedy as is told: together they fill a screen [characters].
+LONGEST_PART = 600
 
 
 def visible(text: str, lines: bool = False) -> str:
@@ -46,10 +48,6 @@ def first_line(error: BaseException) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
 
 
-# As much of a place, a fault and a remedy as is told: together they fill a screen [characters].
-LONGEST_PART = 600
-
-
 def shortened(text: str, longest: int = LONGEST_PART) -> str:
     """A text with its middle left out where it is longer than a part of a message may be."""
     if len(text) <= longest:
@@ -72,7 +70,9 @@ class InputError(ArmgapError):
     """
 
     def __init__(self, where: str | Path, what: str, remedy: str) -> None:
-        self.where, self.what, self.remedy = str(where), what, remedy
+        self.where = str(where)
+        self.what = what
+        self.remedy = remedy
         parts = (shortened(visible(part)) for part in (self.where, what, remedy))
         super().__init__("{}: {}; {}".format(*parts))
 

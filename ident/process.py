@@ -31,6 +31,24 @@ EXTRA_OF = {
     **dict.fromkeys(("pxr", "newton_usd_schemas"), "usd"),
     **dict.fromkeys(("joblib", "distributed", "pydantic", "typing_extensions"), "monitor"),
 }
+# Exit statuses; 0 is done, whatever the verdict, and 1 our own fault. The user's input is at fault: one line says what,
+# and the remedy. `ident verify`: a limit is not kept. The system's own faults, a full disk or memory (sysexits.h:
+# EX_IOERR). After a signal: this and its number.
+USER = 2
+NOT_PASSED = 3
+SYSTEM = 74
+SIGNALLED = 128
+# What consoles without these characters show instead.
+PLAIN = {"±": "+-", "→": "->", "…": "...", "τ": "tau", "·": "*", "×": "x", "²": "2", "–": "-", "—": "-", "°": "deg"}
+# What the system's loader says of a library that there is no room for.
+UNMAPPED = ("map segment", "annot allocate memory")
+# Names that no file can have are the user's fault, not the system's.
+NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
+# As much of a name as a line shows [characters].
+LONGEST_NAME = 200
+# The name under which a file is written before it is whole, and the beginning of its own name in it.
+TEMPORARY = re.compile(r"\.([^/]*)\.armgap-[0-9a-f]{8}-\d+-[0-9a-f]{8}\.part([^/]*)")
+MEMORY_FULL = "memory is full; give fewer or shorter sessions, or a larger machine"
 
 
 def missing_extra(error: BaseException | None) -> InputError | None:
@@ -48,24 +66,7 @@ def missing_extra(error: BaseException | None) -> InputError | None:
     return None
 
 
-# Exit statuses; 0 is done, whatever the verdict, and 1 our own fault. The user's input is at fault: one line says what,
-# and the remedy. `ident verify`: a limit is not kept. The system's own faults, a full disk or memory (sysexits.h:
-# EX_IOERR). After a signal: this and its number.
-USER, NOT_PASSED, SYSTEM, SIGNALLED = 2, 3, 74, 128
-
-# What consoles without these characters show instead.
-PLAIN = {"±": "+-", "→": "->", "…": "...", "τ": "tau", "·": "*", "×": "x", "²": "2", "–": "-", "—": "-", "°": "deg"}
 PLAIN |= {"’": "'", "“": '"', "”": '"', "≤": "<=", "≥": ">=", "√": "sqrt", "µ": "u", "Δ": "d"}
-
-# What the system's loader says of a library that there is no room for.
-UNMAPPED = ("map segment", "annot allocate memory")
-# Names that no file can have are the user's fault, not the system's.
-NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
-# As much of a name as a line shows [characters].
-LONGEST_NAME = 200
-# The name under which a file is written before it is whole, and the beginning of its own name in it.
-TEMPORARY = re.compile(r"\.([^/]*)\.armgap-[0-9a-f]{8}-\d+-[0-9a-f]{8}\.part([^/]*)")
-MEMORY_FULL = "memory is full; give fewer or shorter sessions, or a larger machine"
 
 
 def run_command(name: str, module: str) -> NoReturn:
@@ -108,7 +109,8 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         file = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else ""
         file = TEMPORARY.sub(r"\1\2", file)
         place = (file if len(file) <= LONGEST_NAME else file[:LONGEST_NAME] + "…") + ": " * bool(file)
-        named, remedy = error.errno in NO_NAME, "free what is full or broken, then run the command again"
+        named = error.errno in NO_NAME
+        remedy = "free what is full or broken, then run the command again"
         say(f"{place}{error.strerror or error}; {'give the name of a file or folder' if named else remedy}")
         return USER if named else SYSTEM
     except MemoryError:
@@ -194,7 +196,10 @@ class _Signals:
     """What Ctrl-C and its like do: nothing but leave while modules are loaded, unwind once, leave at the second."""
 
     def __init__(self, name: str) -> None:
-        self.name, self.is_loading, self.came, self.status = name, True, False, SIGNALLED + signal.SIGINT
+        self.name = name
+        self.is_loading = True
+        self.came = False
+        self.status = SIGNALLED + signal.SIGINT
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:

@@ -28,6 +28,19 @@ if TYPE_CHECKING:
 
 
 # Where a result comes from: the command, the version, its settings, and the recordings by their hashes.
+# Digits of a file's hash by which it is known again.
+RUN_DIGITS = 12
+# What anchors the scale of a session's torque.
+SCALES = {
+    "recorded": "as recorded: a sensor's or the drive's own torque",
+    "given": "drive gains given with the recording",
+    "guessed": "drive gains guessed: gravity alone tells the scale",
+}
+# As much of a result as its `repr` shows [lines, characters].
+LINES = 20
+LINE = 100
+# Why a spread over the runs is missing from a record.
+ONE_RUN = "a single run tells nothing of what runs differ by"
 
 
 @cache
@@ -45,10 +58,6 @@ def made_by() -> str:
     code = f"armgap {own_version()}" + (f", commit {commit[:RUN_DIGITS]}" if commit else "")
     engines = ", ".join(f"{name} {number}" for name, number in engine_versions().items())
     return f"{code}; {engines}. Units: {UNITS}."
-
-
-# Digits of a file's hash by which it is known again.
-RUN_DIGITS = 12
 
 
 @dataclass(frozen=True)
@@ -72,14 +81,6 @@ class SessionStamp(Record):
     runs: tuple[str, ...] = ()
     content: str = ""
     scale: str = ""
-
-
-# What anchors the scale of a session's torque.
-SCALES = {
-    "recorded": "as recorded: a sensor's or the drive's own torque",
-    "given": "drive gains given with the recording",
-    "guessed": "drive gains guessed: gravity alone tells the scale",
-}
 
 
 def scale_of(session: Session) -> str:
@@ -187,10 +188,12 @@ class _Stamping:
     """A stamp in the making: hashes and times of a session whose parts come one after the other."""
 
     def __init__(self, name: str, path: str, known: Sequence[KnownSeries]) -> None:
-        self.name, self.path = name, path
+        self.name = name
+        self.path = path
         self._known = known
         self._files: dict[Path, bytes] = {}
-        self._digest, self._content = hashlib.sha256(), hashlib.sha256()
+        self._digest = hashlib.sha256()
+        self._content = hashlib.sha256()
         self._scale = ""
         self._runs: dict[str, None] = {}
         self._names: dict[str, str] = {}
@@ -239,7 +242,9 @@ class _Stamping:
 
     def stamp(self) -> SessionStamp:
         first, last = (min(self._times), max(self._times)) if self._times else (None, None)
-        name, files, content = self.path or self.name, self._digest.hexdigest(), self._content.hexdigest()
+        name = self.path or self.name
+        files = self._digest.hexdigest()
+        content = self._content.hexdigest()
         return SessionStamp(name, files, first, last, tuple(self._runs), content, self._scale)
 
 
@@ -253,12 +258,6 @@ def content_of(run: Recording) -> bytes:
 
 
 # What every result can do: tell itself in words, as a record, as a picture, and in a notebook.
-
-
-# As much of a result as its `repr` shows [lines, characters].
-LINES, LINE = 20, 100
-# Why a spread over the runs is missing from a record.
-ONE_RUN = "a single run tells nothing of what runs differ by"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

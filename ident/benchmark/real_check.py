@@ -1,7 +1,8 @@
 """Semi-real cases as a check: made, sealed, diagnosed or compared, scored.
 
-A real arm has effects of its own: a name that its untouched recordings (the control) have already, or that others
-measured on this arm, is neither right nor wrong. A probability is that of the class, where one is given.
+A real arm has effects of its own: a name that its untouched recordings (the control) have already,
+or that others measured on this arm, is neither right nor wrong. A probability is that of the class,
+where one is given.
 """
 
 from __future__ import annotations
@@ -21,7 +22,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.benchmark.run import BlindOptions, Progress, Say, begin_check
-from ident.benchmark.scoring import Score, calibration_curve, calibration_error, is_inside, mean, share
+from ident.benchmark.scoring import (
+    Score,
+    calibration_curve,
+    calibration_error,
+    is_inside,
+    mean,
+    share,
+)
 from ident.benchmark.summary import group_by, in_columns
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.from_reports import diagnose_reports
@@ -42,12 +50,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-CONFIDENT, BINS = 0.5, 5
+CONFIDENT = 0.5
+BINS = 5
 Row = dict[str, Any]
 Finding = Mapping[str, Any]
 
 
-def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[list[Row], list[Row], list[Row]]:
+def rows_of(
+    answers: Mapping[str, Row], results: Mapping[str, Row]
+) -> tuple[list[Row], list[Row], list[Row]]:
     """One row an effect that was planted, one a name that was given, one a case."""
     effects: list[Row] = []
     names: list[Row] = []
@@ -55,7 +66,8 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
     for case, answer in answers.items():
         if case not in results:
             continue
-        record, findings = _record(results[case]), _findings(results[case])
+        record = _record(results[case])
+        findings = _findings(results[case])
         control = _findings(results.get(answer["control"], {}))
         base = {"case": case, "arm": answer["arm"], "kind": answer["kind"]}
         measured: list[Row] = [
@@ -66,7 +78,7 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
         owned = [*control, *measured]
         planted = []
         for effect in answer["effects"]:
-            found = [one for one in findings if holds(one, effect)]
+            found = [finding for finding in findings if holds(finding, effect)]
             strict = [one for one in found if one["effect"] == effect["effect"]]
             already = any(holds(one, effect) for one in control)
             covered = {}  # whether the intervals of a name hold what was planted
@@ -74,7 +86,8 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
                 one = strict[0].get("parameters", {}).get(key)
                 given = isinstance(one, dict) and one.get("low") is not None
                 if given and key != "order" and not isinstance(true, str):
-                    low, high = float(one["low"]), float(one["high"])
+                    low = float(one["low"])
+                    high = float(one["high"])
                     covered[key] = is_inside(key, true, low, high)
             row = {
                 **{key: effect[key] for key in ("effect", "asked", "in_catalogue")},
@@ -89,17 +102,21 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
         new = []
         for one in findings if answer["kind"] != "control" else ():
             true = any(holds(one, effect) for effect in answer["effects"])
-            old = not true and any(_class(one) & _class(other) and _places(one) & _places(other) for other in owned)
+            old = not true and any(
+                _class(one) & _class(other) and _places(one) & _places(other) for other in owned
+            )
             name = f"{one['effect']}:{'+'.join(one['joints'])}"
             row = {**base, "name": name, "p": _probability(one), "right": true, "old": old}
             names.append(row)
             new += [] if old else [row]
-        hits, said = sum(one["named"] for one in planted), sum(one["p"] >= CONFIDENT for one in new)
+        hits = sum(one["named"] for one in planted)
+        said = sum(one["p"] >= CONFIDENT for one in new)
         f1 = 2.0 * hits / (said + len(planted)) if planted and hits else 0.0 if planted else None
-        wrong, seconds = [one for one in new if not one["right"]], results[case].get("processor_seconds")
+        wrong = [one for one in new if not one["right"]]
+        seconds = results[case].get("processor_seconds")
         verdict = record.get("verdict", "error")
         row = {**base, "verdict": verdict, "new": new, "wrong": wrong, "f1": f1, "seconds": seconds}
-        sure = [one for one in findings if _probability(one) >= CONFIDENT]
+        sure = [finding for finding in findings if _probability(finding) >= CONFIDENT]
         seen = [any(holds(one, it) for one in sure) for it in measured]
         cases.append({**row, "measured": seen if answer["kind"] == "control" else []})
         effects += planted
@@ -108,18 +125,28 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
 
 def score(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -> Row:
     """Scores with intervals, and the rows that they are of."""
-    single = [one for one in effects if one["kind"] == "single"]
-    said = [one for one in names if not one["old"]]
+    single = [effect for effect in effects if effect["kind"] == "single"]
+    said = [name for name in names if not name["old"]]
     found = {
         "strict": share(one["strict"] for one in single),
         "class_aware": share(one["named"] for one in single),
-        "false_alarm": share(one["wrong"] for one in cases if one["kind"] == "untouched"),
-        "set_f1": mean([one["f1"] for one in cases if one["kind"] == "pair"]),
+        "false_alarm": share(case["wrong"] for case in cases if case["kind"] == "untouched"),
+        "set_f1": mean([case["f1"] for case in cases if case["kind"] == "pair"]),
         "interval_coverage": share(hit for one in effects for hit in one["covered"].values()),
-        "calibration_error": calibration_error([one["p"] for one in said], [one["right"] for one in said]),
+        "calibration_error": calibration_error(
+            [one["p"] for one in said], [one["right"] for one in said]
+        ),
     }
-    outcomes = [{key: x for key, x in one.items() if key not in ("new", "wrong", "measured")} for one in cases]
-    return {"cases": len(cases), **in_columns(found), "effects": list(effects), "outcomes": outcomes}
+    outcomes = [
+        {key: x for key, x in case.items() if key not in ("new", "wrong", "measured")}
+        for case in cases
+    ]
+    return {
+        "cases": len(cases),
+        **in_columns(found),
+        "effects": list(effects),
+        "outcomes": outcomes,
+    }
 
 
 def _record(result: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -138,7 +165,10 @@ def _class(finding: Finding) -> set[str]:
 
 def _places(finding: Finding) -> set[str]:
     """Joints of a name, and those where it may stand as well."""
-    return {*finding["joints"], *(one["joint"] for one in finding.get("elsewhere", ()) if one["joint"])}
+    return {
+        *finding["joints"],
+        *(one["joint"] for one in finding.get("elsewhere", ()) if one["joint"]),
+    }
 
 
 def _probability(finding: Finding) -> float:
@@ -148,7 +178,10 @@ def _probability(finding: Finding) -> float:
 def holds(finding: Finding, effect: Row) -> bool:
     """Whether a name's class has the effect, at a joint where it may stand."""
     allowed = {None, *effect["may_stand_at"]}
-    if any(o["effect"] == effect["effect"] and o["joint"] in allowed for o in finding.get("elsewhere", ())):
+    if any(
+        o["effect"] == effect["effect"] and o["joint"] in allowed
+        for o in finding.get("elsewhere", ())
+    ):
         return True
     return effect["effect"] in _class(finding) and bool(allowed & set(finding["joints"]))
 
@@ -158,43 +191,55 @@ def holds(finding: Finding, effect: Row) -> bool:
 
 def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -> Iterable[str]:
     """Lines of all tables."""
-    listed = [one for one in effects if one["in_catalogue"]]
+    listed = [effect for effect in effects if effect["in_catalogue"]]
     single = [one for one in listed if one["kind"] == "single"]
-    fresh = [one for one in names if not one["old"]]
-    yield f"{len(cases)} cases; verdicts: " + _count(one["verdict"] for one in cases)
-    yield "controls: " + _count(one["verdict"] for one in cases if one["kind"] == "control")
+    fresh = [name for name in names if not name["old"]]
+    yield f"{len(cases)} cases; verdicts: " + _count(case["verdict"] for case in cases)
+    yield "controls: " + _count(case["verdict"] for case in cases if case["kind"] == "control")
     measured = [seen for one in cases for seen in one["measured"]]
     yield f"measured by others on the untouched arms, named with p >= 0.5: {_share(measured)}"
-    yield from _grouped("planted singles in the class with p >= 0.5, by size", single, "asked", "named")
+    yield from _grouped(
+        "planted singles in the class with p >= 0.5, by size", single, "asked", "named"
+    )
     yield from _grouped("  at any p", single, "asked", "named_at_all")
     yield from _grouped("  as the first name", single, "asked", "strict")
     yield from _grouped("  by arm", single, "arm", "named")
     yield from _grouped("  by effect", single, "effect", "named")
-    pairs = [one["f1"] for one in cases if one["kind"] == "pair"]
+    pairs = [case["f1"] for case in cases if case["kind"] == "pair"]
     yield f"pairs: F1 {np.mean(pairs):.2f} of {len(pairs)}" if pairs else "pairs: none"
     for kind in ("untouched", "outside", "single"):
-        own = [one for one in cases if one["kind"] == kind]
+        own = [case for case in cases if case["kind"] == kind]
         sure = [any(n["p"] >= CONFIDENT for n in one["wrong"]) for one in own]
-        yield f"{kind}: a new wrong name {_share(one['wrong'] for one in own)}; with p >= 0.5 {_share(sure)}"
-    outside = [one for one in cases if one["kind"] == "outside"]
+        newly_wrong = _share(case["wrong"] for case in own)
+        yield f"{kind}: a new wrong name {newly_wrong}; with p >= 0.5 {_share(sure)}"
+    outside = [case for case in cases if case["kind"] == "outside"]
     yield "outside: verdicts " + _count(one["verdict"] for one in outside)
-    inside = [(f"{one['effect']}.{key}", hit) for one in listed for key, hit in one["covered"].items()]
+    inside = [
+        (f"{one['effect']}.{key}", hit) for one in listed for key, hit in one["covered"].items()
+    ]
     yield f"intervals that hold what was planted: {_share(hit for _, hit in inside)}"
     yield "  missed: " + _count(key for key, hit in inside if not hit)
-    # A name that was not planted and is given to another case of the arm, too, may be the arm's own.
-    wrong = Counter((one["arm"], one["name"]) for one in names if not one["right"])
+    # A name that was not planted and is given to another case of the arm, too, may be the arm's
+    # own.
+    wrong = Counter((name["arm"], name["name"]) for name in names if not name["right"])
     once = [one for one in fresh if one["right"] or wrong[one["arm"], one["name"]] < 2]
     for title, rows in (("", fresh), (", names of one case of the arm alone", once)):
         yield f"calibration (probability, right){title}:"
-        for _, _, said, right in calibration_curve([one["p"] for one in rows], [one["right"] for one in rows], BINS):
+        for _, _, said, right in calibration_curve(
+            [row["p"] for row in rows], [row["right"] for row in rows], BINS
+        ):
             yield f"  {said:.2f}: {_written(right)}"
     yield "wrong names: " + _count(one["name"].split(":")[0] for one in fresh if not one["right"])
-    spent = [one["seconds"] for one in cases if one["seconds"] is not None]
-    yield f"processor seconds a case: median {np.median(spent):.1f}, most {max(spent):.1f}" if spent else ""
+    spent = [case["seconds"] for case in cases if case["seconds"] is not None]
+    yield (
+        f"processor seconds a case: median {np.median(spent):.1f}, most {max(spent):.1f}"
+        if spent
+        else ""
+    )
 
 
 def _grouped(title: str, rows: Sequence[Row], key: str, hit: str) -> Iterable[str]:
-    yield f"{title}: {_share(one[hit] for one in rows)}"
+    yield f"{title}: {_share(row[hit] for row in rows)}"
     for value, own in group_by(rows, lambda one: one[key]).items():
         yield f"    {value}: {_share(one[hit] for one in own)}"
 
@@ -206,24 +251,28 @@ def _share(hits: Iterable[bool]) -> str:
 def _written(one: Score) -> str:
     if one.value is None:
         return "0 of 0"
-    return f"{round(one.value * one.count)} of {one.count} ({one.value:.0%} [{one.low:.0%}, {one.high:.0%}])"
+    share = f"{one.value:.0%} [{one.low:.0%}, {one.high:.0%}]"
+    return f"{round(one.value * one.count)} of {one.count} ({share})"
 
 
 def _count(words: Iterable[str]) -> str:
     return ", ".join(f"{word} {count}" for word, count in Counter(words).most_common()) or "none"
 
 
-#    python -m ident.benchmark.real_check make OUT --cases 150 --seed 1 [--real DIR] [--compare] [--arms ARM,…]
-#                                              [--kept-back]
+#    python -m ident.benchmark.real_check make OUT --cases 150 --seed 1 [--real DIR] [--compare]
+#                                              [--arms ARM,…] [--kept-back]
 #    python -m ident.benchmark.real_check diagnose OUT [--results DIR] [--only 'case_00*']
 #    python -m ident.benchmark.real_check score OUT [--results DIR]
-# `OUT/cases` holds a session folder a case (`before` and `after` of a comparison), and the untouched recordings as
-# `control_…`; what was planted lies in `OUT/answers`.
+# `OUT/cases` holds a session folder a case (`before` and `after` of a comparison), and the
+# untouched recordings as `control_…`; what was planted lies in `OUT/answers`.
 
 
 @dataclass(frozen=True, eq=False)
 class RealReport(Result):
-    """The outcome on semi-real cases: seed, SHA-256 of each case's answer, scores with their rows, tables in words."""
+    """The outcome on semi-real cases.
+
+    Seed, SHA-256 of each case's answer, scores with their rows, tables in words.
+    """
 
     seed: int
     seals: dict[str, str]
@@ -233,30 +282,49 @@ class RealReport(Result):
     def to_dict(self) -> dict[str, Any]:
         """`ident.blind/1`, as far as real arms know it."""
         origin = {"provenance": self.provenance.to_dict()}
-        return {"schema": "ident.blind/1", "seed": self.seed, "seals": self.seals, **self.record, **origin}
+        return {
+            "schema": "ident.blind/1",
+            "seed": self.seed,
+            "seals": self.seals,
+            **self.record,
+            **origin,
+        }
 
     def summary(self) -> str:
         return "\n".join(self.lines)
 
     def plot(self) -> Figure:
         shares = {name: value for name, value in self.record["scores"].items() if value is not None}
-        return draw_bars(list(shares), {"semi-real": (FLEXIBLE, list(shares.values()))}, "share", "semi-real cases")
+        return draw_bars(
+            list(shares),
+            {"semi-real": (FLEXIBLE, list(shares.values()))},
+            "share",
+            "semi-real cases",
+        )
 
 
 def read_rows(out: Path, results: Path) -> tuple[list[Row], list[Row], list[Row]]:
     """Rows of all cases of a folder that have a result; see `rows_of`."""
-    answers = {path.stem: json.loads(path.read_text()) for path in sorted((out / "answers").glob("*.json"))}
+    answers = {
+        path.stem: json.loads(path.read_text()) for path in sorted((out / "answers").glob("*.json"))
+    }
     files = {name: results / f"{name}.json" for name in answers}
-    return rows_of(answers, {name: json.loads(path.read_text()) for name, path in files.items() if path.is_file()})
+    return rows_of(
+        answers,
+        {name: json.loads(path.read_text()) for name, path in files.items() if path.is_file()},
+    )
 
 
 def check_on_real(folder: Path, options: BlindOptions, say: Say, progress: Progress) -> RealReport:
-    """Plants effects onto the real recordings below a folder, diagnoses and scores; goes on where it was stopped.
+    """Plants effects onto the real recordings below a folder, diagnoses and scores.
+
+    Goes on where it was stopped.
 
     Raises:
         InputError: No recordings there, or another check in the folder.
     """
-    seed, out = begin_check(options, {"semi_real": str(folder)}), options.out
+    seed = begin_check(options, {"semi_real": str(folder)})
+    out = options.out
     sealed = out / "seals.json"
     if not sealed.is_file():
         make_cases(load_sources(folder), out, options.cases, seed, paired=False)
@@ -272,16 +340,22 @@ def check_on_real(folder: Path, options: BlindOptions, say: Say, progress: Progr
 
     run_tasks(diagnose_case, list(waiting.values()), options.workers, options.scheduler, count)
     rows = read_rows(out, out / "results")
-    origin = Provenance("ident blind", settings={"cases": options.cases, "seed": seed, "semi_real": str(folder)})
+    origin = Provenance(
+        "ident blind", settings={"cases": options.cases, "seed": seed, "semi_real": str(folder)}
+    )
     report = RealReport(seed, seals, score(*rows), tuple(tables(*rows)), provenance=origin)
     report.save(out / "blind.json")
     return report
 
 
 def diagnose_case(task: tuple[Path, Path]) -> str:
-    """Diagnoses a case, or compares its before and after, and writes what was found; returns its name."""
+    """Diagnoses a case, or compares its before and after, and writes what was found.
+
+    Returns its name.
+    """
     folder, path = task
-    start, used = time.perf_counter(), time.process_time()
+    start = time.perf_counter()
+    used = time.process_time()
     record: dict[str, Any] = {}
     try:
         if (folder / "before").is_dir():
@@ -293,7 +367,8 @@ def diagnose_case(task: tuple[Path, Path]) -> str:
             record["diagnosis"] = diagnose_reports(reports, arm, CATALOGUE)[0].to_dict()
     except InputError as error:
         record["error"] = str(error)
-    record["seconds"], record["processor_seconds"] = time.perf_counter() - start, time.process_time() - used
+    record["seconds"] = time.perf_counter() - start
+    record["processor_seconds"] = time.process_time() - used
     with atomic_write(path) as part:
         part.write_text(as_json(record, None) + "\n", encoding="utf-8")
     return folder.name
@@ -301,15 +376,23 @@ def diagnose_case(task: tuple[Path, Path]) -> str:
 
 def main() -> None:
     """The command; what it takes stands in the module's docstring."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("job", choices=("make", "diagnose", "score"))
     parser.add_argument("out", type=Path)
-    parser.add_argument("--real", type=Path, default=Path(os.environ.get("IDENT_REAL_DATA", "../shared/real")))
+    parser.add_argument(
+        "--real", type=Path, default=Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
+    )
     parser.add_argument("--cases", type=int, default=150)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--compare", action="store_true")
-    parser.add_argument("--arms", default="", help="physical arms, separated by commas; all if none is given")
-    parser.add_argument("--kept-back", action="store_true", help="the arms that stay closed until a release")
+    parser.add_argument(
+        "--arms", default="", help="physical arms, separated by commas; all if none is given"
+    )
+    parser.add_argument(
+        "--kept-back", action="store_true", help="the arms that stay closed until a release"
+    )
     parser.add_argument("--results", type=Path)
     parser.add_argument("--only", default="*")
     given = parser.parse_args()

@@ -1,4 +1,6 @@
-"""From hypotheses to the motion that parts them: search, length, proof, and random motion to compare with.
+"""From hypotheses to the motion that parts them.
+
+Search, length, proof, and random motion to compare with.
 
 The families are searched for the set of runs with the best score: random starts, then local steps.
 """
@@ -22,17 +24,49 @@ from plan.experiment.distance import PredictedDesign, Predictor
 from plan.experiment.feasible import OPEN, Feasibility
 from plan.experiment.hypotheses import LONGEST_MINUTES, Hypotheses
 from plan.experiment.result import Excitation, minutes_to_odds
-from plan.experiment.run_set import FAMILIES, TEXTBOOK, WIDE_FIGURES, RunSet, duration_of, random_runs
+from plan.experiment.run_set import (
+    FAMILIES,
+    TEXTBOOK,
+    WIDE_FIGURES,
+    RunSet,
+    duration_of,
+    random_runs,
+)
 from plan.problem.task_file import Surroundings
 
-# Share of the budget for random starts, and that of these for the family that is known to suit the question.
-STARTS_SHARE, HINTED_SHARE = 0.5, 0.35
+# Share of the budget for random starts, and that of these for the family that is known to suit the
+# question.
+STARTS_SHARE = 0.5
+HINTED_SHARE = 0.35
 # What every proposal must beat.
 BASELINE = "random"
-# Starts that are improved, of different families, and the steps' size at first, as a share of each range.
-FINALISTS, STEP = 3, 0.15
+# Starts that are improved, of different families, and the steps' size at first, as a share of each
+# range.
+FINALISTS = 3
+STEP = 0.15
 # A step that worked makes the next ones larger, others make them smaller: one in five may work.
-GROW, SHRINK = 1.5, 0.9
+GROW = 1.5
+SHRINK = 0.9
+# Runs by which a set is rated while searching: two of its family and two wide ones.
+TRIAL_RUNS = 4
+# The diagnosis leaves out one run after the other: fewer than these say too little, more try the
+# user's patience.
+FEWEST_RUNS = 6
+MOST_RUNS = 60
+# With the length given: two runs of the family, and two in which all joints move.
+LEAST_RUNS = 4
+# Where the question has no odds [min].
+USUAL_MINUTES = 3.0
+# What is expected is only expected: so much more is recorded than it needs.
+RESERVE = 1.5
+RANDOM_TRIES = 3
+# Draws of random motion that the search's best must beat at full length, else the best of them is
+# proposed.
+BASELINE_DRAWS = 4
+PROOF_TRIES = 5
+# Phases of the textbook's Fourier series that are drawn; the one in the middle is told.
+TEXTBOOK_DRAWS = 3
+USUAL = ExciteOptions()
 
 
 class RatedRuns(NamedTuple):
@@ -55,14 +89,16 @@ def search(
         evaluations: Most sets that are rated.
         seed: Of all chance.
     """
-    rng, done = np.random.default_rng(seed), list[RatedRuns]()
+    rng = np.random.default_rng(seed)
+    done = list[RatedRuns]()
 
     def attempt(family: str, shares: Array) -> RatedRuns:
         done.append(RatedRuns(rate(family, shares), family, shares))
         step(len(done), evaluations)
         return done[-1]
 
-    count, names = max(len(FAMILIES), int(STARTS_SHARE * evaluations)), list(FAMILIES)
+    count = max(len(FAMILIES), int(STARTS_SHARE * evaluations))
+    names = list(FAMILIES)
     first = [hinted if hinted in FAMILIES else "wide"] * int(HINTED_SHARE * count)
     for family in first + [names[k % len(names)] for k in range(count - len(first))]:
         attempt(family, rng.uniform(0.0, 1.0, RunSet.freedom(family, joints)))
@@ -87,25 +123,6 @@ def _best_of_families(done: Sequence[RatedRuns]) -> list[RatedRuns]:
     return list(best.values())
 
 
-# Runs by which a set is rated while searching: two of its family and two wide ones.
-TRIAL_RUNS = 4
-# The diagnosis leaves out one run after the other: fewer than these say too little, more try the user's patience.
-FEWEST_RUNS, MOST_RUNS = 6, 60
-# With the length given: two runs of the family, and two in which all joints move.
-LEAST_RUNS = 4
-# Where the question has no odds [min].
-USUAL_MINUTES = 3.0
-# What is expected is only expected: so much more is recorded than it needs.
-RESERVE = 1.5
-RANDOM_TRIES = 3
-# Draws of random motion that the search's best must beat at full length, else the best of them is proposed.
-BASELINE_DRAWS = 4
-PROOF_TRIES = 5
-# Phases of the textbook's Fourier series that are drawn; the one in the middle is told.
-TEXTBOOK_DRAWS = 3
-USUAL = ExciteOptions()
-
-
 class Designer:
     """Looks for the motion of one arm that parts some hypotheses.
 
@@ -120,10 +137,17 @@ class Designer:
     """
 
     def __init__(
-        self, arm: ArmModel, hypotheses: Hypotheses, options: ExciteOptions = USUAL, around: Surroundings = OPEN
+        self,
+        arm: ArmModel,
+        hypotheses: Hypotheses,
+        options: ExciteOptions = USUAL,
+        around: Surroundings = OPEN,
     ) -> None:
-        self.arm, self.options, self.hypotheses = arm, options, hypotheses
-        self.predictor, self.feasible = Predictor.of(arm, hypotheses.noise), Feasibility(arm, options.shapes, around)
+        self.arm = arm
+        self.options = options
+        self.hypotheses = hypotheses
+        self.predictor = Predictor.of(arm, hypotheses.noise)
+        self.feasible = Feasibility(arm, options.shapes, around)
         self.feasible.require_room()
         home = np.array(self.feasible.limits.centre)
         self.general = RunSet("wide", WIDE_FIGURES, home, hypotheses.joint, options.seed)
@@ -135,7 +159,8 @@ class Designer:
 
     def decode(self, family: str, shares: Float[Array, " d"], draw: int = 0) -> RunSet:
         """A set of runs for the joint in question."""
-        limits, seed = self.feasible.limits, self.options.seed + draw
+        limits = self.feasible.limits
+        seed = self.options.seed + draw
         return RunSet.decode(family, shares, self.hypotheses.joint, limits, seed)
 
     def rate(self, family: str, shares: Float[Array, " d"]) -> float:
@@ -149,8 +174,12 @@ class Designer:
         Raises:
             RobotError: No motion of this arm keeps its limits and its distance from itself.
         """
-        began, asked, scene = time.perf_counter(), self.hypotheses, self.feasible.scene
-        run_sets, evaluations, seed = [self.general], 0, self.options.seed
+        began = time.perf_counter()
+        asked = self.hypotheses
+        scene = self.feasible.scene
+        run_sets = [self.general]
+        evaluations = 0
+        seed = self.options.seed
         if asked.testable != ():
             evaluations = self.options.evaluations
             found = search(self.rate, self.arm.n, asked.family, evaluations, seed)
@@ -168,7 +197,11 @@ class Designer:
         by_chance = sorted(chance, key=asked.score)[RANDOM_TRIES // 2]
         return Excitation(
             robot=self.arm.name,
-            status="ready" if asked.testable is None else "one_sided" if asked.testable else "needs_set_up",
+            status="ready"
+            if asked.testable is None
+            else "one_sided"
+            if asked.testable
+            else "needs_set_up",
             aim=asked.aim,
             effects=asked.ids,
             joint=self.arm.joint_names[asked.joint],
@@ -182,7 +215,7 @@ class Designer:
             noise=dict(zip(self.arm.joint_names, map(float, self.predictor.noise), strict=True)),
             sources={
                 "noise": "a share of the rated torque" if asked.noise is None else "diagnosis",
-                **{one.effect.id: one.source for one in view.candidates},
+                **{candidate.effect.id: candidate.source for candidate in view.candidates},
             },
             clearance=min(map(self.feasible.clearance, runs)) if len(scene.pairs) else None,
             scene=scene,
@@ -197,13 +230,17 @@ class Designer:
         """The textbook's Fourier series about the arm's middle, with other phases each."""
         home = np.array(self.feasible.limits.centre)
         draws = range(TEXTBOOK_DRAWS)
-        return [RunSet("fourier", {**TEXTBOOK, "draw": draw}, home, self.hypotheses.joint, 0) for draw in draws]
+        return [
+            RunSet("fourier", {**TEXTBOOK, "draw": draw}, home, self.hypotheses.joint, 0)
+            for draw in draws
+        ]
 
     def _against_textbook(self, view: PredictedDesign, count: int) -> tuple[float, float] | None:
-        """What the textbook's series of so many runs tells [nats], and how wide the proposal's intervals are beside it.
+        """What the textbook's series of so many runs tells [nats], and how wide the proposal's
+        intervals are beside it.
 
-        The width is the median, over the base parameters, of the ratio of standard deviations. None where no series
-        fits this arm.
+        The width is the median, over the base parameters, of the ratio of standard deviations. None
+        where no series fits this arm.
         """
         found: list[PredictedDesign] = []
         for run_set in self._textbook():
@@ -216,10 +253,11 @@ class Designer:
         return told.information(), float(np.median(view.base_deviations() / told.base_deviations()))
 
     def _testable(self) -> tuple[tuple[str, str], ...] | None:
-        """Of effects that another set-up would part, the pairs (true, rival) that wide motion of all joints parts too.
+        """Of effects that another set-up would part, the pairs (true, rival) that wide motion of
+        all joints parts too.
 
-        An effect that is a special case of its rival is fitted by it whatever the arm does; the rival may still show.
-        None where all can be parted.
+        An effect that is a special case of its rival is fitted by it whatever the arm does; the
+        rival may still show. None where all can be parted.
         """
         if self.hypotheses.aim != "separate" or self.hypotheses.set_up is None:
             return None
@@ -228,11 +266,20 @@ class Designer:
             return ()
         found = self.hypotheses.distances(self.see(runs))
         needed = {pair: minutes_to_odds(value, duration_of(runs)) for pair, value in found.items()}
-        parted = tuple(pair for pair, minutes in needed.items() if minutes is not None and minutes <= LONGEST_MINUTES)
+        parted = tuple(
+            pair
+            for pair, minutes in needed.items()
+            if minutes is not None and minutes <= LONGEST_MINUTES
+        )
         return None if len(parted) == len(found) else parted
 
-    def _best_at_length(self, run_sets: list[RunSet]) -> tuple[RunSet, list[ReferenceMotion], PredictedDesign]:
-        """The set that tells most a minute at its full length: a few trial runs flatter some families."""
+    def _best_at_length(
+        self, run_sets: list[RunSet]
+    ) -> tuple[RunSet, list[ReferenceMotion], PredictedDesign]:
+        """The set that tells most a minute at its full length.
+
+        A few trial runs flatter some families.
+        """
         found = []
         for run_set in run_sets:
             try:
@@ -247,7 +294,8 @@ class Designer:
 
     def _of_length(self, run_set: RunSet) -> list[ReferenceMotion]:
         """As many runs as the question takes, each proven to keep its distance."""
-        trial, minutes = self._proven(run_set, FEWEST_RUNS), self.options.minutes
+        trial = self._proven(run_set, FEWEST_RUNS)
+        minutes = self.options.minutes
         wanted = minutes
         if wanted is None:
             found = self.hypotheses.counted(self.hypotheses.distances(self.see(trial)))
@@ -255,7 +303,11 @@ class Designer:
             wanted = RESERVE * (needed or USUAL_MINUTES)
         count = int(np.ceil(60.0 * wanted / (duration_of(trial) / len(trial))))
         # A length that was asked for is kept.
-        count = max(count, LEAST_RUNS) if minutes is not None else int(np.clip(count, FEWEST_RUNS, MOST_RUNS))
+        count = (
+            max(count, LEAST_RUNS)
+            if minutes is not None
+            else int(np.clip(count, FEWEST_RUNS, MOST_RUNS))
+        )
         return self._proven(run_set, count)
 
     def _proven(self, run_set: RunSet, count: int) -> list[ReferenceMotion]:
@@ -267,4 +319,6 @@ class Designer:
                 found.append(run)
             if len(found) == count:
                 return found
-        raise RobotError(self.arm.name, "no motion found that fits", "check its limits and collision geometry")
+        raise RobotError(
+            self.arm.name, "no motion found that fits", "check its limits and collision geometry"
+        )

@@ -14,24 +14,34 @@ from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 
 FRAMES = 120
-LINK, GHOST, OBSTACLE = (11, 110, 153), (154, 165, 177), (179, 38, 30)
+LINK = (11, 110, 153)
+GHOST = (154, 165, 177)
+OBSTACLE = (179, 38, 30)
 
 
 def save_timeline(problem: PlanningProblem, result: PlanResult, path: str | Path) -> None:
-    """Writes a `.rrd` file: the planned motion with its curves, and the initial one beside it as a ghost.
+    """Writes a `.rrd` file.
+
+    The planned motion with its curves, and the initial one beside it as a ghost.
 
     Links' boxes are static shapes under moving frames; a frame is logged only where it is needed.
     """
     assert result.splines is not None
-    stream, arm, boxes = rr.RecordingStream("armgap plan"), problem.scene.arm, problem.scene.boxes
-    joints, data = sorted({box.joint for box in boxes if box.body >= 0}), arm.model.createData()
+    stream = rr.RecordingStream("armgap plan")
+    arm = problem.scene.arm
+    boxes = problem.scene.boxes
+    joints = sorted({box.joint for box in boxes if box.body >= 0})
+    data = arm.model.createData()
     with atomic_write(path) as part:
         stream.save(str(part))
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for box in problem.scene.obstacles:
             _log_box(stream, f"world/obstacles/{box.name}", box, OBSTACLE)
         before = problem.decode(problem.initial)
-        for splines, root, colour in ((result.splines, "world/arm", LINK), (before, "world/initial", GHOST)):
+        for splines, root, colour in (
+            (result.splines, "world/arm", LINK),
+            (before, "world/initial", GHOST),
+        ):
             for i, box in enumerate(box for box in boxes if box.body >= 0):
                 _log_box(stream, f"{root}/joint_{box.joint}/{i}_{box.name}", box, colour)
             times = np.linspace(0.0, float(splines.total[0]), FRAMES)
@@ -45,7 +55,8 @@ def save_timeline(problem: PlanningProblem, result: PlanResult, path: str | Path
                     stream.log(f"{root}/joint_{joint}", moved)
             if splines is before:
                 continue
-            tau, gaps = problem.model.torque(q[None], dq[None], ddq[None])[0], problem.scene.separation(q)
+            tau = problem.model.torque(q[None], dq[None], ddq[None])[0]
+            gaps = problem.scene.separation(q)
             for i, time in enumerate(times):
                 stream.set_time("motion", duration=float(time))
                 for j, name in enumerate(arm.joint_names):
@@ -59,6 +70,9 @@ def save_timeline(problem: PlanningProblem, result: PlanResult, path: str | Path
 def _log_box(stream: rr.RecordingStream, path: str, box: Box, colour: tuple[int, int, int]) -> None:
     quaternion = pin.Quaternion(np.array(box.rotation)).coeffs()
     shape = rr.Boxes3D(
-        half_sizes=[box.half], centers=[box.centre], quaternions=[rr.Quaternion(xyzw=quaternion)], colors=[colour]
+        half_sizes=[box.half],
+        centers=[box.centre],
+        quaternions=[rr.Quaternion(xyzw=quaternion)],
+        colors=[colour],
     )
     stream.log(path, shape, static=True)
