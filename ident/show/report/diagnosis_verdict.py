@@ -79,6 +79,8 @@ def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
     words = words.format(has=has, named=_first_names(listed, names, record), size=size, rest=rest)
     if key == "no_gap" and (wrong := describe_numbers(record)):
         words = wrong if misread else f"{wrong} {RIGHTED}"
+    if key == "no_gap":
+        words = f"{words}{describe_doubt(record)}"
     if scale and misread and scale["bodily"] and not first:
         words = f"A load, or a link's wrong mass, may be why. {words}"
     elif misread and not first and (other or not shown):
@@ -360,6 +362,8 @@ AT_THE_END = {
 }
 # A name below is less likely than not.
 LIKELY = 0.5
+# A chance of one in five that something is left at a joint is worth saying.
+WORTH_SAYING = 0.2
 # Tied names that one sentence holds.
 MOST_TIED = MOST_NAMED
 # What a motion's words begin with where it takes more than motion.
@@ -377,6 +381,15 @@ PATCH = (
     "(why.json is what `--json why.json` writes here)."
 )
 WRITE_NUMBERS = f"Write these numbers into your model: {PATCH}"
+
+
+def describe_doubt(record: Mapping[str, Any]) -> str:
+    """Where something without a name may be left, though less likely than not; nothing where that is hardly likely."""
+    left = record.get("leftover", {})
+    joint = max(left, key=left.__getitem__, default="")
+    if not joint or left[joint] < WORTH_SAYING:
+        return ""
+    return f" With {left[joint]:.0%} something without a name is left at {joint}.".replace("%", " %")
 
 
 def tuned_away_joints(record: Mapping[str, Any]) -> list[str]:

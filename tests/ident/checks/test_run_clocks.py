@@ -27,20 +27,22 @@ def slowed(factor: float, gap: float) -> Callable[[Recording], Recording]:
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_clock_that_goes_otherwise_behind_a_gap_is_told(factor: float, clean: Session, arm: ArmModel) -> None:
-    """Law: the stretch behind the gap is named, with its factor; what lies before is left."""
+    """Law: the stretch behind the gap is named, with its factor, and left out; the rest is fit for use."""
     spoilt = spoil(clean, slowed(factor, 1.0), 0)
     rest, (issue,) = check_run_clocks(spoilt)
-    assert (issue.issue, issue.severity) == ("wrong_time_base", "fatal")
+    assert (issue.issue, issue.severity) == ("wrong_time_base", "warning")
     assert f"{clean.runs[0].name}[1]:" in issue.evidence
     assert f"is {factor:.3g} times" in issue.evidence
     assert len(rest.runs) == len(clean.runs)
-    assert "wrong_time_base" in [issue.issue for issue in inspect(spoilt, arm).fatal]
+    assert inspect(spoilt, arm).find("wrong_time_base")
+    assert not inspect(spoilt, arm).fatal
 
 
 def test_clocks_of_all_runs_may_change_behind_gaps(clean: Session, arm: ArmModel) -> None:
     """Law: told once, and nothing else is accused."""
     report = inspect(spoil(clean, slowed(0.5, 1.0)), arm)
-    assert [issue.issue for issue in report.fatal] == ["wrong_time_base"]
+    assert len(report.find("wrong_time_base")) == 1
+    assert not report.fatal
 
 
 def test_a_gap_alone_is_no_other_clock(clean: Session) -> None:

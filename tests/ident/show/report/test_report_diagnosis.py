@@ -112,6 +112,18 @@ def test_names_of_the_lesser_part_do_not_stand_below_a_gap_without_any() -> None
     assert "no effect of the catalogue" in diagnosis_headline({**record, "findings": []})
 
 
+def test_where_no_gap_is_told_a_doubt_is_told_as_well() -> None:
+    """Law: what may be left at a joint, less likely than not, stands beside "no gap"; hardly likely, it does not."""
+    record = {
+        **copy.deepcopy(RECORD),
+        "verdict": "no_gap",
+        "findings": [],
+        "leftover": {"joint_1": 0.1, "joint_2": 0.4},
+    }
+    assert diagnosis_headline(record).endswith("With 40 % something without a name is left at joint_2.")
+    assert "without a name" not in diagnosis_headline({**record, "leftover": {"joint_1": 0.1, "joint_2": 0.1}})
+
+
 def test_a_card_is_called_as_the_first_line_has_it(tmp_path: Path) -> None:
     """Law: a name that is less likely than not heads its card with those of its class, and how likely they are."""
     record = copy.deepcopy(RECORD)
