@@ -31,7 +31,8 @@ READ_AT_LOADING = {
     "matplotlib.font_manager": {"MPL_IGNORE_SYSTEM_FONTS": "1"},
     "mujoco": {"MUJOCO_GL": "disable"},
 }
-# Without it ONNX Runtime makes an identifier in the user's home and reports its use to its makers; it asks once.
+# Without it ONNX Runtime makes an identifier in the user's home, and reports its use to its makers;
+# it asks once.
 WITHOUT_REPORTS = {"ORT_DISABLE_TELEMETRY": "1"}
 # Folder of styles and lists of fonts, in this package's cache: those of the user stay as they are.
 MATPLOTLIB_FOLDER = "matplotlib"
@@ -50,7 +51,7 @@ def keep_own_settings() -> None:
         sys.meta_path.insert(0, _Finder())
 
 
-def load_onnxruntime() -> Any:
+def load_onnxruntime() -> ModuleType:
     """ONNX Runtime, which reports nothing to anybody.
 
     Raises:

@@ -263,7 +263,13 @@ class Parting:
     def difference(
         self, change: RunChange, gain: float, after: Float[Array, " n"]
     ) -> RunDifference:
-        """What is told of a change of the odd runs: its gain [nats], and the errors it leaves."""
+        """What is told of a change of the odd runs.
+
+        Args:
+            change: The change.
+            gain: By how much all errors shrink together [nats].
+            after: Logarithms of the errors that it leaves.
+        """
         names = tuple(run.name for run in self.runs)
         before, usual = self.errors_of_odd(), mean_error(self.usual)
         return RunDifference(names, change, gain, np.exp(before), np.exp(after), np.exp(usual))

@@ -4,10 +4,10 @@ All runs follow one model. Where a joint's zero lies elsewhere by δ, every join
 
     e_i = δ ∂tau_i / ∂q_j
 
-beside losses of the run's own, for friction drifts. So each run says by itself where its zero is, once, however many
-samples it has. One cut parts early runs from late ones; Student's t holds the step between their means against the
-scatter within them, and its chance counts for every joint and every cut. What another load of the hand explains better
-is no step of a zero.
+beside losses of the run's own, for friction drifts. So each run says by itself where its zero is,
+once, however many samples it has. One cut parts early runs from late ones; Student's t holds the
+step between their means against the scatter within them, and its chance counts for every joint and
+every cut. What another load of the hand explains better is no step of a zero.
 
 Source: Student (1908), Bonferroni's bound, and Schwarz's criterion (1978) between load and zero.
 """
@@ -29,7 +29,7 @@ from ident.robot.arm import ArmModel
 from ident.robot.chain import PER_LINK
 
 FEWEST_STATES = 2 * LOSSES
-# Of a link's ten inertial parameters: its mass and first moments, which are what gravity feels of a load.
+# Of a link's ten inertial parameters: its mass and first moments, as gravity feels a load.
 OF_LOAD = slice(0, 4)
 
 
@@ -40,26 +40,21 @@ class ZeroStep:
     joint: int  # column
     first: int  # number of the first run behind the step, among those that are compared
     size: float  # by how much the joint is read too far behind it [rad]
-    chance: float  # of so clear a step by chance, over all joints and cuts [1]
+    chance: float  # of so clear a step by chance [1]
 
 
 @dataclass(frozen=True, eq=False)
-class Sides:
+class RunEquations:
     """Normal equations of each run: what its torques say of changes, each by its column.
 
-    Squares are of what is left beside the run's own losses, in units of the joints' usual errors, and means over
-    states: a run counts once at each joint.
+    Squares are of what is left beside the run's own losses, in units of the joints' usual errors,
+    and means over states: a run counts once at each joint.
     """
 
     normal: Float[Array, "R c c"]
     right: Float[Array, "R c"]
     left: Float[Array, " R"]  # square that is left where nothing changes
     joints: int  # how many joints' errors stand in all that is left
-
-    def gain(self, columns: list[int], late: Bool[Array, " R"]) -> float:
-        """By how much all that is left shrinks where some changes are others on both sides of a cut, against one."""
-        sides = sum(self._explained(columns, side) for side in (late, ~late))
-        return sides - self._explained(columns, np.ones_like(late))
 
     @property
     def count(self) -> int:
@@ -72,11 +67,18 @@ class Sides:
         rest = max(total - self.gain(columns, late), ROUNDING)
         return float(0.5 * self.count * np.log(total / rest))
 
+    def gain(self, columns: list[int], late: Bool[Array, " R"]) -> float:
+        """By how much all that is left shrinks where changes are others on both sides of a cut."""
+        everywhere = np.ones_like(late)
+        both_sides = self._explained(columns, late) + self._explained(columns, ~late)
+        return both_sides - self._explained(columns, everywhere)
+
     def _explained(self, columns: list[int], runs: Bool[Array, " R"]) -> float:
         """By how much it shrinks where some runs have the same change."""
         normal = self.normal[runs].sum(axis=0)[np.ix_(columns, columns)]
         right = self.right[runs].sum(axis=0)[columns]
-        return float(right @ np.linalg.lstsq(normal, right, rcond=ROUNDING)[0])
+        solution, *_ = np.linalg.lstsq(normal, right, rcond=ROUNDING)
+        return float(right @ solution)
 
 
 def find_zero_step(compared: ComparedRuns) -> RunDifference | None:
@@ -85,32 +87,34 @@ def find_zero_step(compared: ComparedRuns) -> RunDifference | None:
     Args:
         compared: The runs of a session that are long enough, in their order.
     """
-    if not cuts_of(len(compared.runs)):
+    runs = len(compared.runs)
+    if not cuts_of(runs):
         return None
-    sides = make_sides(compared)
-    steps = list(all_steps(sides, compared.arm.n, len(compared.runs)))
-    clear = [step for step in steps if step.chance * len(steps) < LIMIT.step_chance]
+    equations = make_equations(compared)
+    steps = list(all_steps(equations, compared.arm.n))
+    clear = [step for step in steps if step.chance * len(steps) < LIMIT.chance]
     if not clear:
         return None
 
     def gain(step: ZeroStep) -> float:
-        return sides.gain([step.joint], is_late(step.first, len(compared.runs)))
+        return equations.gain([step.joint], is_late(step.first, runs))
 
     best = max(clear, key=gain)
-    if is_load(sides, best, compared.arm.n):
+    if is_load(equations, best, compared.arm.n):
         return None
     return confirm(compared, replace(best, chance=best.chance * len(steps)))
 
 
 def confirm(compared: ComparedRuns, step: ZeroStep) -> RunDifference | None:
-    """What the runs on the shorter side of a step have otherwise than the rest, if reading them so says the same.
+    """What the runs on the shorter side have otherwise, if reading them so says the same.
 
-    There the zero is followed to where the rest foretell these runs best, not by derivatives: it must end nearer to
-    the step than to none, and the runs must be foretold better so.
+    The zero is followed to where the rest foretell these runs best, not by derivatives: it must
+    end nearer to the step than to none, and the runs must be foretold better so.
     """
     late = is_late(step.first, len(compared.runs))
     is_odd = ~late if (~late).sum() < late.sum() else late
-    parting = Parting(compared, tuple(np.flatnonzero(is_odd).tolist()))
+    odd = tuple(np.flatnonzero(is_odd).tolist())
+    parting = Parting(compared, odd)
     size = step.size if is_odd[-1] else -step.size
 
     def cost(change: RunChange) -> float:
@@ -118,14 +122,15 @@ def confirm(compared: ComparedRuns, step: ZeroStep) -> RunDifference | None:
 
     change = followed(RunChange("zero", (step.joint,), size), cost)
     is_nearer_to_none = abs(change.size - size) > abs(change.size)
-    if is_nearer_to_none or cost(change) >= float(np.nansum(parting.errors_of_odd())):
+    as_recorded = float(np.nansum(parting.errors_of_odd()))
+    if is_nearer_to_none or cost(change) >= as_recorded:
         return None
     gain = -float(np.log(max(step.chance, ROUNDING)))
     return parting.difference(change, gain, parting.errors_of_odd(change))
 
 
 def cuts_of(runs: int) -> range:
-    """Numbers of the runs that a late side may begin with: two runs or more are on both sides."""
+    """Numbers of the runs that a late side may begin with: both sides have two runs or more."""
     return range(2, runs - 1)
 
 
@@ -134,19 +139,23 @@ def is_late(first: int, runs: int) -> Bool[Array, " R"]:
     return np.asarray(np.arange(runs) >= first)
 
 
-def all_steps(sides: Sides, joints: int, runs: int) -> Iterator[ZeroStep]:
-    """A step of each joint's zero at each cut with two runs or more on both of its sides."""
+def all_steps(equations: RunEquations, joints: int) -> Iterator[ZeroStep]:
+    """A step of each joint's zero at each cut, where both sides say anything of it."""
+    runs = len(equations.left)
     for joint in range(joints):
-        weight = sides.normal[:, joint, joint]
-        estimate = sides.right[:, joint] / np.maximum(weight, ROUNDING)
+        weight = equations.normal[:, joint, joint]
+        estimate = equations.right[:, joint] / np.maximum(weight, ROUNDING)
         for first in cuts_of(runs):
             late = is_late(first, runs)
-            if weight[late].sum() > ROUNDING and weight[~late].sum() > ROUNDING:
+            if min(weight[late].sum(), weight[~late].sum()) > ROUNDING:
                 yield step_between(estimate, weight, late, joint)
 
 
 def step_between(
-    estimate: Float[Array, " R"], weight: Float[Array, " R"], late: Bool[Array, " R"], joint: int
+    estimate: Float[Array, " R"],
+    weight: Float[Array, " R"],
+    late: Bool[Array, " R"],
+    joint: int,
 ) -> ZeroStep:
     """Student's t of weighted estimates on both sides of a cut.
 
@@ -156,41 +165,46 @@ def step_between(
         late: Which runs lie behind the cut.
         joint: Whose zero.
     """
-    means = [float(np.average(estimate[side], weights=weight[side])) for side in (~late, late)]
-    scatter = estimate - np.where(late, means[1], means[0])
+    before = float(np.average(estimate[~late], weights=weight[~late]))
+    behind = float(np.average(estimate[late], weights=weight[late]))
+    scatter = estimate - np.where(late, behind, before)
     freedom = len(estimate) - 2
     variance = float(weight @ scatter**2) / freedom
     error = np.sqrt(variance * (1.0 / weight[late].sum() + 1.0 / weight[~late].sum()))
-    size = means[0] - means[1]  # an angle that is read too far is off by minus that
-    chance = 2.0 * student.sf(abs(size) / max(float(error), ROUNDING), freedom)
-    return ZeroStep(joint, int(np.argmax(late)), size, float(chance))
+    size = before - behind  # an angle that is read too far is off by minus that
+    ratio = abs(size) / max(float(error), ROUNDING)
+    chance = 2.0 * float(student.sf(ratio, freedom))
+    return ZeroStep(joint, int(np.argmax(late)), size, chance)
 
 
-def is_load(sides: Sides, step: ZeroStep, joints: int) -> bool:
-    """Whether another load of the hand from the same run on explains more than the step, its numbers counted."""
-    late = is_late(step.first, len(sides.left))
-    load = list(range(joints, sides.normal.shape[1]))
-    more = sides.evidence(load, late) - sides.evidence([step.joint], late)
-    return more > 0.5 * (len(load) - 1) * np.log(sides.count)
+def is_load(equations: RunEquations, step: ZeroStep, joints: int) -> bool:
+    """Whether another load of the hand from that run on explains more, its numbers counted."""
+    late = is_late(step.first, len(equations.left))
+    load = list(range(joints, equations.normal.shape[1]))
+    more = equations.evidence(load, late) - equations.evidence([step.joint], late)
+    return more > 0.5 * (len(load) - 1) * np.log(equations.count)
 
 
-def make_sides(compared: ComparedRuns) -> Sides:
-    """The normal equations of all runs: zeros of the joints first, then the load's mass and moments."""
-    tables, runs = compared.tables, compared.runs
+def make_equations(compared: ComparedRuns) -> RunEquations:
+    """The normal equations of all runs: zeros of the joints, then the load's mass and moments."""
+    runs = compared.runs
     coefficients = fit(compared.sums.mean(axis=0), len(runs)).coefficients
-    parts = []
+    squares = []
     for run in runs:
+        table = compared.tables.table(run)
         changes = changes_of(compared.arm, run)
-        parts.append(beside_losses(tables.table(run), run, coefficients, changes))
-    left = np.array([squares[:, -1, -1] for squares in parts])
-    seen = left > 0.0
-    usual = np.where(seen.any(axis=0), left.sum(axis=0) / np.maximum(seen.sum(axis=0), 1), np.inf)
-    sums = np.array([np.sum(squares / usual[:, None, None], axis=0) for squares in parts])
-    return Sides(sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1], int(np.isfinite(usual).sum()))
+        squares.append(beside_losses(table, run, coefficients, changes))
+    left = np.array([square[:, -1, -1] for square in squares])
+    moved_runs = np.maximum((left > 0.0).sum(axis=0), 1)
+    usual = left.sum(axis=0) / moved_runs
+    moves = usual > 0.0
+    scale = np.where(moves, 1.0 / np.where(moves, usual, 1.0), 0.0)
+    sums = np.einsum("rjcd,j->rcd", np.array(squares), scale)
+    return RunEquations(sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1], int(moves.sum()))
 
 
 def changes_of(arm: ArmModel, run: RunStates) -> Float[Array, "n T c"]:
-    """What each joint's torque changes by, for a zero of each joint that turns and for a load of the hand."""
+    """What each joint's torque changes by: zeros of joints that turn, a load of the hand."""
     zeros, _, _ = arm.derivatives(run.q, run.dq, run.ddq)
     turning = np.where(arm.sliding_joints, 0.0, 1.0)
     regressor = arm.regressor(run.q, run.dq, run.ddq)
@@ -200,16 +214,24 @@ def changes_of(arm: ArmModel, run: RunStates) -> Float[Array, "n T c"]:
 
 
 def beside_losses(
-    table: Float[Array, "n T k"], run: RunStates, coefficients: Float[Array, "n p"], changes: Float[Array, "n T c"]
+    table: Float[Array, "n T k"],
+    run: RunStates,
+    coefficients: Float[Array, "n p"],
+    changes: Float[Array, "n T c"],
 ) -> Float[Array, "n d d"]:
-    """Inner products of changes, and last of what is left, beside losses of the run's own; 0 of joints that stand."""
-    squares = np.zeros((len(table), changes.shape[2] + 1, changes.shape[2] + 1))
+    """Inner products of changes, and last of what is left, beside losses of the run's own.
+
+    Those of joints that stand are zero.
+    """
+    size = changes.shape[2] + 1
+    squares = np.zeros((len(table), size, size))
     for joint, rows in enumerate(run.moves.T):
         if rows.sum() < FEWEST_STATES:
             continue
-        left = table[joint][:, -1] - table[joint][:, :-1] @ coefficients[joint]
-        whole = np.column_stack([changes[joint], left])[rows]
-        losses, _ = np.linalg.qr(table[joint][rows, -1 - LOSSES : -1])
+        columns = table[joint][rows]
+        left = columns[:, -1] - columns[:, :-1] @ coefficients[joint]
+        whole = np.column_stack([changes[joint][rows], left])
+        losses, _ = np.linalg.qr(columns[:, -1 - LOSSES : -1])
         whole = whole - losses @ (losses.T @ whole)
         squares[joint] = whole.T @ whole / rows.sum()
     return squares

@@ -54,9 +54,9 @@ class _Run:
         first = np.clip((problem.initial - problem.lower) / self.span, 1e-6, 1.0 - 1e-6)
         limits = {"tolfun": TOLERANCE, "tolfunhist": TOLERANCE, "tolx": 1e-6}
         size = 2 * (4 + int(3 * np.log(problem.dimension)))
-        # The folder where the user stands may hold a stranger's `cma_signals.in`: no file of options, no log.
-        alone = {"signals_filename": "", "verb_log": 0}
-        settings = {"bounds": [0.0, 1.0], "popsize": size, "seed": seed, "verbose": -9, **alone, **limits}
+        # A stranger's `cma_signals.in` may lie where the user stands: no file of options, no log.
+        alone = {"signals_filename": "", "verb_log": 0, "verbose": -9}
+        settings = {"bounds": [0.0, 1.0], "popsize": size, "seed": seed, **alone, **limits}
         self.strategy = cma.CMAEvolutionStrategy(first, options.step, settings)
 
     @property
