@@ -37,7 +37,7 @@ NARROW = (
     *("ident/trajectories", "tests/house"),
     *("ident/diagnosis/change", "ident/diagnosis/gap", "ident/schemas", "ident/show/timeline"),
     *("plan/dynamics", "plan/experiment", "plan/geometry", "plan/initial", "plan/paper"),
-    *("plan/problem", "plan/show"),
+    *("plan/planners", "plan/problem", "plan/show"),
 )
 # Folders of no more syntax nodes a code line than plain code has; the list may only grow.
 PLAIN = (

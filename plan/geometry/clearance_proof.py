@@ -262,6 +262,34 @@ def _walk(
         closest = closest.or_nearer(distances, time)
         if closest.distance < target or time >= knots[-1]:
             return closest, count
-        clear = time + float(((distances - target) / rates[section]).min())
-        # Rates hold for the section: look again where it ends.
-        time = min(max(clear, time + FINEST), float(knots[section + 1]))
+        clear = _clear_until(time, section, distances - target, rates, knots)
+        time = min(max(clear, time + FINEST), float(knots[-1]))
+
+
+def _clear_until(
+    time: float,
+    section: int,
+    spare: Float[Array, " P"],
+    rates: Float[Array, "K P"],
+    knots: Float[Array, " k"],
+) -> float:
+    """Until when no pair can have come as close as the target [s].
+
+    A controller's curve has a section a tick: were each of them looked at, the proof of a motion of
+    two seconds would take one.
+
+    Args:
+        time: When the arm is where it was looked at [s].
+        section: The section which that lies in.
+        spare: What each pair has there beyond the target [m].
+        rates: Top change of each pair's distance in each section [m/s].
+        knots: Ends of the sections, and the first one's beginning [s].
+    """
+    while True:
+        clear = time + float((spare / rates[section]).min())
+        ends = float(knots[section + 1])
+        if clear < ends or section == len(rates) - 1:
+            return clear
+        spare = spare - rates[section] * (ends - time)
+        time = ends
+        section += 1

@@ -67,12 +67,13 @@ class Proximity:
 
         Args:
             q: Position [rad].
-            beyond: That distance, for each pair [m].
+            beyond: That distance, for each pair [m]; minus infinity where none is asked for.
             known: Lower bounds that are known from elsewhere [m].
         """
         self._place(np.asarray(q, dtype=float))
-        bounds = self._bounds(np.arange(len(self._sides)))
-        distances = np.maximum(bounds, known[self._owner])
+        asked = np.flatnonzero(beyond[self._owner] > -np.inf)
+        distances = known[self._owner]
+        distances[asked] = np.maximum(self._bounds(asked), distances[asked])
         for which in np.flatnonzero(distances < beyond[self._owner]):
             pin.computeDistance(self._geometry, self._geometry_data, int(which))
             result = self._geometry_data.distanceResults[int(which)]

@@ -1,1 +1,4 @@
-"""The planners: one file each, one interface; those of the paper and its peers are loaded when they are named."""
+"""The planners: one file each, one interface.
+
+Those of the paper and its peers are loaded when they are named.
+"""

@@ -1,4 +1,7 @@
-"""What every planner has: a name, problems to start from, a ledger that counts and remembers, a budget that ends it."""
+"""What every planner has.
+
+A name, problems to start from, a ledger that counts and remembers, a budget that ends it.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,8 @@ from ident.progress import step
 from plan.problem.problem import TOLERANCE, BatchEvaluation, PlanningProblem
 from plan.spline import Splines
 
-# Where each method's planner stands; it is loaded when it is made: the libraries of some take seconds to load.
+# Where each method's planner stands; it is loaded when it is made: the libraries of some take
+# seconds to load.
 METHODS = {
     "sqp": "planners.sequential:Sequential",
     "reference": "planners.reference:Reference",
@@ -32,7 +36,8 @@ METHODS = {
 }
 # Methods that shorten time only.
 TIME_ONLY = ("compress", "toppra")
-# Seconds between two questions to the system what was spent: each may wait behind all other processes.
+# Seconds between two questions to the system what was spent: each may wait behind all other
+# processes.
 LOOK_EVERY = 0.01
 
 
@@ -79,7 +84,9 @@ class Ledger:
     """Counts what a search spends of its budget, keeps the best candidate and the history."""
 
     most: int  # trajectories that may be evaluated; the search ends with these or with the time
-    most_seconds: float  # processor time that may be spent, which a busy machine does not stretch [s]
+    most_seconds: (
+        float  # processor time that may be spent, which a busy machine does not stretch [s]
+    )
     # Beyond that, for the certificate and for mending what it finds [s].
     kept_back: float = 0.0
     shown: bool = False  # whether whoever listens is told how much of the budget is spent
@@ -107,7 +114,7 @@ class Ledger:
 
     @property
     def seconds_left(self) -> float:
-        """Processor time that is left of the budget, as it was a hundredth of a second ago at most [s]."""
+        """Processor time left of the budget, as it was a hundredth of a second ago at most [s]."""
         now = time.perf_counter()
         if now - self._looked > LOOK_EVERY:
             self._looked, self._spent = now, self.cpu_seconds
@@ -137,12 +144,14 @@ class Ledger:
         x = np.atleast_2d(x)[: self.remaining]
         if len(x) == 0:
             raise BudgetSpentError
-        found = problem.evaluate(x)
+        evaluation = problem.evaluate(x)
         self.count(len(x))
-        violation = found.violation
-        first = np.lexsort((np.where(violation <= TOLERANCE, found.cost, violation), violation > TOLERANCE))[0]
-        self.offer(Candidate(problem, x[first].copy(), float(found.cost[first]), float(violation[first])))
-        return found
+        violation = evaluation.violation
+        cost = evaluation.cost
+        is_allowed = violation <= TOLERANCE
+        first = np.lexsort((np.where(is_allowed, cost, violation), ~is_allowed))[0]
+        self.offer(Candidate(problem, x[first].copy(), float(cost[first]), float(violation[first])))
+        return evaluation
 
     def penalised(self, problem: PlanningProblem, x: Float[Array, "B d"]) -> Float[Array, " b"]:
         """As `evaluate`, as one number to minimise; shorter than asked where the budget ends."""
@@ -162,21 +171,25 @@ class Ledger:
             self.best_of[candidate.problem.label] = candidate
         if candidate.better_than(self.best):
             self.best = candidate
-            self.history.append((self.evaluations, self.cpu_seconds, candidate.cost if candidate.feasible else np.inf))
+            cost = candidate.cost if candidate.feasible else np.inf
+            self.history.append((self.evaluations, self.cpu_seconds, cost))
 
 
 class Planner(ABC):
     """A way of searching.
 
-    Options live in the constructor; `search` gets the problems, one for each initial trajectory, best first. One that
-    explores looks for initial trajectories itself and gets the straight line, or the taught way.
+    Options live in the constructor; `search` gets the problems, one for each initial trajectory,
+    best first. One that explores looks for initial trajectories itself and gets the straight line,
+    or the taught way.
     """
 
     name: ClassVar[str]
     explores: ClassVar[bool] = False
 
     @abstractmethod
-    def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
+    def search(
+        self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator
+    ) -> None:
         """Looks for the best trajectory and leaves it in the ledger.
 
         Args:
@@ -185,7 +198,9 @@ class Planner(ABC):
             rng: Source of randomness; the same seed gives the same search.
         """
 
-    def run(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> Ledger:
+    def run(
+        self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator
+    ) -> Ledger:
         """Searches until done or until the budget is spent."""
         try:
             self.search(problems, ledger, rng)
@@ -203,7 +218,8 @@ def make_planner(method: str, objective: str) -> Planner:
     if method not in METHODS:
         raise InputError("--method", f"{method!r} is unknown", f"use one of: {', '.join(METHODS)}")
     if method in TIME_ONLY and objective != "time":
-        raise InputError("--method", f"{method} shortens time only", "use --objective time, or another method")
+        remedy = "use --objective time, or another method"
+        raise InputError("--method", f"{method} shortens time only", remedy)
     module, name = METHODS[method].split(":")
     planner: Planner = getattr(import_module(f"plan.{module}"), name)()
     return planner

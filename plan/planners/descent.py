@@ -1,4 +1,7 @@
-"""Sequential quadratic programming from one trajectory: exact slopes, a learned curvature, steps that must pay."""
+"""Sequential quadratic programming from one trajectory.
+
+Exact slopes, a learned curvature, steps that must pay.
+"""
 
 from __future__ import annotations
 
@@ -9,34 +12,55 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from plan.planners.base import Ledger
 from plan.planners.local_model import LocalModel, Look
-from plan.planners.subproblem import ConstraintRows, solve_step
-from plan.planners.transcription import DEGREE
+from plan.planners.subproblem import Bounds, ConstraintRows, Step, solve_step
+from plan.planners.transcription import ACTING, DEGREE
 
-# Price of the largest excess over a limit (a share of it), of the clearance's shortfall (10 cm) and of the excess over
-# a rule of the way, as shares of the cost; raised tenfold, so many times at most, where something stays broken.
-PRICES, RAISES = (4.0, 20.0, 20.0), 3
-# A step must bring this share of what was promised; one that brings the larger share may be longer next time.
-LEAST, GOOD = 0.05, 0.5
+# Price of the largest excess over a limit (a share of it), of the clearance's shortfall (10 cm) and
+# of the excess over a rule of the way, as shares of the cost.
+PRICES = (4.0, 20.0, 20.0)
+# They are raised tenfold, so many times at most, where something stays broken.
+RAISES = 3
+# A step must bring this share of what was promised.
+LEAST = 0.05
+# One that brings this share may be longer next time.
+GOOD = 0.5
 # Shortest step worth another try [rad].
 SHORTEST = 1e-5
+# Longest step of any [rad].
+LONGEST = 1.0
 # A failed step shorter than this teaches the next one what it hit [rad].
 NEARBY = 0.1
-# Curvature given to the time objective, whose own is nought: keeps coefficients that don't matter where they are.
+# Share of a failed step that the next may be as long as.
+SHORTER = 0.3
+# The same of a step that has taught the next one something.
+SHORTER_TAUGHT = 0.6
+# Largest change of the duration in a step, as a share of it.
+DURATION_REACH = 0.2
+# Curvature given to the time objective, whose own is nought: keeps coefficients that don't matter
+# where they are.
 CALM = 2e-3
-# Length of the step by which curvature is measured [rad], and the factors that are believed.
-PROBE, STIFFEST = 0.01, (1e-3, 1e2)
-# What counts as kept: of a limit as a share of it (half of what the search aims lower than the ledger asks for), of the
-# clearance as a share of 10 cm, of a rule of the way in its unit. A quarter of a millimetre more than the margin is
-# asked for, and of a rule a tenth more.
-KEPT, KEPT_CLEAR, KEPT_RULE = 5e-5, 1e-3, 2e-4
+# The same of the coefficients whatever their shape, and of the duration.
+CALM_ALL = 1e-4
+# Length of the step by which curvature is measured [rad].
+PROBE = 0.01
+# The factors by which it is believed to differ from what smoothness asks for.
+STIFFEST = (1e-3, 1e2)
+# What counts as kept: of a limit as a share of it, half of what the search aims lower than the
+# ledger asks for.
+KEPT = 5e-5
+# Of the clearance as a share of 10 cm: a quarter of a millimetre more than the margin is asked for.
+KEPT_CLEAR = 1e-3
+# Of a rule of the way in its unit, of which a tenth more is asked for.
+KEPT_RULE = 2e-4
 # Local times of a section's ends.
 ENDS = np.array([0.0, 1.0])
 # Sections of a finer grid for each of the one before, for energy and for time: where sections are
 # shorter only where limits switch, fewer do better (`bench_plan_grids.py`).
 FINER = (2.0, 1.5)
-# Share of a finer grid's sections that go by length, and the shortest one, as a share of the
-# duration.
-EVENLY, NARROWEST = 0.5, 0.002
+# Share of a finer grid's sections that go by length.
+EVENLY = 0.5
+# The shortest of them, as a share of the duration.
+NARROWEST = 0.002
 # Share of a limit from which it binds.
 BINDS = 0.95
 
@@ -58,7 +82,9 @@ class Course:
     @property
     def rank(self) -> tuple[bool, float]:
         """Allowed before not allowed, then by what is broken or by cost."""
-        return (not self.kept, self.look.cost if self.kept else self.look.broken)
+        if self.kept:
+            return False, self.look.cost
+        return True, self.look.broken
 
 
 def _breaks(look: Look) -> bool:
@@ -67,19 +93,27 @@ def _breaks(look: Look) -> bool:
 
 def begin(local: LocalModel, x: Float[Array, " d"]) -> Course:
     """A course before its first step."""
-    look, curvature = local.look(x), first_curvature(local)
-    if local.timed:
-        return Course(local, x, look, curvature)
-    # How much more the cost is bent than that, along a short way downhill.
-    scale = max(abs(look.cost), 1e-9)
-    gradient, bend = (part / scale for part in local.gradient(x)[:2])
+    look = local.look(x)
+    curvature = first_curvature(local)
+    if not local.timed:
+        curvature = curvature * _stiffness(local, x, abs(look.cost), curvature)
+    return Course(local, x, look, curvature)
+
+
+def _stiffness(
+    local: LocalModel, x: Float[Array, " d"], cost: float, curvature: Float[Array, "d d"]
+) -> float:
+    """How many times more the cost is bent than that, along a short way downhill."""
+    scale = max(cost, 1e-9)
+    gradient, bend = (derivative / scale for derivative in local.gradient(x)[:2])
     step = -np.linalg.solve(curvature + bend + 1e-9 * np.eye(len(x)), gradient)
     length = float(np.abs(step).max())
     if length < 1e-12:
-        return Course(local, x, look, curvature)
+        return 1.0
     step *= PROBE / length
     change = local.gradient(x + step)[0] / scale - gradient - bend @ step
-    return Course(local, x, look, curvature * float(np.clip((change @ step) / (step @ curvature @ step), *STIFFEST)))
+    ratio = (change @ step) / (step @ curvature @ step)
+    return float(np.clip(ratio, *STIFFEST))
 
 
 def first_curvature(local: LocalModel) -> Float[Array, "d d"]:
@@ -87,12 +121,14 @@ def first_curvature(local: LocalModel) -> Float[Array, "d d"]:
     grid = local.grid
     weights = (np.diff(grid.knots)[:, None] * local.weights).reshape(-1)
     design = np.zeros((len(weights), grid.sections + DEGREE))
-    design[np.arange(len(weights))[:, None], grid.first[:, None] + np.arange(DEGREE + 1)] = grid.bases[1]
-    gram = (design.T @ (weights[:, None] * design))[grid.held : -grid.held, grid.held : -grid.held]
+    rows = np.arange(len(weights))[:, None]
+    design[rows, grid.first[:, None] + ACTING] = grid.bases[1]
+    free = slice(grid.held, -grid.held)
+    gram = (design.T @ (weights[:, None] * design))[free, free]
     smooth = np.kron(gram, np.eye(local.n))
     if not local.timed:
         return smooth
-    calm = np.diag(np.full(local.size, 1e-4))
+    calm = np.diag(np.full(local.size, CALM_ALL))
     calm[:-1, :-1] += CALM * smooth
     return calm
 
@@ -107,75 +143,133 @@ def descend(course: Course, ledger: Ledger, steps: int, reach: float, tolerance:
         reach: Longest first step [rad].
         tolerance: Ends where less than this share of the cost is to be gained.
     """
-    local, x, now, curvature = course.local, course.x, course.look, course.curvature
-    low, high = local.bounds
-    scale = max(abs(now.cost), 1e-9)
-    prices, raised = np.array(PRICES), 0
-    slope: Array | None = None
-    bent = np.zeros_like(curvature)
-    taken = np.zeros(0)
+    descent = _Descent(course, ledger, reach, tolerance)
     for _ in range(steps):
-        if ledger.remaining == 0:
+        if ledger.remaining == 0 or not descent.advance():
             break
+    return descent.course
+
+
+class _Descent:
+    """What is known between two steps: prices, the longest step, slopes of the last place."""
+
+    def __init__(self, course: Course, ledger: Ledger, reach: float, tolerance: float) -> None:
+        self.course = course
+        self._ledger = ledger
+        self._reach = reach
+        self._tolerance = tolerance
+        self._limits = course.local.bounds
+        self._scale = max(abs(course.look.cost), 1e-9)
+        self._prices = np.array(PRICES)
+        self._raised = 0
+        # Derivative of the cost where the last step began, what bends it there, and that step.
+        self._slope: Array | None = None
+        self._bent = np.zeros_like(course.curvature)
+        self._step = np.zeros(0)
+
+    def advance(self) -> bool:
+        """Takes one step; false where none pays, or the budget is spent."""
+        local = self.course.local
+        x = self.course.x
         gradient, bend, rows = local.gradient(x)
-        bend = bend / scale
-        ledger.count(1)
-        if slope is not None and not local.timed:
-            curvature = _learn(curvature, taken, (gradient - slope) / scale - 0.5 * (bent + bend) @ taken)
-        slope, bent = gradient, bend
-        clear, ruled = local.clearance_rows(x), local.rule_rows(x)
-        taken = np.zeros(0)
-        while reach > SHORTEST and ledger.remaining > 0:
-            span = np.full(local.size, reach)
-            if local.timed:
-                span[-1] = min(reach, 0.2) * x[-1]
-            bounds = np.maximum(low - x, -span), np.minimum(high - x, span)
-            groups = [rows, clear, ruled]
-            found = solve_step(gradient / scale, curvature + bend, groups, prices, bounds, local.timed)
-            if found is None:
-                reach *= 0.3
+        bend = bend / self._scale
+        self._ledger.count(1)
+        if self._slope is not None and not local.timed:
+            change = (gradient - self._slope) / self._scale
+            change = change - 0.5 * (self._bent + bend) @ self._step
+            learned = _learn(self.course.curvature, self._step, change)
+            self.course = replace(self.course, curvature=learned)
+        self._slope = gradient
+        self._bent = bend
+        groups = [rows, local.clearance_rows(x), local.rule_rows(x)]
+        while self._reach > SHORTEST and self._ledger.remaining > 0:
+            promise = solve_step(
+                gradient / self._scale,
+                self.course.curvature + bend,
+                groups,
+                self._prices,
+                self._bounds(),
+                local.timed,
+            )
+            if promise is None:
+                self._reach *= SHORTER
                 continue
-            step, promised = found
-            if promised < tolerance:
-                if _breaks(now) and raised < RAISES:
-                    prices, raised = prices * 10.0, raised + 1
-                    continue
-                return Course(local, x, now, curvature)
-            new = local.look(x + step)
-            ledger.count(1)
-            share = (now.merit(prices, scale) - new.merit(prices, scale)) / promised
-            if share > GOOD:
-                reach = min(2.0 * max(float(np.abs(step).max()), 0.5 * reach), 1.0)
-            elif share < LEAST:
-                length = float(np.abs(step).max())
-                learned = new.clearance > now.clearance + KEPT and length < NEARBY
-                if learned:
-                    # To first order about where the step failed, as seen from before it: the distance of two boxes
-                    # bends where another edge or face comes nearest, and a step that missed that knows it now.
-                    hit = local.clearance_rows(x + step)
-                    missed = hit.room < 0.0
-                    seen = ConstraintRows(hit.matrix[missed], hit.room[missed] + hit.matrix[missed] @ step)
-                    clear = ConstraintRows.join([clear, seen])
-                reach = (0.6 if learned else 0.3) * min(reach, length)
+            if promise[1] < self._tolerance:
+                if not _breaks(self.course.look) or self._raised == RAISES:
+                    return False
+                self._prices = self._prices * 10.0
+                self._raised += 1
                 continue
-            x, now, taken = x + step, new, step
-            break
-        if len(taken) == 0:
-            break
-    return Course(local, x, now, curvature)
+            if self._try(promise, groups):
+                return True
+        return False
+
+    def _bounds(self) -> Bounds:
+        """How far the next step may go in each variable."""
+        local = self.course.local
+        x = self.course.x
+        low, high = self._limits
+        span = np.full(local.size, self._reach)
+        if local.timed:
+            span[-1] = min(self._reach, DURATION_REACH) * x[-1]
+        return np.maximum(low - x, -span), np.minimum(high - x, span)
+
+    def _try(self, promise: Step, groups: list[ConstraintRows]) -> bool:
+        """Whether a step brings what it should; then it is taken, else the next one is shorter.
+
+        Args:
+            promise: The step, and what it should bring.
+            groups: Limits, clearance and rules; what a step hits is added to the clearance.
+        """
+        local = self.course.local
+        now = self.course.look
+        step, promised = promise
+        x = self.course.x + step
+        length = float(np.abs(step).max())
+        look = local.look(x)
+        self._ledger.count(1)
+        brought = now.merit(self._prices, self._scale) - look.merit(self._prices, self._scale)
+        share = brought / promised
+        if share > GOOD:
+            self._reach = min(2.0 * max(length, 0.5 * self._reach), LONGEST)
+        elif share < LEAST:
+            teaches = look.clearance > now.clearance + KEPT and length < NEARBY
+            if teaches:
+                groups[1] = ConstraintRows.join([groups[1], _hit(local, x, step)])
+            shorter = SHORTER_TAUGHT if teaches else SHORTER
+            self._reach = shorter * min(self._reach, length)
+            return False
+        self._step = step
+        self.course = replace(self.course, x=x, look=look)
+        return True
 
 
-def _learn(curvature: Float[Array, "d d"], step: Float[Array, " d"], change: Float[Array, " d"]) -> Float[Array, "d d"]:
+def _hit(local: LocalModel, x: Float[Array, " d"], step: Float[Array, " d"]) -> ConstraintRows:
+    """What a failed step hit, to first order about where it failed, as seen from before it.
+
+    The distance of two boxes bends where another edge or face comes nearest, and a step that missed
+    that knows it now.
+    """
+    hit = local.clearance_rows(x)
+    missed = hit.room < 0.0
+    return ConstraintRows(hit.matrix[missed], hit.room[missed] + hit.matrix[missed] @ step)
+
+
+def _learn(
+    curvature: Float[Array, "d d"], step: Float[Array, " d"], change: Float[Array, " d"]
+) -> Float[Array, "d d"]:
     """BFGS with Powell's damping, so that the curvature stays positive."""
     bent = curvature @ step
-    curved, seen = float(step @ bent), float(step @ change)
+    curved = float(step @ bent)
+    seen = float(step @ change)
     if curved < 1e-16:
         return curvature
     if seen < 0.2 * curved:
         share = 0.8 * curved / (curved - seen)
         change = share * change + (1.0 - share) * bent
         seen = float(step @ change)
-    return curvature - np.outer(bent, bent) / curved + np.outer(change, change) / seen
+    forgotten = np.outer(bent, bent) / curved
+    return curvature - forgotten + np.outer(change, change) / seen
 
 
 def count_finer(local: LocalModel) -> int:
@@ -185,13 +279,14 @@ def count_finer(local: LocalModel) -> int:
 
 def refine(course: Course, width: float, power: float, nodes: tuple[Array, Array]) -> Course:
     """The same trajectory on a finer grid, with its own rounding of sign and power, and nodes."""
-    local, (coefficients, duration) = course.local, course.local.split(course.x)
+    local = course.local
+    coefficients, duration = local.split(course.x)
     parts = choose_parts(course)
     grid = replace(local.grid.parted(parts), nodes=nodes[0])
     aims = np.repeat(local.torque_aim, parts, axis=0)
     finer = replace(local, grid=grid, weights=nodes[1], width=width, power=power, torque_aim=aims)
-    x = finer.join(grid.fit(local.grid.splines(coefficients, duration)), duration)
-    return begin(finer, x)
+    free = grid.fit(local.grid.splines(coefficients, duration))
+    return begin(finer, finer.join(free, duration))
 
 
 def choose_parts(course: Course) -> Int[Array, " K"]:
@@ -215,9 +310,11 @@ def choose_parts(course: Course) -> Int[Array, " K"]:
     binding = (np.abs(used) > BINDS).mean(axis=(0, 1)) ** 2
     change = np.abs(used[:, 1] - used[:, 0]) @ binding
     widths = np.diff(local.grid.knots)
-    wanted = EVENLY * widths + (1.0 - EVENLY) * change / max(change.sum(), 1e-12)
+    by_change = (1.0 - EVENLY) * change / max(change.sum(), 1e-12)
+    wanted = EVENLY * widths + by_change
     parts = np.ones(sections, dtype=int)
     for _ in range(count_finer(local) - sections):
-        room = widths / (parts + 1) >= NARROWEST
-        parts[int(np.argmax(np.where(room, wanted / parts, 0.0)))] += 1
+        is_wide = widths / (parts + 1) >= NARROWEST
+        gains = np.where(is_wide, wanted / parts, 0.0)
+        parts[int(np.argmax(gains))] += 1
     return parts

@@ -34,45 +34,70 @@ from plan.planners.transcription import Grid
 from plan.problem.problem import SHARE, STRAIGHT, PlanningProblem
 from plan.spline import Splines
 
-# Via points of the first grid, and its fewest sections, for energy and for time, whatever the task asks for: more of
-# them hold what fewer can. Times of few sections hardly tell which start ends lowest.
-FIRST_VIAS, COARSE = 2, (6, 12)
-# Shares of the duration by which a motion is slowed down until it keeps its limits between the nodes, too.
+# Via points of the first grid.
+FIRST_VIAS = 2
+# Its fewest sections, for energy and for time, whatever the task asks for: more of them hold what
+# fewer can. Times of few sections hardly tell which start ends lowest.
+COARSE = (6, 12)
+# Shares of the duration by which a motion is slowed down until it keeps its limits between the
+# nodes, too.
 SLOWER = (1.0, 1.0003, 1.0006, 1.001, 1.002, 1.004, 1.008, 1.016, 1.03, 1.06)
-# Rounding of the sign of the speed [rad/s] and of the modulus of power [W]: on the first grid, and on finer ones.
+# Rounding of the sign of the speed [rad/s] and of the modulus of power [W]: on the first grid, and
+# on finer ones.
 WIDTHS = ((0.05, 2.0), (0.01, 0.5), (0.003, 0.1))
 # Sections from which on each is looked at in fewer places.
 MANY = 12
-# Places of a section at which peaks are looked for: those of the ledger's evaluation among them, and close enough
-# together for the peak where a joint turns round and its friction changes sign.
+# Places in a section, for time: of few sections, of many, of twice as many.
+TIMED_NODES = (7, 5, 4)
+# The same for energy, beside the section's ends: of few sections, of many.
+ENERGY_NODES = (6, 4)
+# Places of a section at which peaks are looked for: those of the ledger's evaluation among them,
+# and close enough together for the peak where a joint turns round and its friction changes sign.
 DENSE = freeze(np.unique(np.concatenate([np.linspace(0.0, 1.0, 97), section_nodes()[0]])))
-# Limits passed between the nodes, and at them by no more than this share, are aimed lower: a motion slowed down for a
-# thousandth too much torque ends per cent above one that aims a thousandth lower.
+# Limits passed between the nodes, and at them by no more than this share, are aimed lower: a motion
+# slowed down for a thousandth too much torque ends per cent above one that aims a thousandth lower.
 NEARLY = 0.01
 # Times that limits are aimed lower until they hold between the nodes, too.
 SETTLED = 3
-# Trajectories whose positions differ by less than this all along are the same, and one of them goes on [rad]; places at
-# which they are compared.
-SAME, COMPARED = 0.03, freeze(np.linspace(0.0, 1.0, 17)[1:-1])
-# A descent ends where less than this share of the cost is to be gained, on the first finer grid, the second, and so on:
-# what a coarse grid leaves undone the next one does anyway.
+# Trajectories whose positions differ by less than this all along are the same, and only the better
+# goes on [rad].
+SAME = 0.03
+# Places at which they are compared.
+COMPARED = freeze(np.linspace(0.0, 1.0, 17)[1:-1])
+# A descent from a start ends where less than this share of the cost is to be gained.
+ROUGHLY = 1e-4
+# The same on the first finer grid, the second, and so on: what a coarse grid leaves undone the next
+# one does anyway.
 TOLERANCES = (5e-5, 2e-5, 1e-5)
-# A descent whose last step was cut short begins anew with a fresh curvature as long as that brings such a share.
+# The same on knots that are named, where no finer grid follows.
+CLOSELY = 1e-6
+# A descent whose last step was cut short begins anew with a fresh curvature as long as that brings
+# such a share.
 ANEW = 1e-3
-# Starts after which the best of them goes on at once, by so many grids for energy and for time: so a plan near the best
-# comes early, and the same steps are not taken again where it is still among the best when all have been tried.
-LEAD, LEADS = 3, (2, 1)
+# Longest first step of a descent [rad]: from a start, from what steps have come to, from what a
+# descent has ended at, and where limits are aimed a little lower.
+FROM_START = 0.3
+FROM_COURSE = 0.1
+FROM_END = 0.05
+FROM_SETTLED = 0.02
+# Starts after which the best of them goes on at once: so a plan near the best comes early, and the
+# same steps are not taken again where it is still among the best when all have been tried.
+LEAD = 3
+# By so many grids, for energy and for time.
+LEADS = (2, 1)
 # A start whose cost lies this many times above the best after a third of its steps is given up.
 FAR = 1.25
 # Where a plan is known, so is one that collides so much by then, in units of 10 cm.
 LOST = 0.2
-# Grids are not made finer than this: a step's programme has as many variables as all joints' sections.
+# Grids are not made finer than this: a step's programme has as many variables as all joints'
+# sections.
 FINEST = 96
 # Most refinements, for energy and for time.
 LEVELS = (3, 4)
-# Fewest via points that a motion without acceleration at its ends leaves free, and trajectories by which CMA-ES moves
-# time stamps that are named.
-SOFT_VIAS, STAMPS = 3, 4000
+# Fewest via points that a motion without acceleration at its ends leaves free.
+SOFT_VIAS = 3
+# Trajectories by which CMA-ES moves time stamps that are named.
+STAMPS = 4000
 # Share of its limit that a search aims at below what the ledger asks for.
 AIM = 0.9999
 
@@ -82,10 +107,11 @@ Refined = dict[Course, tuple[float, Course]]
 
 @dataclass(frozen=True)
 class Sequential(Planner):
-    """Sequential quadratic programming from every start on a coarse grid; the best ones go on to finer grids.
+    """Sequential quadratic programming from every start; the best ones go on to finer grids.
 
-    Motions start and end without acceleration, so that they are executed as they are planned. A search for the shortest
-    time begins at the limits, so that it does not depend on the duration that the task guesses.
+    Motions start and end without acceleration, so that they are executed as they are planned. A
+    search for the shortest time begins at the limits, so that it does not depend on the duration
+    that the task guesses.
 
     A grid whose sections are parts of those of the one before holds every trajectory of that, and
     the search begins with it, so more freedom never ends worse. Where the user has named what is
@@ -95,17 +121,21 @@ class Sequential(Planner):
 
     starts: int = 10  # initial trajectories that are tried
     first: int = 36  # steps on the coarse grid from each start
-    # Most steps on each finer grid: nearly all end of themselves, and one that does not has ended 3 % above.
+    # Most steps on each finer grid: nearly all end of themselves, and one that does not has ended
+    # 3 % above.
     steps: int = 80
-    # Starts that go on to the first finer grid, to the second, and so on; the last number counts from there on.
+    # Starts that go on to the first finer grid, to the second, and so on; the last number counts
+    # from there on.
     kept: tuple[int, ...] = (4, 2, 1)
-    # Share of the cost that a finer grid must bring for another one to follow, for energy and for time.
+    # Share of the cost that a finer grid must bring for the next to follow, for energy and time.
     gains: tuple[float, float] = (0.005, 0.001)
     levels: int = max(LEVELS)  # most refinements, of which no more than `LEVELS` are made
     name: ClassVar[str] = "sqp"
     explores: ClassVar[bool] = True
 
-    def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
+    def search(
+        self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator
+    ) -> None:
         """Tries the given starts, and further ones where only the straight line is given."""
         given = problems[0]
         if not given.grows or given.free == "times":
@@ -114,17 +144,12 @@ class Sequential(Planner):
         ways = self._initial(problems, ledger, rng)
         self._search(islice(ways, max(self.starts, len(problems))), ledger)
         best = ledger.best
-        if len(problems) > 1 or best is None or best.problem.via_count >= given.via_count:
-            return
-        # The longest sections of the motion, which stays as it is, are parted until it has as many via points as asked.
-        splines = best.splines
-        knots = _parted(np.concatenate([[0.0], np.cumsum(splines.durations[0])]), given.via_count + 1)
-        points = splines.at(knots)[0]
-        points[0], points[-1] = splines.points[0, 0], splines.points[0, -1]
-        same = best.problem.with_initial(Splines(points[None], np.diff(knots)[None]))
-        ledger.best = Candidate(same, same.initial, best.cost, best.violation)
+        if len(problems) == 1 and best is not None and best.problem.via_count < given.via_count:
+            ledger.best = _with_vias(best, given.via_count)
 
-    def _search_named(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
+    def _search_named(
+        self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator
+    ) -> None:
         """Via points on the knots that are given, from several ways, and then time stamps.
 
         Raises:
@@ -136,24 +161,30 @@ class Sequential(Planner):
             what = f"with a jerk limit {first.via_count} via points leave nothing free"
             raise InputError("--variables", what, f"give task.via_points = {SOFT_VIAS} or more")
         if first.searches_vias:
-            courses: list[Course] = []
             ways = self._initial(problems, ledger, rng, first.via_count)
-            for problem in islice(ways, max(self.starts, len(problems))):
-                courses.append(self._try(begin_course(problem), ledger, courses))
-                if ledger.remaining == 0:
-                    return
-            for course in sorted(courses, key=lambda one: one.rank)[: self.kept[0]]:
-                for width, power in WIDTHS[1:]:
-                    local = replace(course.local, width=width, power=power)
-                    course = descend(begin(local, course.x), ledger, self.steps, 0.1, 1e-6)
-                    course, _ = self.settle(course, ledger)
+            self._move_vias(islice(ways, max(self.starts, len(problems))), ledger)
         if first.searches_times and ledger.remaining > 0:
             best = ledger.best
             starts = problems if best is None else [best.problem.with_initial(best.splines)]
-            Evolution(step=0.02 if best else 0.05, most=STAMPS).search(starts, ledger, rng)
+            step = 0.05 if best is None else 0.02
+            Evolution(step=step, most=STAMPS).search(starts, ledger, rng)
+
+    def _move_vias(self, ways: Iterable[PlanningProblem], ledger: Ledger) -> None:
+        """Tries some ways, and takes the best of them on with less rounding, on the same knots."""
+        courses: list[Course] = []
+        for problem in ways:
+            courses.append(self._try(begin_course(problem), ledger, courses))
+            if ledger.remaining == 0:
+                return
+        for course in sorted(courses, key=lambda course: course.rank)[: self.kept[0]]:
+            for width, power in WIDTHS[1:]:
+                local = replace(course.local, width=width, power=power)
+                course = begin(local, course.x)
+                course = descend(course, ledger, self.steps, FROM_COURSE, CLOSELY)
+                course, _ = self.settle(course, ledger)
 
     def _search(self, ways: Iterable[PlanningProblem], ledger: Ledger) -> None:
-        """Tries some ways and takes the best of them to finer grids, as many on each as `kept` says."""
+        """Tries some ways and takes the best to finer grids, as many on each as `kept` says."""
         courses: list[Course] = []
         known: Refined = {}
         for problem in ways:
@@ -169,43 +200,61 @@ class Sequential(Planner):
             self._finer(courses, ledger, known, most)
 
     def _try(self, course: Course, ledger: Ledger, others: Sequence[Course]) -> Course:
-        """Steps on the coarse grid; given up early where it collides or lies far above the best of the others."""
-        course = descend(course, ledger, self.first // 3, 0.3, 1e-4)
+        """Steps on the coarse grid; given up early where it collides or lies far above the best."""
+        early = self.first // 3
+        course = descend(course, ledger, early, FROM_START, ROUGHLY)
         enter(course, ledger)
         if not ledger.solved:
             course, _ = self.settle(course, ledger)
         best = min((other.rank for other in others), default=(True, np.inf))
-        if best < (False, course.look.cost / FAR) or (best < (True, 0.0) and course.look.clearance > LOST):
+        is_far = best < (False, course.look.cost / FAR)
+        is_lost = best < (True, 0.0) and course.look.clearance > LOST
+        if is_far or is_lost:
             return course
-        course = descend(course, ledger, self.first - self.first // 3, 0.1, 1e-4)
+        course = descend(course, ledger, self.first - early, FROM_COURSE, ROUGHLY)
         return self.settle(course, ledger)[0]
 
     def settle(self, course: Course, ledger: Ledger) -> tuple[Course, float]:
-        """Enters a course; where limits hold at its nodes but not between them, after steps with tighter ones."""
+        """Enters a course; with tighter limits again where they hold at its nodes alone.
+
+        Returns:
+            Where the steps have come to, and the least cost that was allowed.
+        """
         cost = enter(course, ledger)
         for turn in range(SETTLED):
-            look, local = course.look, course.local
-            nearly = look.limits <= NEARLY and look.clearance <= KEPT_CLEAR and look.rules <= KEPT_RULE
-            if ledger.remaining == 0 or not nearly or (turn > 0 and cost < np.inf):
+            if ledger.remaining == 0 or not _nearly_holds(course):
                 break
-            torque, speed = (np.maximum(part, 1.0) for part in peaks(course))
+            if turn > 0 and cost < np.inf:
+                break
+            torque, speed = peaks(course)
+            torque = np.maximum(torque, 1.0)
+            speed = np.maximum(speed, 1.0)
             if max(torque.max(), speed.max()) <= 1.0 + KEPT:
                 break
-            local = replace(local, torque_aim=local.torque_aim / torque, speed_aim=local.speed_aim / speed)
-            course = descend(begin(local, course.x), ledger, self.steps // 10, 0.02, 1e-5)
+            local = course.local
+            aims = {"torque_aim": local.torque_aim / torque, "speed_aim": local.speed_aim / speed}
+            course = begin(replace(local, **aims), course.x)
+            course = descend(course, ledger, self.steps // 10, FROM_SETTLED, TOLERANCES[-1])
             cost = min(cost, enter(course, ledger))
         return course, cost
 
     def _initial(
-        self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator, vias: int = FIRST_VIAS
+        self,
+        problems: Sequence[PlanningProblem],
+        ledger: Ledger,
+        rng: np.random.Generator,
+        vias: int = FIRST_VIAS,
     ) -> Iterator[PlanningProblem]:
+        """The ways that are given; where that is the straight line alone, others as well."""
         first = problems[0]
         if len(problems) > 1 or first.label != STRAIGHT:
             yield from problems
             return
         count = vias + 1
         base = replace(
-            first, vias=straight(first.start, first.goal, vias), durations=np.full(count, first.durations.sum() / count)
+            first,
+            vias=straight(first.start, first.goal, vias),
+            durations=np.full(count, first.durations.sum() / count),
         )
         if base.objective == "time":
             base = at_its_limits(base)
@@ -221,8 +270,9 @@ class Sequential(Planner):
     def _finer(self, courses: Sequence[Course], ledger: Ledger, done: Refined, most: int) -> None:
         """Parts the sections until that brings less than the gain, on each grid for fewer courses.
 
-        What a course costs on a coarse grid tells little of what it will on a fine one: of ten starts the seventh best
-        has ended 2 % below the best. So several go on, and are compared again on each grid.
+        What a course costs on a coarse grid tells little of what it will on a fine one: of ten
+        starts the seventh best has ended 2 % below the best. So several go on, and are compared
+        again on each grid.
 
         Args:
             courses: The best ones first.
@@ -230,33 +280,35 @@ class Sequential(Planner):
             done: What became of courses on finer grids; filled.
             most: Most refinements.
         """
-        timed, known = courses[0].local.timed, np.inf
+        gain = self.gains[courses[0].local.timed]
+        known = np.inf
         for level in range(most):
-            finer = []
+            finer: list[tuple[float, Course]] = []
             for course in _different(courses, self.kept[min(level, len(self.kept) - 1)]):
-                if course not in done and count_finer(course.local) > FINEST:
-                    done[course] = (course.look.cost if course.kept else np.inf, course)
                 if course not in done:
                     done[course] = self._refine(course, ledger, level)
-                cost, refined = done[course]
                 if ledger.remaining == 0:
                     return
-                finer.append((refined.rank, cost, refined))
-            finer.sort(key=lambda found: found[:2])
-            courses = [refined for _, _, refined in finer]
-            cost = min(found for _, found, _ in finer)
-            if level > 0 and known < np.inf and cost > known * (1.0 - self.gains[timed]):
+                finer.append(done[course])
+            finer.sort(key=lambda reached: (reached[1].rank, reached[0]))
+            courses = [course for _, course in finer]
+            cost = min(cost for cost, _ in finer)
+            if level > 0 and known < np.inf and cost > known * (1.0 - gain):
                 return
             known = min(known, cost)
 
     def _refine(self, course: Course, ledger: Ledger, level: int) -> tuple[float, Course]:
-        """Cost and course after steps on a finer grid."""
-        nodes = _nodes(course.local.timed, count_finer(course.local))
-        refined = refine(course, *WIDTHS[min(level + 1, 2)], nodes)
+        """Cost and course after steps on a finer grid; as they were where none finer is made."""
+        sections = count_finer(course.local)
+        if sections > FINEST:
+            return (course.look.cost if course.kept else np.inf), course
+        nodes = _nodes(course.local.timed, sections)
+        refined = refine(course, *WIDTHS[min(level + 1, len(WIDTHS) - 1)], nodes)
         tolerance = TOLERANCES[min(level, len(TOLERANCES) - 1)]
-        refined = descend(refined, ledger, self.steps, 0.1, tolerance)
+        refined = descend(refined, ledger, self.steps, FROM_COURSE, tolerance)
         while not refined.local.timed and ledger.remaining > 0:
-            anew = descend(begin(refined.local, refined.x), ledger, self.steps, 0.05, tolerance)
+            anew = begin(refined.local, refined.x)
+            anew = descend(anew, ledger, self.steps, FROM_END, tolerance)
             brought = refined.look.cost - anew.look.cost
             if anew.rank >= refined.rank:
                 break
@@ -267,13 +319,23 @@ class Sequential(Planner):
         return cost, refined
 
 
+def _nearly_holds(course: Course) -> bool:
+    """Whether a course keeps its limits all but for a little."""
+    look = course.look
+    is_clear = look.clearance <= KEPT_CLEAR and look.rules <= KEPT_RULE
+    return is_clear and look.limits <= NEARLY
+
+
 def _different(courses: Sequence[Course], most: int) -> list[Course]:
-    """The first of the courses, so many at most, without those that have come to where a better one is."""
+    """The first of the courses, without those that have come to where a better one is.
+
+    So many at most.
+    """
     taken: list[Course] = []
     places: list[Array] = []
     for course in courses:
-        grid = course.local.grid
-        place = grid.positions(course.local.split(course.x)[0], COMPARED)
+        coefficients = course.local.split(course.x)[0]
+        place = course.local.grid.positions(coefficients, COMPARED)
         if any(np.abs(place - other).max() < SAME for other in places):
             continue
         taken.append(course)
@@ -283,73 +345,106 @@ def _different(courses: Sequence[Course], most: int) -> list[Course]:
     return taken
 
 
+def _with_vias(best: Candidate, count: int) -> Candidate:
+    """The same motion, its longest sections parted until it has so many via points."""
+    splines = best.splines
+    times = np.concatenate([[0.0], np.cumsum(splines.durations[0])])
+    knots = _parted(times, count + 1)
+    points = splines.at(knots)[0]
+    points[0] = splines.points[0, 0]
+    points[-1] = splines.points[0, -1]
+    same = best.problem.with_initial(Splines(points[None], np.diff(knots)[None]))
+    return Candidate(same, same.initial, best.cost, best.violation)
+
+
 def begin_course(problem: PlanningProblem) -> Course:
     """A problem's initial trajectory on a grid of its own knots.
 
     Where these may grow, long sections are parted, and acceleration is zero at both ends.
     """
-    problem = at_its_limits(problem) if problem.objective == "time" else problem
-    knots = np.round(np.concatenate([[0.0], np.cumsum(problem.durations)]) / problem.durations.sum(), 12)
+    timed = problem.objective == "time"
+    if timed:
+        problem = at_its_limits(problem)
+    knots = np.round(_knots(problem), 12)
     knots[-1] = 1.0
-    knots = _parted(knots, COARSE[problem.objective == "time"]) if problem.grows else knots
-    nodes, weights = _nodes(problem.objective == "time", len(knots) - 1)
+    if problem.grows:
+        knots = _parted(knots, COARSE[timed])
+    nodes, weights = _nodes(timed, len(knots) - 1)
     grid = Grid(freeze(knots), problem.grows or problem.limits.jerk is not None, nodes)
-    aims = np.full((grid.sections, problem.n), AIM), np.full(problem.n, AIM)
-    local = LocalModel(problem, grid, weights, *WIDTHS[0], *aims)
-    start = Splines(problem.with_ends(problem.vias)[None], problem.durations[None])
-    return begin(local, local.join(grid.fit(start), float(problem.durations.sum())))
+    return _course_on(problem, grid, weights, WIDTHS[0])
 
 
 def descend_on_knots(problem: PlanningProblem, ledger: Ledger, steps: int) -> None:
-    """Takes a motion to the least energy on its own knots, for which it may have been moved a little.
+    """Takes a motion to the least energy on its own knots, for which it may have been moved.
 
     Args:
         problem: The task, its duration fixed, started from the motion.
         ledger: Gets what is found, until its budget ends.
         steps: Most steps, on a coarser and on a finer rounding of the signs of speed and power.
     """
-    knots = np.concatenate([[0.0], np.cumsum(problem.durations)]) / problem.durations.sum()
+    knots = _knots(problem)
     knots[-1] = 1.0
     nodes, weights = _nodes(False, len(knots) - 1)
     grid = Grid(freeze(knots), True, nodes)
     if grid.free < 1:
         return
-    aims = np.full((grid.sections, problem.n), AIM), np.full(problem.n, AIM)
-    local = LocalModel(problem, grid, weights, *WIDTHS[1], *aims)
-    start = Splines(problem.with_ends(problem.vias)[None], problem.durations[None])
-    course = begin(local, local.join(grid.fit(start), float(problem.durations.sum())))
+    course = _course_on(problem, grid, weights, WIDTHS[1])
     planner = Sequential(steps=steps)
     with suppress(BudgetSpentError):
         for width, power in WIDTHS[1:]:
             course = begin(replace(course.local, width=width, power=power), course.x)
-            course = descend(course, ledger, steps, 0.1, 1e-5)
+            course = descend(course, ledger, steps, FROM_COURSE, TOLERANCES[-1])
             course = planner.settle(course, ledger)[0]
+
+
+def _knots(problem: PlanningProblem) -> Float[Array, " K"]:
+    """Ends of a problem's sections, as shares of its duration."""
+    ends = np.concatenate([[0.0], np.cumsum(problem.durations)])
+    return np.asarray(ends / problem.durations.sum())
+
+
+def _course_on(
+    problem: PlanningProblem, grid: Grid, weights: Array, widths: tuple[float, float]
+) -> Course:
+    """A problem's initial trajectory on a grid, with weights of its nodes and roundings."""
+    torque_aim = np.full((grid.sections, problem.n), AIM)
+    speed_aim = np.full(problem.n, AIM)
+    local = LocalModel(problem, grid, weights, *widths, torque_aim, speed_aim)
+    initial = Splines(problem.with_ends(problem.vias)[None], problem.durations[None])
+    return begin(local, local.join(grid.fit(initial), float(problem.durations.sum())))
 
 
 def _parted(knots: Float[Array, " K"], sections: int) -> Float[Array, " K"]:
     """The knots with the longest section parted until there are so many sections."""
     while len(knots) < sections + 1:
         widest = int(np.argmax(np.diff(knots)))
-        knots = np.insert(knots, widest + 1, (knots[widest] + knots[widest + 1]) / 2)
+        middle = (knots[widest] + knots[widest + 1]) / 2
+        knots = np.insert(knots, widest + 1, middle)
     return knots
 
 
 def _nodes(timed: bool, sections: int) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
-    """Where a section is looked at, fewer places where there are many sections; and quadrature weights."""
+    """Where a section is looked at, fewer places where there are many sections; and weights."""
     if timed:
-        count = 7 if sections < MANY else 5 if sections < 2 * MANY else 4
+        count = TIMED_NODES[min(sections // MANY, len(TIMED_NODES) - 1)]
         return freeze(np.linspace(0.0, 1.0, count)), freeze(np.zeros(count))
-    x, w = np.polynomial.legendre.leggauss(6 if sections < MANY else 4)
-    return freeze([0.0, *((x + 1) / 2), 1.0]), freeze([0.0, *(w / 2), 0.0])
+    places, weights = np.polynomial.legendre.leggauss(ENERGY_NODES[sections >= MANY])
+    nodes = [0.0, *((places + 1) / 2), 1.0]
+    return freeze(nodes), freeze([0.0, *(weights / 2), 0.0])
 
 
 def peaks(course: Course) -> tuple[Float[Array, "K n"], Float[Array, " n"]]:
-    """Largest torque of each section and largest speed, as shares of what is aimed at, between the nodes, too."""
+    """Largest torque of each section and largest speed, as shares of what is aimed at.
+
+    Between the nodes, too.
+    """
     local = course.local
-    splines, limits = local.splines(course.x), local.problem.limits
-    shape = (local.grid.sections, len(DENSE), local.n)
-    torque = np.abs(local.problem.model.torque(*splines.states(DENSE))[0]).reshape(shape).max(axis=1)
-    return torque / (SHARE * AIM * limits.torque), splines.top_speed[0] / (SHARE * AIM * limits.speed)
+    limits = local.problem.limits
+    splines = local.splines(course.x)
+    tau = np.abs(local.problem.model.torque(*splines.states(DENSE))[0])
+    torque = tau.reshape(local.grid.sections, len(DENSE), local.n).max(axis=1)
+    speed = splines.top_speed[0]
+    return torque / (SHARE * AIM * limits.torque), speed / (SHARE * AIM * limits.speed)
 
 
 def enter(course: Course, ledger: Ledger) -> float:
@@ -358,17 +453,20 @@ def enter(course: Course, ledger: Ledger) -> float:
     Returns:
         Its cost; infinite where it is not allowed.
     """
-    splines, problem = course.local.splines(course.x), course.local.problem
+    splines = course.local.splines(course.x)
+    problem = course.local.problem
     for factor in SLOWER if course.local.timed else (1.0,):
         slower = Splines(splines.points, splines.durations * factor)
         if ledger.solved:
             torque = np.abs(problem.model.torque(*slower.states(DENSE))[0])
             if np.any(torque > problem.limits.torque):
-                continue  # the ledger looks in fewer places: it would take for allowed what the certificate refuses
+                # The ledger looks in fewer places: it would take for allowed what the certificate
+                # refuses.
+                continue
         carrier = problem.with_initial(slower)
-        found = ledger.evaluate(carrier, carrier.initial[None])
-        if found.feasible[0]:
-            return float(found.cost[0])
-        if found.collision[0] > 0 or found.position[0] > 0:
+        evaluation = ledger.evaluate(carrier, carrier.initial[None])
+        if evaluation.feasible[0]:
+            return float(evaluation.cost[0])
+        if evaluation.collision[0] > 0 or evaluation.position[0] > 0:
             break
     return float("inf")

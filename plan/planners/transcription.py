@@ -1,8 +1,9 @@
-"""A trajectory as coefficients of cubic B-splines: the same clamped splines, in numbers that act locally.
+"""A trajectory as coefficients of cubic B-splines: clamped splines, in numbers that act locally.
 
-A clamped cubic spline over K sections has K + 3 coefficients. The first two hold the start at rest and the last two the
-goal; with the third and the third last held too, acceleration starts and ends at zero, and jerk is bounded. The knots
-are shares of the whole duration T, so speed goes with 1/T and acceleration with 1/T².
+A clamped cubic spline over K sections has K + 3 coefficients. The first two hold the start at rest
+and the last two the goal; with the third and the third last held too, acceleration starts and ends
+at zero, and jerk is bounded. The knots are shares of the whole duration T, so speed goes with 1/T
+and acceleration with 1/T².
 """
 
 from __future__ import annotations
@@ -18,6 +19,13 @@ from ident.compiled import compiled
 from plan.spline import Splines
 
 DEGREE = 3
+# Coefficients that act in one section, counted from its first.
+ACTING = np.arange(DEGREE + 1)
+# Places a section at which a motion that is none of a grid's own is fitted to it.
+FITTED = 8
+
+States = tuple[Float[Array, "m n"], Float[Array, "m n"], Float[Array, "m n"]]
+"""Position [rad], speed [rad/s] and acceleration [rad/s²] at some places."""
 
 
 @compiled(nogil=True)
@@ -29,14 +37,20 @@ def sections_of(shares, knots):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True, nogil=True)
 def _bases_at(shares, first, knots, taylor):  # type: ignore[no-untyped-def]
-    """The four B-splines of each place's own section and three derivatives, by their Taylor series: (4, m, 4)."""
+    """The B-splines of each place's own section and three derivatives, of shape (4, m, 4).
+
+    By their Taylor series.
+    """
     out = np.empty((4, shares.shape[0], 4))
     for i in range(shares.shape[0]):
         k = first[i]
         since = shares[i] - knots[k]
         for m in range(4):
-            b, c, d = taylor[1, k, m], taylor[2, k, m], taylor[3, k, m]
-            out[0, i, m] = taylor[0, k, m] + since * (b + since * (c / 2.0 + since * d / 6.0))
+            a = taylor[0, k, m]
+            b = taylor[1, k, m]
+            c = taylor[2, k, m]
+            d = taylor[3, k, m]
+            out[0, i, m] = a + since * (b + since * (c / 2.0 + since * d / 6.0))
             out[1, i, m] = b + since * (c + since * d / 2.0)
             out[2, i, m] = c + since * d
             out[3, i, m] = d
@@ -80,72 +94,94 @@ class Grid:
 
     @cached_property
     def bases(self) -> Float[Array, "4 T 4"]:
-        """What the four coefficients give at each node: position, and its first three derivatives by the share."""
+        """What the four coefficients give at each node.
+
+        Position, and its first three derivatives by the share.
+        """
         return freeze(_bases_at(self.shares, self.first, self.knots, self.taylor))
 
     @cached_property
     def taylor(self) -> Float[Array, "4 K 4"]:
         """Value and derivatives of each section's four B-splines at its beginning."""
         splines = BSpline(self._padded, np.eye(self.sections + DEGREE), DEGREE)
-        columns = np.arange(self.sections)[:, None] + np.arange(DEGREE + 1)
+        begins = self.knots[:-1]
+        middles = (self.knots[:-1] + self.knots[1:]) / 2
+        values = [splines(begins)]
+        values.extend(splines.derivative(order)(begins) for order in range(1, DEGREE))
+        values.append(splines.derivative(DEGREE)(middles))  # steady in a section
         rows = np.arange(self.sections)[:, None]
-        parts = [splines.derivative(k)(self.knots[:-1]) if k else splines(self.knots[:-1]) for k in range(DEGREE)]
-        parts.append(splines.derivative(DEGREE)((self.knots[:-1] + self.knots[1:]) / 2))
-        return freeze([part[rows, columns] for part in parts])
+        return freeze([value[rows, rows + ACTING] for value in values])
 
     @cached_property
     def _padded(self) -> Float[Array, " q"]:
         return np.concatenate([np.zeros(DEGREE), self.knots, np.ones(DEGREE)])
 
-    def coefficients(self, free: Float[Array, "F n"], start: Array, goal: Array) -> Float[Array, "C n"]:
+    def coefficients(
+        self, free: Float[Array, "F n"], start: Float[Array, " n"], goal: Float[Array, " n"]
+    ) -> Float[Array, "C n"]:
         """All coefficients, the held ones included."""
-        return np.concatenate([np.repeat(start[None], self.held, 0), free, np.repeat(goal[None], self.held, 0)])
+        before = np.repeat(start[None], self.held, 0)
+        behind = np.repeat(goal[None], self.held, 0)
+        return np.concatenate([before, free, behind])
 
     def at(self, shares: Float[Array, " m"]) -> tuple[Float[Array, "4 m 4"], Int[Array, " m"]]:
         """As `bases` and `first`, at any shares of the duration."""
         first = sections_of(shares, self.knots)
         return _bases_at(shares, first, self.knots, self.taylor), first
 
-    def positions(self, coefficients: Float[Array, "C n"], shares: Float[Array, " m"]) -> Float[Array, "m n"]:
+    def positions(
+        self, coefficients: Float[Array, "C n"], shares: Float[Array, " m"]
+    ) -> Float[Array, "m n"]:
         """Positions at any shares of the duration."""
         bases, first = self.at(shares)
-        return np.asarray(np.einsum("tk,tkn->tn", bases[0], coefficients[first[:, None] + np.arange(DEGREE + 1)]))
+        return np.asarray(np.einsum("tk,tkn->tn", bases[0], _acting(coefficients, first)))
 
     def states(
-        self, coefficients: Float[Array, "C n"], duration: float, shares: Float[Array, " m"] | None = None
-    ) -> tuple[Array, Array, Array]:
+        self,
+        coefficients: Float[Array, "C n"],
+        duration: float,
+        shares: Float[Array, " m"] | None = None,
+    ) -> States:
         """Position, speed and acceleration at all nodes, or at given shares of the duration."""
         bases, first = (self.bases, self.first) if shares is None else self.at(shares)
-        q, dq, ddq = np.einsum("ptk,tkn->ptn", bases[:3], coefficients[first[:, None] + np.arange(DEGREE + 1)])
-        return q, dq / duration, ddq / duration**2
+        local = _acting(coefficients, first)
+        q, by_share, twice_by_share = np.einsum("ptk,tkn->ptn", bases[:3], local)
+        return q, by_share / duration, twice_by_share / duration**2
 
     def jerk(self, coefficients: Float[Array, "C n"], duration: float) -> Float[Array, "K n"]:
         """Jerk of every section, constant in it [rad/s³]."""
-        local = coefficients[np.arange(self.sections)[:, None] + np.arange(DEGREE + 1)]
-        return np.asarray(np.einsum("sk,skn->sn", self.taylor[3], local)) / duration**3
+        local = _acting(coefficients, np.arange(self.sections))
+        by_share = np.einsum("sk,skn->sn", self.taylor[3], local)
+        return np.asarray(by_share) / duration**3
 
     def splines(self, coefficients: Float[Array, "C n"], duration: float) -> Splines:
         """The trajectory by its knots: a batch of one."""
-        local = coefficients[np.arange(self.sections)[:, None] + np.arange(DEGREE + 1)]
-        points = np.concatenate([np.einsum("sk,skn->sn", self.taylor[0], local), coefficients[-1:]])
+        local = _acting(coefficients, np.arange(self.sections))
+        begins = np.einsum("sk,skn->sn", self.taylor[0], local)
+        points = np.concatenate([begins, coefficients[-1:]])
         points[0] = coefficients[0]
-        return Splines(points[None], (np.diff(self.knots) * duration)[None])
+        durations = np.diff(self.knots) * duration
+        return Splines(points[None], durations[None])
 
     def fit(self, splines: Splines) -> Float[Array, "F n"]:
-        """Free coefficients of the first of a batch of splines: exact where its knots are among these.
+        """Free coefficients of the first of a batch of splines.
 
-        The coefficients are the spline's polar values at three neighbouring knots each; for a spline that is none of
-        this grid they are chosen by least squares over the nodes.
+        Exact where its knots are among these.
+
+        The coefficients are the spline's polar values at three neighbouring knots each; for a
+        spline that is none of this grid they are chosen by least squares over the nodes.
         """
         total = float(splines.total[0])
-        even = np.linspace(0.0, 1.0, 8 * self.sections + 1)[1:-1]
+        even = np.linspace(0.0, 1.0, FITTED * self.sections + 1)[1:-1]
         places = np.unique(np.concatenate([even, self.knots[1:-1]]))
         wanted = splines.at(places * total)[0]
         design = BSpline.design_matrix(places, self._padded, DEGREE).toarray()
-        start, goal = splines.points[0, 0], splines.points[0, -1]
-        rest = wanted - design[:, : self.held].sum(axis=1)[:, None] * start
-        rest -= design[:, -self.held :].sum(axis=1)[:, None] * goal
-        return np.asarray(np.linalg.lstsq(design[:, self.held : -self.held], rest, rcond=None)[0])
+        at_start = design[:, : self.held].sum(axis=1)[:, None]
+        at_goal = design[:, -self.held :].sum(axis=1)[:, None]
+        rest = wanted - at_start * splines.points[0, 0]
+        rest -= at_goal * splines.points[0, -1]
+        free = design[:, self.held : -self.held]
+        return np.asarray(np.linalg.lstsq(free, rest, rcond=None)[0])
 
     def parted(self, parts: Int[Array, " K"]) -> Grid:
         """The same grid with each section in so many equal ones: what it could do, it still can."""
@@ -154,3 +190,8 @@ class Grid:
         whole = np.concatenate([[0], np.cumsum(parts)])
         knots[whole] = self.knots
         return Grid(freeze(knots), self.soft, self.nodes)
+
+
+def _acting(coefficients: Float[Array, "C n"], first: Int[Array, " m"]) -> Float[Array, "m 4 n"]:
+    """The coefficients that act at each of some places, by the first of them."""
+    return np.asarray(coefficients[first[:, None] + ACTING])

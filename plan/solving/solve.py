@@ -238,6 +238,8 @@ def _certified(
     if controller is not None:
         ways = [_slower(best, MUCH_SLOWER), _searched_on_step(best, certificate, ledger, controller)]
     for mended in chain(*ways):
+        if passed and ledger.kept_back > 0.0 and ledger.whole_left <= 0.0:
+            break
         if passed and mended.cost >= passed[0][0]:
             continue
         moved, checked = _checked(mended, controller)

@@ -70,6 +70,7 @@ class Row:
     largest: float = 0.0
     seconds: float = 0.0
     dearer: float | None = None
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,8 @@ def one_task(number: int, controller: Controller, robot: str, bench: Bench, aske
         return row
     except Exception as error:  # ours is
         return replace(row, status="crashed", broken=(repr(error),))
-    row = replace(row, status=result.status, seconds=time.process_time() - began)
+    spent = time.process_time() - began
+    row = replace(row, status=result.status, seconds=spent, reason=result.reason)
     if not result.solved:
         return row
     broken, largest = look_at(result, controller, bench, path, folder)
@@ -168,6 +170,9 @@ def summarise(name: str, rows: list[Row]) -> None:
     broken = [row for row in asked if row.broken]
     for row in broken:
         print(f"  task {row.task}, {row.robot}, {row.objective}: {'; '.join(row.broken)}")
+    for row in asked:
+        if row.reason:
+            print(f"  task {row.task}, {row.robot}, {row.objective}: no plan: {row.reason}")
     dearer = [row.dearer for row in plans if row.dearer is not None]
     costs = f"; dearer by {np.median(dearer):.2%} (median)" if dearer else ""
     largest = max((row.largest for row in plans), default=0.0)

@@ -1,6 +1,6 @@
 """Laws of scenes: gaps, distances and gradients, sweeps, and motions proven free; pairs that are checked."""
 
-from itertools import product
+from itertools import pairwise, product
 
 import coal
 import numpy as np
@@ -120,6 +120,26 @@ def test_proven_clearance_bounds_dense_distances(name: str) -> None:
             asked = proof.seen - 5e-5
             assert asked <= prove_clearance(scene, one, asked=asked).proven <= proof.seen
     assert 0 < free < 8
+
+
+def test_a_motion_cut_into_many_sections_is_looked_at_no_more_often() -> None:
+    """Law: a proof's work goes by the motion, not by its sections: a controller's curve has one a tick."""
+    scene = scene_of("box")
+    motions = random_motions(4, 8)
+    proven = 0
+    for i in range(len(motions.points)):
+        motion = Splines(motions.points[i : i + 1], motions.durations[i : i + 1])
+        knots = np.concatenate([[0.0], np.cumsum(motion.durations[0])])
+        ticks = np.unique(np.concatenate([np.linspace(a, b, 101) for a, b in pairwise(knots)]))
+        cut = Splines(motion.at(ticks)[0][None], np.diff(ticks)[None])
+        whole = prove_clearance(scene, motion, samples=40)
+        parted = prove_clearance(scene, cut, samples=40)
+        assert parted.collision_free == whole.collision_free
+        if whole.collision_free:
+            proven += 1
+            assert parted.proven == pytest.approx(whole.proven, abs=2e-4)
+            assert parted.checks <= 1.2 * whole.checks
+    assert proven > 0
 
 
 def test_levers_bound_the_change_of_gaps() -> None:
