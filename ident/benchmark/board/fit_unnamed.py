@@ -24,7 +24,7 @@ import numpy as np
 import tomli_w
 
 from ident.benchmark.board.case import NONE, OTHER
-from ident.benchmark.board.ours import NOT_FITTED, Said, as_diagnosis, read_said
+from ident.benchmark.board.ours import NOT_FITTED, NamedShares, as_diagnosis, read_said
 from ident.benchmark.board.published import published_effects
 from ident.benchmark.board.score import LEAST_PROBABILITY, labels_of
 from ident.benchmark.board.unnamed import (
@@ -63,7 +63,7 @@ class Case:
         truths: Of each thing that is wrong the answers that are right; `none` where nothing is.
     """
 
-    said: Said
+    said: NamedShares
     truths: tuple[frozenset[str], ...]
 
     def named(self, accepted: frozenset[str]) -> float:

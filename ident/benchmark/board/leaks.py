@@ -6,7 +6,8 @@ columns, sizes) that go with what is wrong in it.
 A figure leaks where its ranks differ between sessions of different truths by more than chance: the
 spread of the classes' mean ranks, within each tier, against random exchanges of the truths. All
 figures together leak where a classifier of them foretells more of the sessions that were left out
-than it does of exchanged truths. P-values are Holm's over all figures and questions.
+than it does of exchanged truths. Where something is wrong leaks where the true joints rank higher in
+a figure than drawn ones. P-values are Holm's over all figures and questions.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from scipy.stats import rankdata
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from ident.benchmark.board.case import MEASURED
 from ident.benchmark.board.files import SESSIONS, URDF_FILE, Board, Kept, kept_folder
 
@@ -133,7 +134,7 @@ class Leak:
     """How a figure goes with what is wrong."""
 
     figure: str
-    question: str  # `whether` anything is wrong, or `which` effect
+    question: str  # `whether` anything is wrong, `which` effect, or `where`
     p_value: float  # of chance, Holm's
 
 
@@ -157,7 +158,60 @@ def find_leaks(board: Board, opened: Kept, seed: int = 0) -> list[Leak]:
     for question, truths in questions.items():
         p_value = classifier_p_value(table, truths, tiers, rng)
         leaks.append(Leak(TOGETHER, question, p_value))
+    for figure, apart in joints_apart(board).items():
+        p_value = place_p_value(apart, true_joints(board, opened), rng)
+        leaks.append(Leak(figure, "where", p_value))
     return holm(leaks)
+
+
+def joints_apart(board: Board) -> dict[str, dict[str, Float[Array, " n"]]]:
+    """How much less rounded each joint's torques are than before, by figure and session."""
+    differ: dict[str, Float[Array, " n"]] = {}
+    repeated: dict[str, Float[Array, " n"]] = {}
+    for name, session in board.sessions.items():
+        folder = board.before_folder(name)
+        if folder is None:
+            continue
+        after = Seen.of(board.session_folder(name), session["joints"])
+        before = Seen.of(folder, session["joints"])
+        differ[name] = after.distinct / before.distinct
+        repeated[name] = before.repeated - after.repeated
+    return {"values that differ": differ, "values repeated": repeated}
+
+
+def true_joints(board: Board, opened: Kept) -> dict[str, Bool[Array, " n"]]:
+    """Joints at which something is wrong, of sessions in which that is not all of them."""
+    true: dict[str, Bool[Array, " n"]] = {}
+    for name, session in board.sessions.items():
+        effects = opened.answers[name]["effects"]
+        named = {joint for effect in effects for joint in effect["joints"]}
+        is_true = np.array([joint in named for joint in session["joints"]])
+        if 0 < is_true.sum() < len(is_true):
+            true[name] = is_true
+    return true
+
+
+def place_p_value(
+    apart: Mapping[str, Float[Array, " n"]],
+    true: Mapping[str, Bool[Array, " n"]],
+    rng: np.random.Generator,
+) -> float:
+    """Chance that as many drawn joints of each session rank as high in a figure as the true ones.
+
+    Args:
+        apart: The figure of each joint, by session.
+        true: Which joints are true, by session; what either lacks is left out.
+        rng: Draws the joints.
+    """
+    real = 0.0
+    drawn = np.zeros(EXCHANGES)
+    for name in sorted(apart.keys() & true.keys()):
+        ranks = rankdata(apart[name]) / len(apart[name])
+        count = int(true[name].sum())
+        real += float(ranks[true[name]].mean())
+        orders = rng.permuted(np.tile(ranks, (EXCHANGES, 1)), axis=1)
+        drawn += orders[:, :count].mean(axis=1)
+    return (float(np.sum(drawn >= real - 1e-9)) + 1.0) / (EXCHANGES + 1.0)
 
 
 def classifier_p_value(

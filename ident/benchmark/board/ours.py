@@ -33,7 +33,7 @@ Effects = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
-class Said:
+class NamedShares:
     """What a diagnosis says in probabilities.
 
     Attributes:
@@ -47,7 +47,7 @@ class Said:
     even: float
 
 
-def read_said(record: Mapping[str, Any], effects: Effects, joints: Sequence[str]) -> Said:
+def read_said(record: Mapping[str, Any], effects: Effects, joints: Sequence[str]) -> NamedShares:
     """The probabilities of a diagnosis that was fitted.
 
     The true distribution of a session is even over what is wrong in it; a name gets its mean share
@@ -78,7 +78,7 @@ def read_said(record: Mapping[str, Any], effects: Effects, joints: Sequence[str]
         SOMETHING if is_named else NOTHING: unnamed * (1.0 - unexplained),
         UNEXPLAINED: unnamed * unexplained + unlisted,
     }
-    return Said(tuple(listed), left, smooth / labels)
+    return NamedShares(tuple(listed), left, smooth / labels)
 
 
 def mean_shares(probabilities: Sequence[float]) -> Float[Array, " K"]:

@@ -77,7 +77,7 @@ def since_reversal(angle, speed):
     return total - np.maximum.accumulate(last)
 
 
-def suspects(model, values, bodies):
+def suspects(model, values, bodies, usual):
     """Columns (T, n, k) of each effect at each joint, by effect and number of the joint."""
     time, angle, speed, push, torque, rate = values
     n = model.nv
@@ -94,9 +94,9 @@ def suspects(model, values, bodies):
         moved = angle.copy()
         moved[:, j] += STEP
         turned = (torque_of(model, moved, speed, push) - rigid) / STEP
-        v, q, s, load = speed[:, j], angle[:, j], sign[:, j], torque[:, j]
+        v, q, s, load = speed[:, j], angle[:, j], sign[:, j], usual[:, j]
         beside = [k for k in (j - 1, j + 1) if 0 <= k < n]
-        peak = np.quantile(np.abs(load), 0.99)
+        peak = np.quantile(np.abs(torque[:, j]), 0.99)
         own = {
             "stribeck_friction": [s * np.exp(-np.abs(v) / SLOW)],
             "nonlinear_viscous_friction": [s * np.sqrt(np.abs(v))],
@@ -109,7 +109,7 @@ def suspects(model, values, bodies):
             "spring_torque": [q],
             "torque_gain_error": [load],
             "torque_offset": [np.ones(len(q)), time[:, 0]],
-            "torque_saturation": [np.sign(load) * np.maximum(np.abs(load) - 0.8 * peak, 0.0)],
+            "torque_saturation": [np.sign(load) * np.maximum(np.abs(load) - peak, 0.0)],
         }
         for effect, columns in own.items():
             alone = np.zeros((len(q), n, len(columns)))
@@ -119,7 +119,8 @@ def suspects(model, values, bodies):
             waves = np.zeros((len(q), n, 2))
             waves[:, j] = np.column_stack([np.cos(order * q), np.sin(order * q)])
             found["torque_ripple", j, order] = waves
-        found["link_inertial_error", j] = bodies[:, :, 10 * j : 10 * j + 4]
+        if j < n - 1:  # a mass that came to the last link is a payload
+            found["link_inertial_error", j] = bodies[:, :, 10 * j : 10 * j + 4]
         found["encoder_offset", j] = turned[:, :, None]
         found["joint_elasticity", j] = (turned * load[:, None])[:, :, None]
         found["backlash", j] = (turned * np.sign(load)[:, None])[:, :, None]
@@ -149,6 +150,7 @@ class Usual:
             base, sizes, _ = np.linalg.svd(flat, full_matrices=False)
             self.base = base[:, sizes > 1e-6 * sizes[0]]
             left = self.without((torque / self.noise).ravel()).reshape(torque.shape)
+            self.torque = torque - left * self.noise  # without what is left
             self.noise = self.noise * np.std(left, axis=0) + TINY
         left = left / np.std(left, axis=0)
         counts = independent(left)
@@ -207,7 +209,7 @@ def evidence(board, name, facts):
     sides = [after] + ([runs_of(board / "before" / name, joints)[0]] if facts["before"] else [])
     bodies = [bodies_of(model, *values[1:4]) for values in sides]
     usual = Usual(sides, bodies)
-    found = {**suspects(model, after, bodies[0]), **pushes(after, starts)}
+    found = {**suspects(model, after, bodies[0], usual.torque[: len(after[0])]), **pushes(after, starts)}
     return {key: usual.gain(columns) for key, columns in found.items()}
 
 

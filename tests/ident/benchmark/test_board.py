@@ -25,6 +25,7 @@ from ident.benchmark.board.leaks import (
     exchange_p_value,
     find_leaks,
     find_words,
+    place_p_value,
 )
 from ident.benchmark.board.make import how_often, make_board
 from ident.benchmark.board.methods import OURS, our_answer, undecided_record
@@ -257,13 +258,24 @@ def test_figures_that_tell_together_are_told_from_chance() -> None:
     assert classifier_p_value(innocent, truths, tiers, np.random.default_rng(1)) > 0.01
 
 
+def test_a_figure_that_tells_the_joint_is_told_from_chance() -> None:
+    rng = np.random.default_rng(0)
+    names = [str(k) for k in range(20)]
+    true = {name: np.arange(6) == rng.integers(6) for name in names}
+    leaking = {name: true[name] + rng.standard_normal(6) for name in names}
+    assert place_p_value(leaking, true, np.random.default_rng(1)) < 0.01
+    innocent = {name: rng.standard_normal(6) for name in names}
+    assert place_p_value(innocent, true, np.random.default_rng(1)) > 0.01
+    assert place_p_value({}, true, np.random.default_rng(1)) == 1.0
+
+
 def test_every_figure_of_a_board_is_asked(made: tuple[Path, Path]) -> None:
-    """Law: each figure, and all together, have a p-value for whether and for which."""
+    """Law: each figure, and all together, have a p-value for whether, which or where."""
     board = Board.load(made[0])
     leaks = find_leaks(board, Kept.load(made[1], board))
     questions = {(leak.figure, leak.question) for leak in leaks}
     assert len(questions) == len(leaks)
-    assert {question for _, question in questions} == {"whether", "which"}
+    assert {question for _, question in questions} == {"whether", "which", "where"}
     assert ("all together", "which") in questions
     assert all(0.0 < leak.p_value <= 1.0 for leak in leaks)
 

@@ -7,7 +7,7 @@ import pytest
 
 from ident.benchmark.board.case import NONE, OTHER
 from ident.benchmark.board.fit_unnamed import Case, fit_shares, log_scores, write_shares
-from ident.benchmark.board.ours import Said, as_diagnosis, read_said
+from ident.benchmark.board.ours import NamedShares, as_diagnosis, read_said
 from ident.benchmark.board.published import published_effects
 from ident.benchmark.board.unnamed import (
     COMPARISON,
@@ -29,7 +29,7 @@ def session(place: str, state: str = NOTHING, named: float = 0.0) -> Case:
     """A session whose cause is in a place, and in which a name has some probability."""
     rows = ({"effect": "payload", "probability": named},)
     truth = "backlash" if place == LISTED else place
-    return Case(Said(rows, {state: 1.0 - named}, 0.0), (frozenset({truth}),))
+    return Case(NamedShares(rows, {state: 1.0 - named}, 0.0), (frozenset({truth}),))
 
 
 def test_shares_are_those_of_the_places() -> None:
@@ -42,7 +42,7 @@ def test_shares_are_those_of_the_places() -> None:
 
 def test_what_is_named_says_nothing_of_what_is_not() -> None:
     """Law: sessions whose name is right and sure move no share; without any, shares are even."""
-    said = Said(({"effect": "payload", "probability": 1.0},), {SOMETHING: 0.0}, 0.0)
+    said = NamedShares(({"effect": "payload", "probability": 1.0},), {SOMETHING: 0.0}, 0.0)
     sure = Case(said, (frozenset({"payload"}),))
     shares = fit_shares([sure] * 50, EFFECTS)
     for state in STATES:
