@@ -133,11 +133,10 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
     so much at least.
 
     Joints that stand are held by friction at a level that nobody knows: those that move must say as
-    much alone. A factor of all masses leaves the log as it is: it only has to be likely. So do a
-    body, other masses and a mount.
+    much alone. A factor of all masses leaves the log as it is: it only has to be likely.
     """
     changes = found.best.hypothesis.changes
-    needed = LIMIT.likely_gain if is_of_urdf(found.best) else LIMIT.sure_gain
+    needed = LIMIT.sure_gain
     if changes == ("mass_factor",):
         needed = math.log(LIMIT.sure_odds) / DESCRIPTION.observations
     return bool(changes) and found.gain > needed and found.best.explains >= least
