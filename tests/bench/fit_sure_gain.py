@@ -9,9 +9,8 @@ and fall off exponentially,
 the share of logs with a false gain and the mean of those gains each the mean over the physical arms, as logs of one arm
 err alike. The gain that is sure is that beyond which, with 95 %, not one of 300 logs lies:
 
-    sure_gain = scale log(300 share / -log 0.95),
+    sure_gain = scale log(300 share / -log 0.95).
 
-and likely_gain, beyond which is warned, the same with even odds.
 Its unit is a joint's logarithm of what a reading leaves: how many samples a log has does not enter. Arms are left out
 whole, by turns, and counted with what the others say.
 
@@ -33,7 +32,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -44,8 +43,8 @@ from ident.checks.filtered_run import USUAL_EFFORT
 from tests.bench.bench_conventions import drawn_cases
 from tests.bench.conventions.arms import MOST_STATES, case_of_session, load_cases, stretches
 
-# Of so many logs as they are none is to be changed, with this probability; or be warned of, with that.
-LOGS, LEVEL, EVEN = 300, 0.95, 0.5
+# Of so many logs as they are none is to be changed, nor its URDF, with this probability.
+LOGS, LEVEL = 300, 0.95
 # Parts that arms are left out in.
 FOLDS = 5
 
@@ -139,33 +138,26 @@ def fit_tail(rows: Iterable[dict[str, Any]]) -> tuple[float, float]:
     return float(np.mean(shares)), float(np.sum(means) / np.sum(shares))
 
 
-class Levels(NamedTuple):
-    """Gains from which on another reading is taken [nats]."""
-
-    sure: float
-    likely: float  # where the log stays as it says
-
-    @classmethod
-    def fitted(cls, rows: Iterable[dict[str, Any]]) -> Levels:
-        """Beyond which, by the false gains of some logs, none of so many lies."""
-        share, scale = fit_tail(rows)
-        return cls(gain_beyond(share, scale, LEVEL), gain_beyond(share, scale, EVEN))
-
-    def changed(self, rows: Iterable[dict[str, Any]]) -> tuple[int, int]:
-        """Logs that would be read otherwise; and logs that stay, but whose URDF would be."""
-        by_log = 0
-        by_urdf = 0
-        for row in rows:
-            if not row["of_urdf"] and false_gain(row) > self.sure:
-                by_log += 1
-            elif false_gain_of_urdf(row) > self.likely:
-                by_urdf += 1
-        return by_log, by_urdf
+def sure_gain(rows: Iterable[dict[str, Any]]) -> float:
+    """The gain beyond which, by the false gains of some logs, none of so many lies [nats]."""
+    return gain_beyond(*fit_tail(rows))
 
 
-def gain_beyond(share: float, scale: float, level: float) -> float:
+def changed(rows: Iterable[dict[str, Any]], level: float) -> tuple[int, int]:
+    """Logs that would be read otherwise from a gain on; and logs that stay, but whose URDF would be."""
+    by_log = 0
+    by_urdf = 0
+    for row in rows:
+        if not row["of_urdf"] and false_gain(row) > level:
+            by_log += 1
+        elif false_gain_of_urdf(row) > level:
+            by_urdf += 1
+    return by_log, by_urdf
+
+
+def gain_beyond(share: float, scale: float) -> float:
     """The gain beyond which none of so many logs lies, with a probability."""
-    return scale * math.log(share * LOGS / -math.log(level))
+    return scale * math.log(share * LOGS / -math.log(LEVEL))
 
 
 def fit(rows: Sequence[dict[str, Any]]) -> None:
@@ -174,23 +166,22 @@ def fit(rows: Sequence[dict[str, Any]]) -> None:
     right = [row for row in rows if row["origin"] == "drawn" and row["right"]]
     arms = sorted({row["group"] for row in untouched})
     share, scale = fit_tail(untouched)
-    levels = Levels.fitted(untouched)
+    needed = sure_gain(untouched)
     print(f"{len(untouched)} logs of {len(arms)} arms: {share:.4f} with a false gain, {scale:.3f} nats in the mean")
     print(f"largest false gain {max(map(false_gain, untouched)):.2f}, by the URDF alone ", end="")
     print(f"{max(map(false_gain_of_urdf, untouched)):.2f}")
-    print(f"sure_gain = {levels.sure:.2f}; now {LIMIT.sure_gain}")
-    print(f"likely_gain = {levels.likely:.2f}; now {LIMIT.likely_gain}")
+    print(f"sure_gain = {needed:.2f}; now {LIMIT.sure_gain}")
     if right:
-        share_sure = np.mean([row["gain"] > levels.sure for row in right])
+        share_sure = np.mean([row["gain"] > needed for row in right])
         print(f"of {len(right)} drawn changes rightly read {share_sure:.3f} sure")
     total = np.zeros(2, dtype=int)
     for k in range(FOLDS):
         out = arms[k::FOLDS]
-        others = Levels.fitted(row for row in untouched if row["group"] not in out)
+        others = sure_gain(row for row in untouched if row["group"] not in out)
         held = [row for row in untouched if row["group"] in out]
-        counts = others.changed(held)
+        counts = changed(held, others)
         total += counts
-        print(f"without {', '.join(out)}: sure {others.sure:.2f}, likely {others.likely:.2f}; ", end="")
+        print(f"without {', '.join(out)}: {others:.2f}; ", end="")
         print(f"there {counts[0]} logs changed and {counts[1]} URDFs, of {len(held)}")
     print(f"arms left out: {total[0]} logs changed and {total[1]} URDFs, of {len(untouched)}")
 

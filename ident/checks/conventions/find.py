@@ -18,6 +18,8 @@ from ident.robot.arm import ArmModel
 
 # What is said of the URDF's masses alone: a factor of all of them may be the effort's unit as well.
 OF_MASSES = frozenset({"body", "masses"})
+# Changes that are told by fitted numbers.
+OF_NUMBERS = OF_MASSES | {"mass_factor"}
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,8 @@ def _second(ranked: Sequence[Scored], usual_orders: Orders) -> Scored | None:
     """The likeliest rival of the best.
 
     What changes more than the best is a rival where its further changes explain most of what they
-    cost, and otherwise the best once more, of which less is known.
+    cost, and otherwise the best once more, of which less is known. Numbers that are fitted explain
+    a part of any log.
     """
     best = ranked[0]
     changes = set(best.hypothesis.changes)
@@ -113,7 +116,9 @@ def _second(ranked: Sequence[Scored], usual_orders: Orders) -> Scored | None:
             continue
         is_more = bool(changes) and changes < others
         further = price(scored.hypothesis, usual_orders) - paid
-        if not is_more or scored.cost - best.cost < 0.5 * further:
+        is_fitted = bool((others - changes) & OF_NUMBERS)
+        is_paid = not is_fitted and scored.cost - best.cost < 0.5 * further
+        if not is_more or is_paid:
             return scored
     return None
 
@@ -133,11 +138,10 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
     so much at least.
 
     Joints that stand are held by friction at a level that nobody knows: those that move must say as
-    much alone. A factor of all masses leaves the log as it is: it only has to be likely. So do a
-    body, other masses and a mount.
+    much alone. A factor of all masses leaves the log as it is: it only has to be likely.
     """
     changes = found.best.hypothesis.changes
-    needed = LIMIT.likely_gain if is_of_urdf(found.best) else LIMIT.sure_gain
+    needed = LIMIT.sure_gain
     if changes == ("mass_factor",):
         needed = math.log(LIMIT.sure_odds) / DESCRIPTION.observations
     return bool(changes) and found.gain > needed and found.best.explains >= least
