@@ -43,7 +43,7 @@ class StatesEffect(Effect):
         return self._points(session, joint, self.grid)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        """Every combination of the finer grid's numbers near a point; the point alone without any."""
+        """Every combination of the finer grid's numbers near a point; the point without any."""
         if not self.finer:
             return (variant,)
         grid = {name: finer.about(variant.inner[name]) for name, finer in self.finer.items()}

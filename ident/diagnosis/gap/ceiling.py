@@ -1,8 +1,8 @@
-"""Ceiling of each joint: how much of the residual beside the accepted effects a function of the state could explain.
+"""Ceiling of each joint: what a function of the state could explain beside the accepted effects.
 
-Two flexible functions are tried. The discrepancy (`inference.components`) is smooth over its inputs. A
-nearest-neighbour mean over the joint's angle, each way by itself, finds what repeats many times a turn, such as torque
-or friction of gear teeth; it is tested on other runs.
+Two flexible functions are tried. The discrepancy (`inference.components`) is smooth over its
+inputs. A nearest-neighbour mean over the joint's angle, each way by itself, finds what repeats many
+times a turn, such as torque or friction of gear teeth; it is tested on other runs.
 """
 
 from __future__ import annotations
@@ -24,15 +24,18 @@ class Ceiling:
 
     rms: float  # residual that the better function would leave [N m]
     before: float  # residual beside the accepted effects [N m]
-    kind: str | None  # its inputs: state, memory, time or coupling; None if no function explains the residual
+    # Its inputs: state, memory, time or coupling; None if no function explains the residual.
+    kind: str | None
 
     @property
     def ratio(self) -> float:
-        """What the better function leaves of the residual, as a share; one where there is no residual."""
+        """Share of the residual that the better function leaves; 1 where there is none."""
         return self.rms / self.before if self.before > 0.0 else 1.0
 
 
-def measure_ceiling(series: Sequence[RunResidual], joint: int, share: float, kind: str | None) -> Ceiling:
+def measure_ceiling(
+    series: Sequence[RunResidual], joint: int, share: float, kind: str | None
+) -> Ceiling:
     """How much of a joint's residual beside the accepted effects can be explained.
 
     Args:
@@ -45,55 +48,85 @@ def measure_ceiling(series: Sequence[RunResidual], joint: int, share: float, kin
     return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind)
 
 
-def share_repeated(series: Sequence[RunResidual], joint: int, settings: CeilingSettings = USUAL_CEILING) -> float:
+def share_repeated(
+    series: Sequence[RunResidual], joint: int, settings: CeilingSettings = USUAL_CEILING
+) -> float:
     """Share of a joint's residual squares that the same angles of other runs predict.
 
     Args:
         series, joint, settings: Residuals of all runs, index of the joint, and how it is tested.
     """
-    moving = [item.valid[:, joint] for item in series]
-    pairs = list(zip(series, moving, strict=True))
-    left = np.concatenate([item.after[inside, joint] for item, inside in pairs])
+    lefts = []
+    angles = []
+    speeds = []
+    pieces = []
+    for item in series:
+        motion = item.run.motion
+        moving = item.valid[:, joint]
+        lefts.append(item.after[moving, joint])
+        angles.append(motion.q[motion.coarse][moving, joint])
+        speeds.append(item.speed[moving, joint])
+        pieces.append(np.full(int(moving.sum()), item.index))
+    left = np.concatenate(lefts)
     if len(left) == 0:
         return 0.0
-    angle = np.concatenate([item.run.motion.q[item.run.motion.coarse][inside, joint] for item, inside in pairs])
-    speed = np.concatenate([item.speed[inside, joint] for item, inside in pairs])
-    piece = np.concatenate([np.full(int(inside.sum()), item.index) for item, inside in pairs])
+    angle = np.concatenate(angles)
+    speed = np.concatenate(speeds)
     # Samples of opposite motion are no neighbours.
     each_way = angle + np.where(speed < 0.0, 2.0 * np.ptp(angle), 0.0)
-    return _share_repeated_by_angle(each_way, left, piece, settings)
+    return _share_repeated_by_angle(each_way, left, np.concatenate(pieces), settings)
 
 
 def _share_repeated_by_angle(
     q: Float[Array, " t"], y: Float[Array, " t"], piece: Array, settings: CeilingSettings
 ) -> float:
-    """Share of the mean square that the same angles of other runs predict; 0 where it is not significant."""
+    """Share of the mean square that the same angles of other runs predict.
+
+    0 where it is not significant.
+    """
     if len(np.unique(piece)) < settings.folds:
         piece = np.arange(len(y)) * 3 * settings.folds // max(len(y), 1)
     step = max(1, len(y) // settings.most_samples)
-    q, y, piece = q[::step, None], y[::step], piece[::step]
+    q = q[::step, None]
+    y = y[::step]
+    piece = piece[::step]
     if len(y) < settings.least_samples:
         return 0.0
     fold = np.unique(piece, return_inverse=True)[1] % settings.folds
     falls = []
     for k in range(settings.folds):
-        rest, held = fold != k, fold == k
-        error = y[held] - _neighbours(q[rest], y[rest], q[held], settings)
-        falls.append(1.0 - float(np.mean(error**2)) / max(float(np.mean(y[held] ** 2)), 1e-300))
+        rest = fold != k
+        held = fold == k
+        left = y[held] - _neighbours(q[rest], y[rest], q[held], settings)
+        square = max(float(np.mean(y[held] ** 2)), 1e-300)
+        falls.append(1.0 - float(np.mean(left**2)) / square)
         if sum(fall <= 0 for fall in falls) > settings.folds - settings.sure_folds:
             return 0.0
-    mean, error = float(np.mean(falls)), float(np.std(falls, ddof=1)) / np.sqrt(settings.folds)
+    mean = float(np.mean(falls))
+    error = float(np.std(falls, ddof=1)) / np.sqrt(settings.folds)
     return mean if mean > max(settings.least_fall, error) else 0.0
 
 
 def _neighbours(
-    x: Float[Array, "t 1"], y: Float[Array, " t"], other: Float[Array, "s 1"], settings: CeilingSettings
+    x: Float[Array, "t 1"],
+    y: Float[Array, " t"],
+    other: Float[Array, "s 1"],
+    settings: CeilingSettings,
 ) -> Float[Array, " s"]:
-    """Mean of the nearest samples, shrunk by the slope with which one half of the samples predicts the other."""
+    """Mean of the nearest samples, shrunk.
+
+    By the slope with which one half of the samples predicts the other.
+
+    Args:
+        x, y: Where the samples are, and their values.
+        other: Where a mean is wanted.
+        settings: How many neighbours, and how many pieces make the halves.
+    """
     half = np.arange(len(y)) * settings.folds // max(len(y), 1) % 2 == 0
 
-    def nearest(one: Array, there: Array) -> Array:
-        return np.asarray(y[one][KDTree(x[one]).query(there, settings.neighbours)[1]].mean(axis=1))
+    def nearest(asked: Array, there: Array) -> Array:
+        _, neighbours = KDTree(x[asked]).query(there, settings.neighbours)
+        return np.asarray(y[asked][neighbours].mean(axis=1))
 
     predicted = np.concatenate([nearest(half, x[~half]), nearest(~half, x[half])])
     true = np.concatenate([y[~half], y[half]])

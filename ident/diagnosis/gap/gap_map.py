@@ -1,17 +1,20 @@
-"""Map of the gap: its share in cells of speed, direction, load, position, reach, reversal age, frequency and time.
+"""Map of the gap: its share in cells of what the joints do.
 
-A cell is a bin of one axis at one joint. It holds a share of the residual's power and work, and a share of the time (of
-the noise's power, along frequency). Whether the gap is denser inside the cell than outside is tested block by block,
-with
+The axes are speed, direction, load, position, reach, reversal age, frequency and time. A cell is a
+bin of one axis at one joint. It holds a share of the residual's power and work, and a share of the
+time (of the noise's power, along frequency). Whether the gap is denser inside the cell than outside
+is tested block by block, with
 
     d_b = n_in n_out / (n_in + n_out) · (mean |r| inside − mean |r| outside)  over block b,
 
-or, along axes that hardly vary within a block, with the block's excess over its share of the time. Under the null d_b
-has a symmetric distribution: the studentised sum is compared with its distribution under random signs of the blocks.
-The maximum over a joint's cells sets the level, so p-values hold for all cells of a joint together. |r| is used and not
-r², which few peaks would dominate. Along frequency the residual is compared with the spectrum of the coloured noise.
+or, along axes that hardly vary within a block, with the block's excess over its share of the time.
+Under the null d_b has a symmetric distribution: the studentised sum is compared with its
+distribution under random signs of the blocks. The maximum over a joint's cells sets the level, so
+p-values hold for all cells of a joint together. |r| is used and not r², which few peaks would
+dominate. Along frequency the residual is compared with the spectrum of the coloured noise.
 
-Source: Westfall and Young 1993 (maximum statistic); Winkler et al. 2014 (sign flips of exchangeable blocks).
+Source: Westfall and Young 1993 (maximum statistic); Winkler et al. 2014 (sign flips of exchangeable
+blocks).
 """
 
 from __future__ import annotations
@@ -29,8 +32,12 @@ from ident.diagnosis.gap.residuals import RunResidual, block_labels
 from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
 from ident.regression.noise import Whitening
 
-# The reach changes slowly: it is computed at this rate [1/s], at most for so many samples, and interpolated.
-REACH_RATE, MOST_REACHES = 10.0, 20_000
+# The reach changes slowly: it is computed at this rate [1/s], at most for so many samples, and
+# interpolated.
+REACH_RATE = 10.0
+MOST_REACHES = 20_000
+# Frequencies at which the noise's spectrum is taken.
+FREQUENCIES = 2001
 
 Axis = Callable[[RunResidual, int], Float[Array, " t"]]
 
@@ -50,7 +57,8 @@ class Place:
     share_of_time: float  # share of the samples; along frequency, of the noise's power
     energy_J: float | None  # work of the residual over the session [J]; None along frequency
     p_value: float  # of the gap's density in the cell, corrected for all cells of the joint
-    beyond_noise_Nm: float | None = None  # the joint's error beyond noise [N m]; None if the cell is not ranked
+    # The joint's error beyond noise [N m]; None if the cell is not ranked.
+    beyond_noise_Nm: float | None = None
 
     @property
     def density(self) -> float:
@@ -63,7 +71,10 @@ class Place:
 
 
 def says_where(axis: str, low: float) -> bool:
-    """Whether a cell that begins at `low` can say where a gap lies: in the slowest frequencies every gap does."""
+    """Whether a cell that begins at `low` can say where a gap lies.
+
+    In the slowest frequencies every gap does.
+    """
     return axis != "frequency" or low > 0.0
 
 
@@ -82,7 +93,9 @@ def map_gap(
     rng: np.random.Generator,
     settings: MapSettings = USUAL_MAP,
 ) -> dict[View, list[Place]]:
-    """All cells of every joint whose residual exceeds its noise, joint by joint and axis by axis, in each view.
+    """All cells of every joint whose residual exceeds its noise, in each view.
+
+    They come joint by joint and axis by axis.
 
     Args:
         series, joints: Residuals of all runs, and joint names.
@@ -95,11 +108,15 @@ def map_gap(
     maps: dict[View, list[Place]] = {view: [] for view in VIEWS}
     for view, places in maps.items():
         for j, name in enumerate(joints):
-            one = _JointMap(series, labels, name, j, view, settings)
-            if np.sum(one.left**2) > settings.least_excess * noise.level[j] ** 2 * len(one.left):
-                cells = [cell for axis, pick in axes.items() for cell in one.along(axis, pick)]
-                cells += one.along_frequency(noise.coefficients[j])
-                places += _with_p_values(cells, rng, settings.flips)
+            joint_map = _JointMap(series, labels, name, j, view, settings)
+            square = np.sum(joint_map.left**2)
+            if square <= settings.least_excess * noise.level[j] ** 2 * len(joint_map.left):
+                continue
+            cells = []
+            for axis, pick in axes.items():
+                cells += joint_map.along(axis, pick)
+            cells += joint_map.along_frequency(noise.coefficients[j])
+            places += _with_p_values(cells, rng, settings.flips)
     return maps
 
 
@@ -148,8 +165,8 @@ class _JointMap:
 
     @cached_property
     def _block(self) -> Int[Array, " t"]:
-        each = zip(self.labels, self.series, strict=True)
-        return np.concatenate([label[item.valid[:, self.j]] for label, item in each])
+        pairs = zip(self.labels, self.series, strict=True)
+        return np.concatenate([label[item.valid[:, self.j]] for label, item in pairs])
 
     @property
     def _blocks(self) -> int:
@@ -157,21 +174,49 @@ class _JointMap:
 
     def along(self, axis: str, pick: Axis) -> list[_Cell]:
         """Cells of an axis: bins of equal time, or the two directions."""
-        values, left = self._of_runs(pick), self.left
-        bins = np.linspace(0.0, 1.0, self.settings.bins + 1)
-        edges = np.array([-1.0, 0.0, 1.0]) if axis == "direction" else np.unique(np.quantile(values, bins))
+        left = self.left
+        values = self._of_runs(pick)
+        if axis == "direction":
+            edges = np.array([-1.0, 0.0, 1.0])
+        else:
+            edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, self.settings.bins + 1)))
         if len(edges) < 3:
             return []
-        place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+        number = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
         cells = []
         for k, (low, high) in enumerate(pairwise(edges.tolist())):
-            inside = place == k
-            share, time = float(np.sum(left[inside] ** 2) / np.sum(left**2)), float(inside.mean())
-            if 0.0 < time < 1.0:
-                here = Place(self.joint, axis, low, high, share, time, float(self._work[inside].sum()), 1.0)
-                contrast = _contrast(inside, np.abs(left), self._block, self._blocks, self.settings.within_from)
-                cells.append(_Cell(here, contrast))
+            inside = number == k
+            time = float(inside.mean())
+            if not 0.0 < time < 1.0:
+                continue
+            share = float(np.sum(left[inside] ** 2) / np.sum(left**2))
+            work = float(self._work[inside].sum())
+            place = Place(self.joint, axis, low, high, share, time, work, 1.0)
+            cells.append(_Cell(place, self._contrast(inside)))
         return cells
+
+    def _contrast(self, inside: Array) -> Float[Array, " B"]:
+        """Excess of the residual inside a cell, block by block.
+
+        Compared within blocks where these hold both sides.
+        """
+        size = np.abs(self.left)
+
+        def total(weights: Array) -> Array:
+            return np.bincount(self._block, weights=weights, minlength=self._blocks)
+
+        samples_inside = total(inside.astype(float))
+        samples_outside = total((~inside).astype(float))
+        residual_inside = total(size * inside)
+        residual_outside = total(size * ~inside)
+        samples = np.maximum(samples_inside + samples_outside, 1.0)
+        weight = samples_inside * samples_outside / samples
+        mixed = samples_inside.sum() * samples_outside.sum() / len(size)
+        if weight.sum() < self.settings.within_from * mixed:
+            return residual_inside - inside.mean() * (residual_inside + residual_outside)
+        mean_inside = residual_inside / np.maximum(samples_inside, 1.0)
+        mean_outside = residual_outside / np.maximum(samples_outside, 1.0)
+        return weight * (mean_inside - mean_outside)
 
     def along_frequency(self, whitening: Float[Array, " p"]) -> list[_Cell]:
         """Cells of frequency, compared with the noise's share of each band.
@@ -179,41 +224,47 @@ class _JointMap:
         Args:
             whitening: Coefficients of the filter that whitens the joint's noise.
         """
-        series = self.series
-        edges = np.unique(
-            np.minimum(self.settings.frequency_edges_hz, max(item.run.motion.lowpass.cutoff for item in series))
-        )
+        highest = max(item.run.motion.lowpass.cutoff for item in self.series)
+        edges = np.unique(np.minimum(self.settings.frequency_edges_hz, highest))
+        power = self._power(edges)
+        of_noise = _shares_of_noise(edges, whitening, self.series[0].step)
+        of_gap = power.sum(axis=0) / max(float(power.sum()), 1e-300)
+        excess = power - of_noise * power.sum(axis=1, keepdims=True)
+        cells = []
+        for k, (low, high) in enumerate(pairwise(edges.tolist())):
+            shares = (float(of_gap[k]), float(of_noise[k]))
+            place = Place(self.joint, "frequency", low, high, *shares, None, 1.0)
+            cells.append(_Cell(place, excess[:, k]))
+        return cells
+
+    def _power(self, edges: Float[Array, " e"]) -> Float[Array, "B e-1"]:
+        """Power of the residual in each band between edges [Hz], block by block."""
         power = np.zeros((self._blocks, len(edges) - 1))
-        for item, label in zip(series, self.labels, strict=True):
+        for item, label in zip(self.series, self.labels, strict=True):
             left = getattr(item, self.view)[:, self.j] * item.valid[:, self.j]
-            for piece in np.unique(label):
-                part = left[label == piece]
-                frequency = np.fft.rfftfreq(len(part), item.step)
-                power[piece] = np.histogram(frequency, edges, weights=np.abs(np.fft.rfft(part)) ** 2)[0]
-        fine = np.linspace(0.0, edges[-1], 2001)[1:]
-        response = np.abs(np.polynomial.polynomial.polyval(np.exp(-2j * np.pi * series[0].step * fine), whitening))
-        width = np.histogram(fine, edges, weights=1.0 / response**2)[0] / np.sum(1.0 / response**2)
-        shares = power.sum(axis=0) / max(float(power.sum()), 1e-300)
-        excess = power - width * power.sum(axis=1, keepdims=True)
-        each = zip(pairwise(edges.tolist()), shares.tolist(), width.tolist(), strict=True)
-        places = [Place(self.joint, "frequency", *edge, share, noise, None, 1.0) for edge, share, noise in each]
-        return [_Cell(place, column) for place, column in zip(places, excess.T, strict=True)]
+            for block in np.unique(label):
+                samples = left[label == block]
+                frequency = np.fft.rfftfreq(len(samples), item.step)
+                spectrum = np.abs(np.fft.rfft(samples)) ** 2
+                power[block] = np.histogram(frequency, edges, weights=spectrum)[0]
+        return power
 
 
-def _contrast(
-    inside: Array, size: Array, block: Int[Array, " t"], blocks: int, within_from: float
-) -> Float[Array, " B"]:
-    """Excess of the residual inside a cell, block by block; compared within blocks where these hold both sides."""
+def _shares_of_noise(
+    edges: Float[Array, " e"], whitening: Float[Array, " p"], step: float
+) -> Float[Array, " e-1"]:
+    """Shares of a coloured noise's power in bands.
 
-    def total(weights: Array) -> Array:
-        return np.bincount(block, weights=weights, minlength=blocks)
-
-    n_in, n_out = total(inside.astype(float)), total((~inside).astype(float))
-    r_in, r_out = total(size * inside), total(size * ~inside)
-    weight = n_in * n_out / np.maximum(n_in + n_out, 1.0)
-    if weight.sum() < within_from * n_in.sum() * n_out.sum() / len(size):
-        return r_in - inside.mean() * (r_in + r_out)
-    return weight * (r_in / np.maximum(n_in, 1.0) - r_out / np.maximum(n_out, 1.0))
+    Args:
+        edges: Of the bands [Hz].
+        whitening: Coefficients of the filter that whitens the noise.
+        step: Time between samples [s].
+    """
+    frequency = np.linspace(0.0, edges[-1], FREQUENCIES)[1:]
+    delay = np.exp(-2j * np.pi * step * frequency)
+    response = np.abs(np.polynomial.polynomial.polyval(delay, whitening))
+    spectrum = 1.0 / response**2
+    return np.histogram(frequency, edges, weights=spectrum)[0] / np.sum(spectrum)
 
 
 def _with_p_values(cells: Sequence[_Cell], rng: np.random.Generator, flips: int) -> list[Place]:
@@ -224,7 +275,8 @@ def _with_p_values(cells: Sequence[_Cell], rng: np.random.Generator, flips: int)
     highest = (signs @ contrast / size).max(axis=1)
     seen = contrast.sum(axis=0) / size
     values = (1 + np.sum(highest[:, None] >= seen, axis=0)) / (1 + flips)
-    return [replace(cell.place, p_value=float(value)) for cell, value in zip(cells, values, strict=True)]
+    pairs = zip(cells, values, strict=True)
+    return [replace(cell.place, p_value=float(value)) for cell, value in pairs]
 
 
 def session_axes(series: Sequence[RunResidual]) -> dict[str, Axis]:
@@ -236,17 +288,21 @@ def session_axes(series: Sequence[RunResidual]) -> dict[str, Axis]:
     def reached(item: RunResidual) -> Float[Array, " t"]:
         return reach(item, rate)
 
+    def coarse(values: Array, item: RunResidual, j: int) -> Float[Array, " t"]:
+        """A joint's column at the filtered samples."""
+        return values[item.run.motion.coarse][:, j]
+
     axes: dict[str, Axis] = {
         "speed": lambda item, j: np.abs(item.speed[:, j]),
         "direction": lambda item, j: np.sign(item.speed[:, j]),
-        "load": lambda item, j: np.abs(item.run.link[item.run.motion.coarse][:, j]),
-        "position": lambda item, j: item.run.motion.q[item.run.motion.coarse][:, j],
+        "load": lambda item, j: np.abs(coarse(item.run.link, item, j)),
+        "position": lambda item, j: coarse(item.run.motion.q, item, j),
         "pose": lambda item, _: reached(item),
         "reversal": reversal_age,
         "time": lambda item, _: item.time,
     }
     if all(item.run.temperature is not None for item in series):
-        axes["temperature"] = lambda item, j: np.asarray(item.run.temperature)[item.run.motion.coarse][:, j]
+        axes["temperature"] = lambda item, j: coarse(np.asarray(item.run.temperature), item, j)
     return axes
 
 
@@ -254,13 +310,17 @@ def reversal_age(item: RunResidual, joint: int) -> Float[Array, " t"]:
     """Time since the joint last changed its direction [s]."""
     speed = item.speed[:, joint]
     turns = np.concatenate([[0], np.flatnonzero(np.diff(np.sign(speed)) != 0) + 1])
-    return item.time - item.time[turns[np.searchsorted(turns, np.arange(len(speed)), side="right") - 1]]
+    last = np.searchsorted(turns, np.arange(len(speed)), side="right") - 1
+    return item.time - item.time[turns[last]]
 
 
 def reach(item: RunResidual, rate: float) -> Float[Array, " t"]:
     """Distance of the last link from the base [m]."""
     every = max(1, round(1.0 / (rate * item.step)))
-    at = np.unique(np.append(np.arange(0, len(item.time), every), len(item.time) - 1))
+    count = len(item.time)
+    samples = np.unique(np.append(np.arange(0, count, every), count - 1))
     arm = item.run.arm
-    _, places = arm.link_poses(item.run.motion.q[item.run.motion.coarse][at], arm.links[-1:])[arm.links[-1]]
-    return np.interp(np.arange(len(item.time)), at, np.linalg.norm(places, axis=1))
+    motion = item.run.motion
+    last = arm.links[-1]
+    _, places = arm.link_poses(motion.q[motion.coarse][samples], [last])[last]
+    return np.interp(np.arange(count), samples, np.linalg.norm(places, axis=1))

@@ -1,15 +1,17 @@
-"""Gain of the accepted effects on held-out runs: Shapley shares, energy errors, a discrepancy instead, replay.
+"""Gain of the accepted effects on held-out runs.
 
-Effects overlap: what the second one closes depends on whether the first was there. Shapley's value is the mean over all
-orders of acceptance,
+Shapley shares, energy errors, a discrepancy instead, replay.
+
+Effects overlap: what the second one closes depends on whether the first was there. Shapley's value
+is the mean over all orders of acceptance,
 
     share_i = Σ_{S without i} |S|! (k − |S| − 1)! / k! · (closed(S + i) − closed(S)),
 
-so that shares add up to what all effects close together, and equal effects have equal shares. Of more than four effects
-some orders are drawn, each with its reverse; shares still add up.
+so that shares add up to what all effects close together, and equal effects have equal shares. Of
+more than four effects some orders are drawn, each with its reverse; shares still add up.
 
-Source: Shapley 1953; Lindeman, Merenda and Gold 1980 (shares of explained variance); Mitchell and others 2022 (orders
-with their reverse).
+Source: Shapley 1953; Lindeman, Merenda and Gold 1980 (shares of explained variance); Mitchell and
+others 2022 (orders with their reverse).
 """
 
 from __future__ import annotations
@@ -31,18 +33,22 @@ from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
 from ident.results import ONE_RUN
 
-# Largest number of effects for which all orders are taken, and number of orders drawn for more (chosen: work).
-ALL_ORDERS, DRAWN_ORDERS = 4, 24
+# Largest number of effects for which all orders are taken (chosen: work).
+ALL_ORDERS = 4
+# Number of orders drawn for more (chosen: work).
+DRAWN_ORDERS = 24
 
 
 @dataclass(frozen=True, eq=False)
 class Improvement:
     """Gain of the accepted effects on held-out runs."""
 
-    shares: Float[Array, " k"]  # Shapley share of the reducible gap of each effect, in the order of acceptance
+    # Shapley share of the reducible gap of each effect, in the order of acceptance.
+    shares: Float[Array, " k"]
     forward: Replay  # the replayed motion, without and with the effects
-    runs_before: Float[Array, "R n"]  # energy error of each run without the effects, joint by joint [J]
-    runs_after: Float[Array, "R n"]  # energy error of each run with the effects, joint by joint [J]
+    # Energy error of each run, joint by joint [J], without the effects and with them.
+    runs_before: Float[Array, "R n"]
+    runs_after: Float[Array, "R n"]
 
     @property
     def energy_before(self) -> Float[Array, " n"]:
@@ -60,11 +66,14 @@ class Improvement:
         def by_joint(values: Array) -> dict[str, float]:
             return dict(zip(joints, map(float, values), strict=True))
 
-        stds = (spread_of_runs(energies) for energies in (self.runs_before, self.runs_after))
+        def spread(energies: Float[Array, "R n"]) -> dict[str, float] | None:
+            std = spread_of_runs(energies)
+            return None if std is None else by_joint(std)
+
         return {
             "energy_error_before_J": by_joint(self.energy_before),
             "energy_error_after_J": by_joint(self.energy_after),
-            **spreads(*(None if std is None else by_joint(std) for std in stds)),
+            **spreads(spread(self.runs_before), spread(self.runs_after)),
             "forward": self.forward.to_dict(joints),
         }
 
@@ -75,15 +84,17 @@ def spread_of_runs(energies: Float[Array, "R ..."]) -> Float[Array, "..."] | Non
 
 
 def energy_spread(energies: Float[Array, "R k"]) -> float | None:
-    """Standard deviation over runs of the energy error of some joints together [J]; None for a single run."""
-    found = spread_of_runs(energies.sum(axis=1))
-    return None if found is None else float(found)
+    """Standard deviation over runs of joints' energy error together [J]; None for a single run."""
+    spread = spread_of_runs(energies.sum(axis=1))
+    return None if spread is None else float(spread)
 
 
 def spreads(before: Any, after: Any) -> dict[str, Any]:
-    """The record's standard deviations of energy errors over runs, or the reason why they are missing."""
-    found = {"energy_error_before_std_J": before, "energy_error_after_std_J": after}
-    return found if before is not None else {**found, "energy_error_std_missing": ONE_RUN}
+    """The record's standard deviations of energy errors over runs, or why they are missing."""
+    record = {"energy_error_before_std_J": before, "energy_error_after_std_J": after}
+    if before is None:
+        record["energy_error_std_missing"] = ONE_RUN
+    return record
 
 
 def measure_improvement(
@@ -102,7 +113,8 @@ def measure_improvement(
         series, baseline, settings: Residuals of all runs, the tuned model, settings of the replay.
         floors, seed: Floor of each joint's error [N m]; seed of drawn orders.
     """
-    # An absorbed effect closes nothing beside tuned inertias: its share is computed with the URDF's.
+    # An absorbed effect closes nothing beside tuned inertias: its share is computed with the
+    # URDF's.
     absorbed = any(name.absorbed for name in conclusion.names)
     scorer = given if absorbed else conclusion.held_out
     return Improvement(
@@ -130,18 +142,25 @@ def shapley_shares(
     """
     left: dict[frozenset[int], Float[Array, " n"]] = {}
     shares = np.zeros(len(groups))
-    rng, count = np.random.default_rng(seed), len(groups)
-    if count <= ALL_ORDERS:
-        orders = list(permutations(range(count)))
-    else:
-        drawn = [tuple(int(i) for i in rng.permutation(count)) for _ in range(DRAWN_ORDERS // 2)]
-        orders = [*drawn, *(order[::-1] for order in drawn)]
+    orders = _orders(len(groups), seed)
     for order in orders:
+        before: Float[Array, " n"] | None = None
         for k in range(len(order) + 1):
             subset = frozenset(order[:k])
             if subset not in left:
                 left[subset] = held_out.score([groups[i] for i in sorted(subset)]).rms ** 2
-            if k:
-                shares[order[k - 1]] += float(np.sum(left[frozenset(order[: k - 1])] - left[subset])) / len(orders)
+            if before is not None:
+                shares[order[k - 1]] += float(np.sum(before - left[subset])) / len(orders)
+            before = left[subset]
     reducible = float(np.sum(np.maximum(left[frozenset()] - floors**2, 0.0)))
     return shares / max(reducible, 1e-12)
+
+
+def _orders(count: int, seed: int) -> list[tuple[int, ...]]:
+    """Orders of so many effects: all of few, and of many some, each with its reverse."""
+    if count <= ALL_ORDERS:
+        return list(permutations(range(count)))
+    rng = np.random.default_rng(seed)
+    drawn = [rng.permutation(count).tolist() for _ in range(DRAWN_ORDERS // 2)]
+    orders = [tuple(order) for order in drawn]
+    return [*orders, *(order[::-1] for order in orders)]

@@ -1,22 +1,24 @@
-"""Replay of the motion: the recorded torques drive the model over short windows, and the position error is measured.
+"""Replay of the motion: the recorded torques drive the model over short windows.
 
-A replay starts from the measured state. The recording obeys the model but for the residual torque r, so the deviation e
-= q_replayed − q obeys, to first order,
+The position error is measured. A replay starts from the measured state. The recording obeys the
+model but for the residual torque r, so the deviation e = q_replayed − q obeys, to first order,
 
     M(q) ë + D(q, dq) ė + K(q, dq, ddq) e = r,   e(0) = ė(0) = 0
 
-with M the mass matrix and rotors, D and K the derivatives of the modelled torque by velocity and position. All windows
-are integrated at once by Newmark's rule of constant mean acceleration. With an exact model only noise deviates; a
-missing torque of 1 N m on 1 kg m² moves the joint by 31 mrad in a quarter of a second.
+with M the mass matrix and rotors, D and K the derivatives of the modelled torque by velocity and
+position. All windows are integrated at once by Newmark's rule of constant mean acceleration. With
+an exact model only noise deviates; a missing torque of 1 N m on 1 kg m² moves the joint by 31 mrad
+in a quarter of a second.
 
-A joint that stands still or reverses within a window is led along its recorded motion there, for dry friction at rest
-is not a function of the state. Controllers are not modelled.
+A joint that stands still or reverses within a window is led along its recorded motion there, for
+dry friction at rest is not a function of the state. Controllers are not modelled.
 
 Source: multiple shooting after Bock 1984; Newmark 1959 (β = 1/4, γ = 1/2).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -35,8 +37,9 @@ class Replay:
 
     window: float  # length of a window [s]
     windows: Int[Array, " n"]  # number of windows in which each joint moved freely
-    before: Float[Array, " n"]  # root mean square deviation at the end of a window, without the effects [rad]
-    after: Float[Array, " n"]  # root mean square deviation at the end of a window, with the effects [rad]
+    # Root mean square deviation at the end of a window [rad], without the effects and with them.
+    before: Float[Array, " n"]
+    after: Float[Array, " n"]
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
         """Its record, for the joints that moved freely."""
@@ -51,7 +54,9 @@ class Replay:
         }
 
 
-def replay(series: Sequence[RunResidual], baseline: Baseline, settings: ReplaySettings = USUAL_REPLAY) -> Replay:
+def replay(
+    series: Sequence[RunResidual], baseline: Baseline, settings: ReplaySettings = USUAL_REPLAY
+) -> Replay:
     """Replays the session with models that were not fitted to the window's fold.
 
     Args:
@@ -61,14 +66,20 @@ def replay(series: Sequence[RunResidual], baseline: Baseline, settings: ReplaySe
     """
     window = settings.window_s
     n = len(baseline.nominal.joint_names)
-    squares, windows = np.zeros((2, n)), np.zeros(n, dtype=int)
-    every = max(1, -(-sum(len(_starts(item, window)) for item in series) // settings.most_windows))
+    squares = np.zeros((2, n))
+    windows = np.zeros(n, dtype=int)
+    count = sum(len(_starts(item, window)) for item in series)
+    every = max(1, math.ceil(count / settings.most_windows))
     for item in series:
         starts = _starts(item, window)[::every]
         rows = starts[:, None] + np.arange(_samples(item, window) + 1)
-        heading = np.sign(item.speed[rows])  # free are joints that move one way throughout a stretch
-        free = item.valid[rows].all(axis=1) & (heading == heading[:, :1]).all(axis=1)
-        rows, free = rows[free.any(axis=1)], free[free.any(axis=1)]
+        # Free are joints that move one way throughout a window.
+        heading = np.sign(item.speed[rows])
+        one_way = (heading == heading[:, :1]).all(axis=1)
+        free = item.valid[rows].all(axis=1) & one_way
+        any_free = free.any(axis=1)
+        rows = rows[any_free]
+        free = free[any_free]
         if len(rows) == 0:
             continue
         force = np.stack([item.unseen_before[rows], item.unseen_after[rows]], axis=-1)
@@ -94,12 +105,14 @@ def _dynamics(
 ) -> tuple[Float[Array, "w k n n"], Float[Array, "w k n n"], Float[Array, "w k n n"]]:
     """Mass matrix, damping and stiffness along the recorded motion."""
     motion = item.run.motion
-    at = rows.ravel() * motion.lowpass.factor
-    stiffness, damping, mass = item.run.arm.derivatives(motion.q[at], motion.dq[at], motion.ddq[at])
-    n = motion.n
+    sample = rows.ravel() * motion.lowpass.factor
+    stiffness, damping, mass = item.run.arm.derivatives(
+        motion.q[sample], motion.dq[sample], motion.ddq[sample]
+    )
+    shape = (*rows.shape, motion.n, motion.n)
     mass = mass + np.diag(baseline.loss.motor_inertia)
     damping = damping + np.diag(baseline.loss.viscous)
-    return tuple(part.reshape(*rows.shape, n, n) for part in (mass, damping, stiffness))  # type: ignore[return-value]
+    return mass.reshape(shape), damping.reshape(shape), stiffness.reshape(shape)
 
 
 def integrate(
@@ -117,15 +130,21 @@ def integrate(
         force, free: Residual torque of m models [N m], and joints that may deviate.
         step: Time between samples [s].
     """
-    both = free[:, :, None] & free[:, None, :]
+    both = free[:, None, :, None] & free[:, None, None, :]
     led: Array = np.eye(free.shape[1]) * ~free[:, None, :]
-    mass, damping, stiffness = (np.where(both[:, None], part, 0.0) for part in (mass, damping, stiffness))
+    mass = np.where(both, mass, 0.0)
+    damping = np.where(both, damping, 0.0)
+    stiffness = np.where(both, stiffness, 0.0)
     force = np.where(free[:, None, :, None], force, 0.0)
-    e, speed = np.zeros((2, *force[:, 0].shape))
-    pull = np.linalg.solve(mass[:, 0] + led, force[:, 0])
+    deviation = np.zeros(force[:, 0].shape)
+    speed = np.zeros(force[:, 0].shape)
+    acceleration = np.linalg.solve(mass[:, 0] + led, force[:, 0])
     for k in range(1, force.shape[1]):
-        reached, gained = e + step * speed + step**2 / 4 * pull, speed + step / 2 * pull
+        reached = deviation + step * speed + step**2 / 4 * acceleration
+        gained = speed + step / 2 * acceleration
         left = mass[:, k] + led + step / 2 * damping[:, k] + step**2 / 4 * stiffness[:, k]
-        pull = np.linalg.solve(left, force[:, k] - damping[:, k] @ gained - stiffness[:, k] @ reached)
-        e, speed = reached + step**2 / 4 * pull, gained + step / 2 * pull
-    return e
+        pull = force[:, k] - damping[:, k] @ gained - stiffness[:, k] @ reached
+        acceleration = np.linalg.solve(left, pull)
+        deviation = reached + step**2 / 4 * acceleration
+        speed = gained + step / 2 * acceleration
+    return deviation

@@ -1,4 +1,7 @@
-"""Residual torque of the models as time series [N m], for maps, pictures, the ceiling and the replay."""
+"""Residual torque of the models as time series [N m].
+
+For maps, pictures, the ceiling and the replay.
+"""
 
 from __future__ import annotations
 
@@ -26,29 +29,36 @@ class RunResidual:
     index: int  # its index in the session
     before: Float[Array, "t n"]  # residual of the tuned baseline [N m]
     after: Float[Array, "t n"]  # residual with the accepted effects [N m]
-    fixed: Float[Array, "t n"]  # residual with the URDF's inertias fixed, friction and rotors tuned [N m]
-    unseen_before: Float[Array, "t n"]  # `before` of the model that was not fitted to the sample's fold [N m]
-    unseen_after: Float[Array, "t n"]  # `after` of the model that was not fitted to the sample's fold [N m]
+    # Residual with the URDF's inertias fixed, friction and rotors tuned [N m].
+    fixed: Float[Array, "t n"]
+    # `before` and `after` of the model that was not fitted to the sample's fold [N m].
+    unseen_before: Float[Array, "t n"]
+    unseen_after: Float[Array, "t n"]
     valid: Bool[Array, "t n"]  # samples at which each joint moves steadily
 
     def without_friction_level(self, spread: Float[Array, " n"]) -> RunResidual:
-        """The same with the run's own level and drift of viscous and dry friction removed from `after`.
+        """The residual whose `after` lacks the run's own level and drift of friction, wet and dry.
 
         Args:
             spread: Between-run standard deviation of each joint's friction, as a share.
         """
         after = self.after.copy()
         keep = self.run.motion.coarse
-        friction, direction = self.run.friction[keep], self.run.direction[keep]
-        drift = 2.0 * (self.time - self.time[0]) / max(self.time[-1] - self.time[0], 1e-9) - 1.0
+        direction = self.run.direction[keep]
+        duration = max(self.time[-1] - self.time[0], 1e-9)
+        drift = 2.0 * (self.time - self.time[0]) / duration - 1.0
         for j in range(after.shape[1]):
+            friction = self.run.friction[keep][:, j]
             kinds = np.stack([self.run.motion.dq[keep, j], direction[:, j]], axis=1)
-            parts = kinds * np.linalg.lstsq(kinds, friction[:, j], rcond=1e-9)[0]
-            columns = np.concatenate([parts, (friction[:, j] * drift)[:, None]], axis=1)
-            x, y = columns[self.valid[:, j]], after[self.valid[:, j], j]
+            by_kind = kinds * np.linalg.lstsq(kinds, friction, rcond=1e-9)[0]
+            columns = np.concatenate([by_kind, (friction * drift)[:, None]], axis=1)
+            valid = self.valid[:, j]
+            x = columns[valid]
+            y = after[valid, j]
             noise = float(np.mean(y**2)) if len(y) else 0.0
             if noise > 0.0 and spread[j] > 0.0:
-                level = np.linalg.solve(x.T @ x + noise / spread[j] ** 2 * np.eye(3), x.T @ y)
+                prior = noise / spread[j] ** 2 * np.eye(3)
+                level = np.linalg.solve(x.T @ x + prior, x.T @ y)
                 after[:, j] -= columns @ level
         return replace(self, after=after)
 
@@ -80,26 +90,39 @@ def compute_residuals(
 
     Args:
         session, baseline, evidence: The runs, the tuned model, and the block sums.
-        models: The baseline, the baseline with the effects, and the baseline with the URDF's inertias fixed.
-        groups, held_out: The accepted effects, and the solver of the first two models without each fold.
+        models: The baseline, the baseline with the effects, and the baseline with the URDF's
+            inertias fixed.
+        groups, held_out: The accepted effects, and the solver of the first two models without each
+            fold.
     """
     layout = evidence.layout
-    whole = [_scatter_weights(layout, np.append(m.inside, layout.size), np.append(-m.estimate, 1.0)) for m in models]
-    parts = [held_out.weights(), held_out.weights(groups)]
-    by_fold = [np.array([_scatter_weights(layout, part.columns, row) for row in part.values]) for part in parts]
+    whole = []
+    for model in models:
+        columns = np.append(model.inside, layout.size)
+        weights = np.append(-model.estimate, 1.0)
+        whole.append(_scatter_weights(layout, columns, weights)[None])
+    by_fold = []
+    for folds in (held_out.weights(), held_out.weights(groups)):
+        rows = [_scatter_weights(layout, folds.columns, row) for row in folds.values]
+        by_fold.append(np.array(rows))
     partition = build_partition(session, evidence.settings)
     series: list[RunResidual] = []
-    for i, _, tables in compute_tables(session, baseline, layout, groups, range(len(session.runs))):
+    every_run = range(len(session.runs))
+    for i, _, tables in compute_tables(session, baseline, layout, groups, every_run):
         # The chunk's own context would keep all that effects have cached in it.
-        run, folds = session.runs[i], evidence.fold_of_block[partition.blocks_of(i, len(tables[0]))]
-        scaled = [table / evidence.scale[local] for table, local in zip(tables, layout.local, strict=True)]
-        before, after, fixed = (_residual_of(scaled, layout, np.broadcast_to(w, (1, len(w)))) for w in whole)
-        unseen, nearer = (_residual_of(scaled, layout, weights, folds) for weights in by_fold)
-        series.append(RunResidual(run, i, before, after, fixed, unseen, nearer, run.motion.settled))
+        run = session.runs[i]
+        fold = evidence.fold_of_block[partition.blocks_of(i, len(tables[0]))]
+        pairs = zip(tables, layout.local, strict=True)
+        scaled = [table / evidence.scale[local] for table, local in pairs]
+        seen = [_residual_of(scaled, layout, weights) for weights in whole]
+        unseen = [_residual_of(scaled, layout, weights, fold) for weights in by_fold]
+        series.append(RunResidual(run, i, *seen, *unseen, run.motion.settled))
     return series
 
 
-def _scatter_weights(layout: Layout, columns: Int[Array, " z"], weights: Float[Array, " z"]) -> Float[Array, " P"]:
+def _scatter_weights(
+    layout: Layout, columns: Int[Array, " z"], weights: Float[Array, " z"]
+) -> Float[Array, " P"]:
     """Weights of some columns, placed among those of all columns."""
     row = np.zeros(layout.size + 1)
     row[columns] = weights
@@ -107,20 +130,33 @@ def _scatter_weights(layout: Layout, columns: Int[Array, " z"], weights: Float[A
 
 
 def _residual_of(
-    tables: Sequence[Array], layout: Layout, weights: Float[Array, "F P"], folds: Int[Array, " t"] | None = None
+    tables: Sequence[Array],
+    layout: Layout,
+    weights: Float[Array, "F P"],
+    folds: Int[Array, " t"] | None = None,
 ) -> Float[Array, "t n"]:
-    """Residuals of each joint's rows, by one model for all samples or by the model of each sample's fold."""
+    """Residuals of each joint's rows, by one model or by that of each sample's fold [N m].
+
+    Args:
+        tables: Scaled rows of each joint.
+        layout: Which columns each joint has.
+        weights: Of the models, one a row.
+        folds: Which of them each sample has; the first if None.
+    """
     left = np.empty((len(tables[0]), layout.n))
     for j, (table, local) in enumerate(zip(tables, layout.local, strict=True)):
         used = np.any(weights[:, local] != 0.0, axis=0)
-        each = table[:, used] @ weights[:, local[used]].T
-        left[:, j] = each[:, 0] if folds is None else np.take_along_axis(each, folds[:, None], axis=1)[:, 0]
+        by_model = table[:, used] @ weights[:, local[used]].T
+        if folds is not None:
+            by_model = np.take_along_axis(by_model, folds[:, None], axis=1)
+        left[:, j] = by_model[:, 0]
     return left
 
 
 def block_labels(series: Sequence[RunResidual], length: float = 1.5) -> list[Int[Array, " t"]]:
     """A block number for every sample, counted over all runs; blocks of about `length` [s]."""
-    labels, first = [], 0
+    labels = []
+    first = 0
     for item in series:
         label = first + ((item.time - item.time[0]) // length).astype(int)
         first = int(label[-1]) + 1
