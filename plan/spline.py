@@ -26,7 +26,8 @@ def _slopes(points: Array, h: Array) -> Array:
     for b in range(batch):
         upper[0] = 0.0
         for i in range(1, knots - 1):
-            h0, h1 = h[b, i - 1], h[b, i]
+            h0 = h[b, i - 1]
+            h1 = h[b, i]
             pivot = 2.0 * (h0 + h1) - h1 * upper[i - 1]
             upper[i] = h0 / pivot
             for j in range(n):
@@ -49,9 +50,12 @@ def _states(points: Array, slopes: Array, h: Array, s: Array) -> Array:
         for k in range(knots - 1):
             inverse = 1.0 / h[b, k]
             for j in range(n):
-                q0, v0, v1 = points[b, k, j], slopes[b, k, j] * h[b, k], slopes[b, k + 1, j] * h[b, k]
+                q0 = points[b, k, j]
+                v0 = slopes[b, k, j] * h[b, k]
+                v1 = slopes[b, k + 1, j] * h[b, k]
                 d = points[b, k + 1, j] - q0
-                c2, c3 = 3.0 * d - 2.0 * v0 - v1, v0 + v1 - 2.0 * d
+                c2 = 3.0 * d - 2.0 * v0 - v1
+                c3 = v0 + v1 - 2.0 * d
                 for i in range(count):
                     x = s[i]
                     out[0, b, k * count + i, j] = q0 + x * (v0 + x * (c2 + x * c3))
@@ -65,17 +69,23 @@ def _extremes(points: Array, slopes: Array, h: Array) -> tuple[Array, Array, Arr
     """Top speed of every section and joint, and the lowest and highest position of every joint."""
     batch, knots, n = points.shape
     speed = np.empty((batch, knots - 1, n))
-    low, high = np.empty((batch, n)), np.empty((batch, n))
+    low = np.empty((batch, n))
+    high = np.empty((batch, n))
     for b in range(batch):
         for j in range(n):
-            low[b, j], high[b, j] = points[b, 0, j], points[b, 0, j]
+            low[b, j] = points[b, 0, j]
+            high[b, j] = points[b, 0, j]
         for k in range(knots - 1):
             for j in range(n):
-                q0, v0, v1 = points[b, k, j], slopes[b, k, j] * h[b, k], slopes[b, k + 1, j] * h[b, k]
+                q0 = points[b, k, j]
+                v0 = slopes[b, k, j] * h[b, k]
+                v1 = slopes[b, k + 1, j] * h[b, k]
                 d = points[b, k + 1, j] - q0
-                c2, c3 = 3.0 * d - 2.0 * v0 - v1, v0 + v1 - 2.0 * d
+                c2 = 3.0 * d - 2.0 * v0 - v1
+                c3 = v0 + v1 - 2.0 * d
                 top = max(abs(v0), abs(v1))
-                low[b, j], high[b, j] = min(low[b, j], q0 + d), max(high[b, j], q0 + d)
+                low[b, j] = min(low[b, j], q0 + d)
+                high[b, j] = max(high[b, j], q0 + d)
                 if abs(c3) > 1e-14:
                     x = -c2 / (3.0 * c3)
                     if 0.0 < x < 1.0:
@@ -90,8 +100,9 @@ def _extremes(points: Array, slopes: Array, h: Array) -> tuple[Array, Array, Arr
                         else:
                             x = v0 / half if abs(half) > 1e-14 else 2.0
                         if 0.0 < x < 1.0:
-                            at = q0 + x * (v0 + x * (c2 + x * c3))
-                            low[b, j], high[b, j] = min(low[b, j], at), max(high[b, j], at)
+                            turning = q0 + x * (v0 + x * (c2 + x * c3))
+                            low[b, j] = min(low[b, j], turning)
+                            high[b, j] = max(high[b, j], turning)
                 speed[b, k, j] = top / h[b, k]
     return speed, low, high
 
@@ -157,7 +168,8 @@ class Splines:
     @property
     def acceleration_jumps(self) -> Float[Array, "B n"]:
         """Largest step of each joint's acceleration at a knot between start and goal [rad/s²]; nought if clamped."""
-        before, after = self._accelerations[:, :-1, 1], self._accelerations[:, 1:, 0]
+        before = self._accelerations[:, :-1, 1]
+        after = self._accelerations[:, 1:, 0]
         return np.abs(after - before).max(axis=1, initial=0.0)
 
     @property

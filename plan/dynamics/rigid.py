@@ -25,7 +25,9 @@ def place_joint(chain, i, q, r):  # type: ignore[no-untyped-def]
     Returns:
         The frame's origin in the parent's axes [m].
     """
-    off, rot, slides = chain.offsets, chain.rotations, chain.sliding[i]
+    off = chain.offsets
+    rot = chain.rotations
+    slides = chain.sliding[i]
     s = 0.0 if slides else math.sin(q)
     c = 0.0 if slides else 1.0 - math.cos(q)
     for k in range(3):
@@ -86,14 +88,17 @@ def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
         work: Scratch, shape (n, 18): rotation 9, force 3, moment 3, lever 3.
         tau: Torque, shape (n,).
     """
-    n, inertia = q.shape[0], chain.inertias
-    omega, alpha = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    n = q.shape[0]
+    inertia = chain.inertias
+    omega = (0.0, 0.0, 0.0)
+    alpha = (0.0, 0.0, 0.0)
     acc = (-chain.gravity[0], -chain.gravity[1], -chain.gravity[2])
     for i in range(n):
         r = work[i]
         p = place_joint(chain, i, q[i], r)
         acc = _turn_back(r, _carried(acc, alpha, omega, p))
-        omega, alpha = _turn_back(r, omega), _turn_back(r, alpha)
+        omega = _turn_back(r, omega)
+        alpha = _turn_back(r, alpha)
         axis = (chain.axes[i, 0], chain.axes[i, 1], chain.axes[i, 2])
         gyration = cross(omega, axis)
         if chain.sliding[i]:
@@ -108,7 +113,9 @@ def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
         own = inertia[i].reshape(9)
         moment = _add(_add(moment, turn(own, alpha)), cross(omega, turn(own, omega)))
         for k in range(3):
-            r[9 + k], r[12 + k], r[15 + k] = force[k], moment[k], p[k]
+            r[9 + k] = force[k]
+            r[12 + k] = moment[k]
+            r[15 + k] = p[k]
     for i in range(n - 1, -1, -1):
         r = work[i]
         first = 9 if chain.sliding[i] else 12
@@ -118,7 +125,8 @@ def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
             + chain.axes[i, 2] * r[first + 2]
         )
         if i > 0:
-            force, moment = turn(r, (r[9], r[10], r[11])), turn(r, (r[12], r[13], r[14]))
+            force = turn(r, (r[9], r[10], r[11]))
+            moment = turn(r, (r[12], r[13], r[14]))
             moment = _add(moment, cross((r[15], r[16], r[17]), force))
             for k in range(3):
                 work[i - 1, 9 + k] += force[k]
@@ -184,7 +192,8 @@ def _place(b, bodies, frame_rot, frame_at):  # type: ignore[no-untyped-def]
 @compiled(fastmath=True, nogil=True)
 def joint_axis(chain, frame_rot, j):  # type: ignore[no-untyped-def]
     """Axis of joint j in the base frame."""
-    r, a = frame_rot[j + 1], chain.axes[j]
+    r = frame_rot[j + 1]
+    a = chain.axes[j]
     return (
         r[0, 0] * a[0] + r[0, 1] * a[1] + r[0, 2] * a[2],
         r[1, 0] * a[0] + r[1, 1] * a[1] + r[1, 2] * a[2],
@@ -222,8 +231,10 @@ def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-unty
             first.
         normals: Unit vectors, shape (m, 3).
     """
-    n, out = q.shape[1], np.zeros(q.shape)
-    rot, at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    n = q.shape[1]
+    out = np.zeros(q.shape)
+    rot = np.empty((n + 1, 3, 3))
+    at = np.empty((n + 1, 3))
     for row in range(q.shape[0]):
         if row == 0 or np.any(q[row] != q[row - 1]):
             place_frames(chain, q[row], rot, at)
@@ -251,9 +262,12 @@ def frame_states(chain, q, joint, turn, place):  # type: ignore[no-untyped-def]
         (T, n, 3) by the joints.
     """
     count, n = q.shape
-    at, axes = np.empty((count, 3)), np.empty((count, 3, 3))
-    linear, angular = np.zeros((count, n, 3)), np.zeros((count, n, 3))
-    rot, origin = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    at = np.empty((count, 3))
+    axes = np.empty((count, 3, 3))
+    linear = np.zeros((count, n, 3))
+    angular = np.zeros((count, n, 3))
+    rot = np.empty((n + 1, 3, 3))
+    origin = np.empty((n + 1, 3))
     for t in range(count):
         place_frames(chain, q[t], rot, origin)
         for k in range(3):

@@ -30,8 +30,10 @@ from ident.compiled import compiled
 ROUNDS = 40
 # The distance is known to this [m].
 EXACT = 1e-5
-# Steps by which a direction of least depth is improved, and the first one's size [rad].
-TURNS, TURN = 8, 0.3
+# Steps by which a direction of least depth is improved.
+TURNS = 8
+# The first one's size [rad].
+TURN = 0.3
 # Corners of a tetrahedron's faces, and the corner opposite to each.
 FACES = ((0, 1, 2, 3), (0, 1, 3, 2), (0, 2, 3, 1), (1, 2, 3, 0))
 # Below this gap the bound for separated bodies is refined to the distance [m].
@@ -66,14 +68,18 @@ def _farthest(d, i, bodies):  # type: ignore[no-untyped-def]
         y = math.copysign(bodies.core[i, 1], ly)
         z = math.copysign(bodies.core[i, 2], lz)
     else:
-        chosen, best = bodies.first[i], -1e300
+        chosen = bodies.first[i]
+        best = -1e300
         for m in range(bodies.first[i], bodies.first[i] + bodies.number[i]):
             along = (
                 bodies.corners[m, 0] * lx + bodies.corners[m, 1] * ly + bodies.corners[m, 2] * lz
             )
             if along > best:
-                best, chosen = along, m
-        x, y, z = bodies.corners[chosen, 0], bodies.corners[chosen, 1], bodies.corners[chosen, 2]
+                best = along
+                chosen = m
+        x = bodies.corners[chosen, 0]
+        y = bodies.corners[chosen, 1]
+        z = bodies.corners[chosen, 2]
     return (
         bodies.placed_at[i, 0] + r[0, 0] * x + r[0, 1] * y + r[0, 2] * z,
         bodies.placed_at[i, 1] + r[1, 0] * x + r[1, 1] * y + r[1, 2] * z,
@@ -98,20 +104,24 @@ def simplex_gap(i, j, bodies, enough, warm):  # type: ignore[no-untyped-def]
         warm: A direction to start from, if not zero: the one in which the bodies were seen last
             time. It is replaced.
     """
-    simplex, count = np.empty((4, 3)), 0
+    simplex = np.empty((4, 3))
+    count = 0
     x = (warm[0], warm[1], warm[2])
     if x[0] == 0.0 and x[1] == 0.0 and x[2] == 0.0:
         x = _minus(bodies.placed_at[i], bodies.placed_at[j])
     length = math.sqrt(_dot(x, x))
     if length < 1e-12:
-        x, length = (0.0, 0.0, 1.0), 1.0
-    kept, best = _scaled(x, 1.0 / length), -1e300
+        x = (0.0, 0.0, 1.0)
+        length = 1.0
+    kept = _scaled(x, 1.0 / length)
+    best = -1e300
     for _ in range(ROUNDS):
         d = _scaled(x, 1.0 / length)
         w = _difference(d, i, j, bodies)
         gap = _dot(w, d)
         if gap > best:
-            best, kept = gap, d
+            best = gap
+            kept = d
         if best > enough or (count > 0 and length - best < EXACT):
             break
         known = False
@@ -135,8 +145,11 @@ def simplex_gap(i, j, bodies, enough, warm):  # type: ignore[no-untyped-def]
 @compiled(nogil=True)
 def _deepest(first, i, j, bodies):  # type: ignore[no-untyped-def]
     """The largest gap (the least depth) among some directions, the best improved step by step."""
-    chosen, point, best = first, first, -1e300
-    away, rot = _minus(bodies.placed_at[i], bodies.placed_at[j]), bodies.placed_rot
+    chosen = first
+    point = first
+    best = -1e300
+    away = _minus(bodies.placed_at[i], bodies.placed_at[j])
+    rot = bodies.placed_rot
     for k in range(7):
         d = first
         if k < 6:
@@ -146,7 +159,9 @@ def _deepest(first, i, j, bodies):  # type: ignore[no-untyped-def]
                 d = _scaled(d, -1.0)
         w = _difference(d, i, j, bodies)
         if _dot(w, d) > best:
-            best, chosen, point = _dot(w, d), d, w
+            best = _dot(w, d)
+            chosen = d
+            point = w
     step = TURN
     for _ in range(TURNS):
         side = _minus(point, chosen, best)
@@ -156,7 +171,9 @@ def _deepest(first, i, j, bodies):  # type: ignore[no-untyped-def]
         d = _minus(_scaled(chosen, math.cos(step)), side, -math.sin(step) / length)
         w = _difference(d, i, j, bodies)
         if _dot(w, d) > best:
-            best, chosen, point = _dot(w, d), d, w
+            best = _dot(w, d)
+            chosen = d
+            point = w
         else:
             step *= 0.4
     return best
@@ -169,11 +186,16 @@ def _nearest(p, count):  # type: ignore[no-untyped-def]
     They come first in p. A simplex of fewer than three corners is a triangle in which the last
     corner stands more than once.
     """
-    least, nearest, carried, shares = 1e300, (0.0, 0.0, 0.0), FACES[0], (0.0, 0.0, 0.0)
+    least = 1e300
+    nearest = (0.0, 0.0, 0.0)
+    carried = FACES[0]
+    shares = (0.0, 0.0, 0.0)
     last = count - 1
     for number in range(4 if count == 4 else 1):
         face = FACES[number]
-        a, b, c = p[face[0]], p[min(face[1], last)], p[min(face[2], last)]
+        a = p[face[0]]
+        b = p[min(face[1], last)]
+        c = p[min(face[2], last)]
         if count == 4 and _hidden(a, b, c, p[face[3]]):
             continue
         u, v, w = _shares(a, b, c)
@@ -183,7 +205,10 @@ def _nearest(p, count):  # type: ignore[no-untyped-def]
             u * a[2] + v * b[2] + w * c[2],
         )
         if _dot(x, x) < least:
-            least, nearest, carried, shares = _dot(x, x), x, face, (u, v, w)
+            least = _dot(x, x)
+            nearest = x
+            carried = face
+            shares = (u, v, w)
     if least == 1e300:
         return 4, nearest
     kept = 0
@@ -202,8 +227,10 @@ def _shares(a, b, c):  # type: ignore[no-untyped-def]
 
     A corner, on an edge, or inside.
     """
-    ab, ac = _minus(b, a), _minus(c, a)
-    square_b, square_c = _dot(ab, ab), _dot(ac, ac)
+    ab = _minus(b, a)
+    ac = _minus(c, a)
+    square_b = _dot(ab, ab)
+    square_c = _dot(ac, ac)
     area = square_b * square_c - _dot(ab, ac) ** 2
     if area <= 1e-14 * square_b * square_c:  # a line: of its ends alone
         bc = _minus(c, b)
@@ -216,15 +243,21 @@ def _shares(a, b, c):  # type: ignore[no-untyped-def]
             return 1.0 - share, 0.0, share
         share = _share(b, bc, square)
         return 0.0, 1.0 - share, share
-    ab_a, ab_b, ab_c = -_dot(ab, a), -_dot(ab, b), -_dot(ab, c)
-    ac_a, ac_b, ac_c = -_dot(ac, a), -_dot(ac, b), -_dot(ac, c)
+    ab_a = -_dot(ab, a)
+    ab_b = -_dot(ab, b)
+    ab_c = -_dot(ab, c)
+    ac_a = -_dot(ac, a)
+    ac_b = -_dot(ac, b)
+    ac_c = -_dot(ac, c)
     if ab_a <= 0.0 and ac_a <= 0.0:
         return 1.0, 0.0, 0.0
     if ab_b >= 0.0 and ac_b <= ab_b:
         return 0.0, 1.0, 0.0
     if ac_c >= 0.0 and ab_c <= ac_c:
         return 0.0, 0.0, 1.0
-    w, v, u = ab_a * ac_b - ab_b * ac_a, ab_c * ac_a - ab_a * ac_c, ab_b * ac_c - ab_c * ac_b
+    w = ab_a * ac_b - ab_b * ac_a
+    v = ab_c * ac_a - ab_a * ac_c
+    u = ab_b * ac_c - ab_c * ac_b
     if w <= 0.0 and ab_a >= 0.0 and ab_b <= 0.0:
         share = ab_a / (ab_a - ab_b)
         return 1.0 - share, share, 0.0
@@ -246,7 +279,8 @@ def _share(a, edge, square):  # type: ignore[no-untyped-def]
 @compiled(nogil=True)
 def _hidden(a, b, c, d):  # type: ignore[no-untyped-def]
     """Whether the origin lies on the side of the face a, b, c on which d lies."""
-    u, v = _minus(b, a), _minus(c, a)
+    u = _minus(b, a)
+    v = _minus(c, a)
     normal = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
     return -_dot(normal, _minus(d, a)) * _dot(normal, a) > 0.0
 
@@ -273,12 +307,14 @@ def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
         )
         best = max(best, gap)
     for i in range(3):
-        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        i1 = (i + 1) % 3
+        i2 = (i + 2) % 3
         for j in range(3):
             square = 1.0 - c[i, j] * c[i, j]
             if square < 1e-10:  # parallel edges: their normal is a face normal, done above
                 continue
-            j1, j2 = (j + 1) % 3, (j + 2) % 3
+            j1 = (j + 1) % 3
+            j2 = (j + 2) % 3
             along = t[i2] * c[i1, j] - t[i1] * c[i2, j]
             reach = (
                 ha[i1] * abs(c[i2, j])
@@ -306,7 +342,8 @@ def body_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-
     What is known to be larger than `enough`, or than `band`, is not looked at closer: any lower
     bound above it may come back.
     """
-    rot, at = bodies.placed_rot, bodies.placed_at
+    rot = bodies.placed_rot
+    at = bodies.placed_at
     extra = bodies.radius[i] + bodies.radius[j]
     simple = bodies.number[i] == 0 and bodies.number[j] == 0
     known = min(band, enough)
@@ -337,7 +374,8 @@ def shape_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped
     begin, end = (
         (bodies.part[j], bodies.part[j] + bodies.parts[j]) if bodies.parts[j] > 0 else (j, j + 1)
     )
-    least, seen = 1e9, np.empty(3)
+    least = 1e9
+    seen = np.empty(3)
     for a in range(first, last):
         for b in range(begin, end):
             seen[:] = warm

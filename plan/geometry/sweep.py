@@ -47,11 +47,18 @@ def _world_gap(  # type: ignore[no-untyped-def]
     """
     if root < 0:
         return most
-    known, places = hint[0], seen.shape[0]
-    low, high, anew = np.empty(3), np.empty(3), np.zeros(3)
+    known = hint[0]
+    places = seen.shape[0]
+    low = np.empty(3)
+    high = np.empty(3)
+    anew = np.zeros(3)
     _extent(bodies, link, low, high)
-    stack, bounds = np.empty(DEEPEST, dtype=np.int64), np.empty(DEEPEST)
-    stack[0], bounds[0], top, best = root, -1e300, 1, most
+    stack = np.empty(DEEPEST, dtype=np.int64)
+    bounds = np.empty(DEEPEST)
+    stack[0] = root
+    bounds[0] = -1e300
+    top = 1
+    best = most
     if known >= 0:
         warm = seen[known % places] if places > 0 else anew
         best = min(best, shape_gap(known, link, bodies, warm, best, band))
@@ -69,18 +76,22 @@ def _world_gap(  # type: ignore[no-untyped-def]
                 body, link, bodies, seen[body % places] if places > 0 else anew, best, band
             )
             if gap < best:
-                best, hint[0] = gap, body
+                best = gap
+                hint[0] = body
             continue
-        a, b = tree.left[node], tree.right[node]
+        a = tree.left[node]
+        b = tree.right[node]
         near_a = _node_gap(tree, bodies, a, link, (low, high), best)
         near_b = _node_gap(tree, bodies, b, link, (low, high), best)
         if near_a < near_b:  # the nearer child is put on top
             a, b, near_a, near_b = b, a, near_b, near_a
         if near_a < best:
-            stack[top], bounds[top] = a, near_a
+            stack[top] = a
+            bounds[top] = near_a
             top += 1
         if near_b < best:
-            stack[top], bounds[top] = b, near_b
+            stack[top] = b
+            bounds[top] = near_b
             top += 1
     return best
 
@@ -94,7 +105,8 @@ def _node_gap(tree, bodies, node, link, box, enough):  # type: ignore[no-untyped
     little of its box along the base's axes.
     """
     low, high = box
-    deep, square = -1e300, 0.0
+    deep = -1e300
+    square = 0.0
     for k in range(3):
         apart = max(tree.low[node, k] - high[k], low[k] - tree.high[node, k])
         deep = max(deep, apart)
@@ -102,9 +114,11 @@ def _node_gap(tree, bodies, node, link, box, enough):  # type: ignore[no-untyped
     bound = math.sqrt(square) if square > 0.0 else deep
     if bound >= enough:
         return bound
-    deep, square = -1e300, 0.0
+    deep = -1e300
+    square = 0.0
     for m in range(3):
-        middle, reach = 0.0, bodies.half[link, m]
+        middle = 0.0
+        reach = bodies.half[link, m]
         for k in range(3):
             r = bodies.placed_rot[link, k, m]
             middle += r * (
@@ -124,15 +138,19 @@ def _extent(bodies, body, low, high):  # type: ignore[no-untyped-def]
         extent = 0.0
         for m in range(3):
             extent += abs(bodies.placed_rot[body, k, m]) * bodies.half[body, m]
-        low[k], high[k] = bodies.placed_at[body, k] - extent, bodies.placed_at[body, k] + extent
+        low[k] = bodies.placed_at[body, k] - extent
+        high[k] = bodies.placed_at[body, k] + extent
 
 
 @compiled(fastmath=True, nogil=True)
 def _top_speeds(points, slopes, duration, out):  # type: ignore[no-untyped-def]
     """Top speed of every joint in each part of a section, exact, shape (PARTS, n) [rad/s]."""
     for j in range(points.shape[1]):
-        v0, v1, d = slopes[0, j] * duration, slopes[1, j] * duration, points[1, j] - points[0, j]
-        c2, c3 = 3.0 * d - 2.0 * v0 - v1, v0 + v1 - 2.0 * d
+        v0 = slopes[0, j] * duration
+        v1 = slopes[1, j] * duration
+        d = points[1, j] - points[0, j]
+        c2 = 3.0 * d - 2.0 * v0 - v1
+        c3 = v0 + v1 - 2.0 * d
         bottom = -c2 / (3.0 * c3) if abs(c3) > 1e-14 else -1.0
         before = abs(v0)
         for i in range(PARTS):
@@ -158,14 +176,16 @@ def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[n
             frame.
         section: Top speeds of the joints in each of its parts, the time in it, and its duration.
     """
-    (frame_rot, frame_at, reach), (peaks, t, duration) = room, section
+    frame_rot, frame_at, reach = room
+    peaks, t, duration = section
     top = bodies.carrier[link]
     for j in range(top):
         if chain.sliding[j] or levers[j] == 0.0:
             reach[j] = levers[j]
             continue
         axis = joint_axis(chain, frame_rot, j)
-        along, square = 0.0, 0.0
+        along = 0.0
+        square = 0.0
         for k in range(3):
             away = bodies.placed_at[link, k] - frame_at[j + 1, k]
             along += axis[k] * away
@@ -173,7 +193,8 @@ def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[n
         reach[j] = min(
             levers[j], math.sqrt(max(square - along * along, 0.0)) + bodies.ball[link] + spare
         )
-    now, part = t, min(int(t / duration * PARTS), PARTS - 1)
+    now = t
+    part = min(int(t / duration * PARTS), PARTS - 1)
     for i in range(part, PARTS):
         rate = 1e-9
         for j in range(top):
@@ -203,10 +224,14 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
     chain, links, bodies, tree, frame_rot, frame_at, _ = world
     root = tree.root[-1]
     out = np.full((q.shape[0], pairs.shape[0]), beyond)
-    low, high = np.empty(3), np.empty(3)
-    hints, warm, anew = np.full((pairs.shape[0], 1), -1), np.zeros(3), np.empty((0, 3))
+    low = np.empty(3)
+    high = np.empty(3)
+    hints = np.full((pairs.shape[0], 1), -1)
+    warm = np.zeros(3)
+    anew = np.empty((0, 3))
     column = np.full((links, tree.root.shape[0]), -1)
-    done, stack = np.full(pairs.shape[0], -1), np.empty(DEEPEST, dtype=np.int64)
+    done = np.full(pairs.shape[0], -1)
+    stack = np.empty(DEEPEST, dtype=np.int64)
     for p in range(pairs.shape[0]):
         if pairs[p, 0] >= links:
             column[pairs[p, 1], pairs[p, 0] - links] = p
@@ -214,7 +239,8 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
         place_frames(chain, q[t], frame_rot, frame_at)
         place_bodies(bodies, 0, links, frame_rot, frame_at)
         for p in range(pairs.shape[0]):
-            a, b = pairs[p, 0], pairs[p, 1]
+            a = pairs[p, 0]
+            b = pairs[p, 1]
             if a < links and (len(wanted) == 0 or wanted[t, p]):
                 warm[:] = 0.0  # so that a gap depends on nothing that was looked at before
                 gap = ball_gap(a, b, bodies)
@@ -223,14 +249,16 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
             if root < 0 or column[b].max() < 0:
                 continue
             _extent(bodies, b, low, high)
-            stack[0], top = root, 1
+            stack[0] = root
+            top = 1
             while top > 0:
                 top -= 1
                 node = stack[top]
                 if _node_gap(tree, bodies, node, b, (low, high), beyond) > beyond:
                     continue
                 if tree.left[node] >= 0:
-                    stack[top], stack[top + 1] = tree.left[node], tree.right[node]
+                    stack[top] = tree.left[node]
+                    stack[top + 1] = tree.right[node]
                     top += 2
                     continue
                 shape = bodies.owner[tree.body[node]] - links
@@ -252,10 +280,14 @@ def nearest_of_states(world, pairs, q):  # type: ignore[no-untyped-def]
         pairs: Shape of the world and link of each, shape (m, 2).
         q: Positions, shape (m, n) [rad].
     """
-    chain, bodies = world.chain, world.bodies
-    out, hint, anew = np.empty(q.shape[0], dtype=np.int64), np.full(1, -1), np.empty((0, 3))
+    chain = world.chain
+    bodies = world.bodies
+    out = np.empty(q.shape[0], dtype=np.int64)
+    hint = np.full(1, -1)
+    anew = np.empty((0, 3))
     for t in range(q.shape[0]):
-        a, b = pairs[t, 0], pairs[t, 1]
+        a = pairs[t, 0]
+        b = pairs[t, 1]
         place_frames(chain, q[t], world.frame_rot, world.frame_at)
         place_bodies(bodies, b, b + 1, world.frame_rot, world.frame_at)
         if t > 0 and a != pairs[t - 1, 0]:
@@ -288,36 +320,44 @@ def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-un
     points, slopes, h = splines
     chain, links, bodies, tree, frame_rot, frame_at, reach = world
     root = tree.root[-1]
-    batch, sections, n = points.shape[0], points.shape[1] - 1, points.shape[2]
-    between, count = pairs.shape[0], pairs.shape[0] + moving.shape[0]
+    batch = points.shape[0]
+    sections = points.shape[1] - 1
+    n = points.shape[2]
+    between = pairs.shape[0]
+    count = pairs.shape[0] + moving.shape[0]
     room = frame_rot, frame_at, reach
-    q, clear, hints, peaks = (
-        np.empty(n),
-        np.empty(count),
-        np.full((links + 1, 1), -1),
-        np.empty((PARTS, n)),
-    )
+    q = np.empty(n)
+    clear = np.empty(count)
+    hints = np.full((links + 1, 1), -1)
+    peaks = np.empty((PARTS, n))
     seen = np.zeros((links, min(bodies.carrier.shape[0] - links + 1, REMEMBERED), 3))
-    warm, out = np.zeros((between, 3)), np.empty((batch, 2))
+    warm = np.zeros((between, 3))
+    out = np.empty((batch, 2))
     for b in range(batch):
-        least, violation, total = 1e9, 0.0, 0.0
+        least = 1e9
+        violation = 0.0
+        total = 0.0
         for k in range(sections):
             duration = h[b, k]
             total += duration
             for p in range(count):
                 clear[p] = 0.0
             _top_speeds(points[b, k : k + 2], slopes[b, k : k + 2], duration, peaks)
-            coarse, t = duration / STEPS, 0.0
+            coarse = duration / STEPS
+            t = 0.0
             while True:
                 s = t / duration
                 for j in range(n):
-                    q0, q1 = points[b, k, j], points[b, k + 1, j]
-                    v0, v1 = slopes[b, k, j] * duration, slopes[b, k + 1, j] * duration
+                    q0 = points[b, k, j]
+                    q1 = points[b, k + 1, j]
+                    v0 = slopes[b, k, j] * duration
+                    v1 = slopes[b, k + 1, j] * duration
                     d = q1 - q0
                     q[j] = q0 + s * (v0 + s * (3.0 * d - 2.0 * v0 - v1 + s * (v0 + v1 - 2.0 * d)))
                 place_frames(chain, q, frame_rot, frame_at)
                 place_bodies(bodies, 0, links, frame_rot, frame_at)
-                worst, ahead = 1e9, duration
+                worst = 1e9
+                ahead = duration
                 for p in range(count):
                     if clear[p] <= t:
                         if p < between:
@@ -342,5 +382,6 @@ def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-un
                 if t >= duration:
                     break
                 t = min(ahead, duration)
-        out[b, 0], out[b, 1] = least, violation / total
+        out[b, 0] = least
+        out[b, 1] = violation / total
     return out
