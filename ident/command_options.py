@@ -23,7 +23,8 @@ Offset = Literal["auto", "on", "off"]
 Laws = Literal["runs", "auto", "none"]
 Net = Literal["default", "paper", "none"]
 # Names of the two kinds of arm, after the paper's six-jointed one; a full arm of seven joints is a 6 too.
-FULL_ARM, LUMPED = 6, 3
+FULL_ARM = 6
+LUMPED = 3
 # Seeds of the arms that follow the first fit below the simulator's own bound.
 LARGEST_SEED = 2**62 - 1
 READ = "read"
@@ -67,7 +68,9 @@ class Options:
     def __post_init__(self) -> None:
         """Refuses with an InputError what is none of an option's values, or beyond its bounds."""
         for one in (one for one in fields(self) if one.metadata and getattr(self, one.name) is not None):
-            value, known, bounds = getattr(self, one.name), one.metadata["one_of"], one.metadata["bounds"]
+            value = getattr(self, one.name)
+            known = one.metadata["one_of"]
+            bounds = one.metadata["bounds"]
             label = (*one.metadata["names"], f"--{one.name}" if one.metadata["help"] else one.name)[0]
             if known and value not in known:
                 raise InputError(label, f"{value!r} is unknown", f"use one of: {', '.join(map(str, known))}")

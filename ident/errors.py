@@ -72,7 +72,9 @@ class InputError(ArmgapError):
     """
 
     def __init__(self, where: str | Path, what: str, remedy: str) -> None:
-        self.where, self.what, self.remedy = str(where), what, remedy
+        self.where = str(where)
+        self.what = what
+        self.remedy = remedy
         parts = (shortened(visible(part)) for part in (self.where, what, remedy))
         super().__init__("{}: {}; {}".format(*parts))
 

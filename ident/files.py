@@ -30,7 +30,8 @@ from ident.outputs import (
 from ident.records import as_json
 
 # Of Linux's renameat2: paths are as the process sees them; both names change places in one step.
-AT_FDCWD, RENAME_EXCHANGE = -100, 2
+AT_FDCWD = -100
+RENAME_EXCHANGE = 2
 # How formulas of spreadsheets begin.
 FORMULAS = ("=", "+", "-", "@", "\t", "\r")
 # Ending of what was there before, while a new folder takes its place without an exchange.

@@ -12,7 +12,9 @@ ENGINES: tuple[str, ...] = ("numpy", "scipy", "numba", "pin", "clarabel", "pyarr
 ENGINES += ("casadi", "coal", "cma", "daqp", "mujoco", "torch")
 HASH = re.compile(r"[0-9a-f]{40}([0-9a-f]{24})?")
 # Where git writes down what a checkout stands at, and how deep names may point at names.
-POINTER, REFERENCE, MOST_STEPS = "gitdir: ", "ref: ", 5
+POINTER = "gitdir: "
+REFERENCE = "ref: "
+MOST_STEPS = 5
 # Of all figures in results, unless a key's ending says otherwise (`_deg`, `_minutes`).
 UNITS = "SI: rad or m, rad/s or m/s, N m or N, kg, kg m², s"
 

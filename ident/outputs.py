@@ -18,7 +18,8 @@ from ident.errors import InputError
 from ident.records import as_json
 
 MARKER = ".armgap.json"
-SCHEMA, FILE_SCHEMA = "armgap.folder/1", "armgap.file/1"
+SCHEMA = "armgap.folder/1"
+FILE_SCHEMA = "armgap.file/1"
 # The place of a record that is printed instead.
 STANDARD_OUTPUT = Path("-")
 # Kind of the folders of recordings that armgap writes; other kinds stand where they are written.
@@ -27,7 +28,8 @@ SESSION_KIND = "session"
 LARGEST_MARKER = 1 << 24
 # How far into a file its mark is looked for [bytes]: Rerun's recordings name their application after the header,
 # Parquet files their writer before the end.
-HEAD_BYTES, TAIL_BYTES = 1 << 12, 1 << 14
+HEAD_BYTES = 1 << 12
+TAIL_BYTES = 1 << 14
 # How the files of results begin, and what they have near there: JSON, HTML, pictures, timelines, texts.
 MARKS = (
     (b"{", b'"schema": "ident.'),

@@ -51,7 +51,10 @@ def missing_extra(error: BaseException | None) -> InputError | None:
 # Exit statuses; 0 is done, whatever the verdict, and 1 our own fault. The user's input is at fault: one line says what,
 # and the remedy. `ident verify`: a limit is not kept. The system's own faults, a full disk or memory (sysexits.h:
 # EX_IOERR). After a signal: this and its number.
-USER, NOT_PASSED, SYSTEM, SIGNALLED = 2, 3, 74, 128
+USER = 2
+NOT_PASSED = 3
+SYSTEM = 74
+SIGNALLED = 128
 
 # What consoles without these characters show instead.
 PLAIN = {"±": "+-", "→": "->", "…": "...", "τ": "tau", "·": "*", "×": "x", "²": "2", "–": "-", "—": "-", "°": "deg"}
@@ -108,7 +111,8 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         file = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else ""
         file = TEMPORARY.sub(r"\1\2", file)
         place = (file if len(file) <= LONGEST_NAME else file[:LONGEST_NAME] + "…") + ": " * bool(file)
-        named, remedy = error.errno in NO_NAME, "free what is full or broken, then run the command again"
+        named = error.errno in NO_NAME
+        remedy = "free what is full or broken, then run the command again"
         say(f"{place}{error.strerror or error}; {'give the name of a file or folder' if named else remedy}")
         return USER if named else SYSTEM
     except MemoryError:
@@ -194,7 +198,10 @@ class _Signals:
     """What Ctrl-C and its like do: nothing but leave while modules are loaded, unwind once, leave at the second."""
 
     def __init__(self, name: str) -> None:
-        self.name, self.is_loading, self.came, self.status = name, True, False, SIGNALLED + signal.SIGINT
+        self.name = name
+        self.is_loading = True
+        self.came = False
+        self.status = SIGNALLED + signal.SIGINT
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:

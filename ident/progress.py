@@ -33,8 +33,12 @@ class _Work:
     """One job as it goes on."""
 
     def __init__(self, listener: Listener, clock: Callable[[], float]) -> None:
-        self.listener, self.clock = listener, clock
-        self.words, self.low, self.high, self.share = "", 0.0, 0.0, 0.0
+        self.listener = listener
+        self.clock = clock
+        self.words = ""
+        self.low = 0.0
+        self.high = 0.0
+        self.share = 0.0
         self.begin_anew()
 
     def begin_anew(self) -> None:
@@ -44,13 +48,17 @@ class _Work:
     def begin(self, words: str, low: float, high: float) -> None:
         if low < self.share:  # another job
             self.begin_anew()
-        self.words, self.low, self.high, self.share = words, low, high, low
+        self.words = words
+        self.low = low
+        self.high = high
+        self.share = low
         self.tell(known=True)
 
     def go_on(self, done: float) -> None:
         # Steps that are gone through again, as on finer grids, take nothing back; how often they
         # are nobody knows.
-        reached, before = self.low + (self.high - self.low) * done, self.share
+        reached = self.low + (self.high - self.low) * done
+        before = self.share
         self.share = max(before, reached)
         self.tell(known=reached > before)
 

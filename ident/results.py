@@ -187,10 +187,12 @@ class _Stamping:
     """A stamp in the making: hashes and times of a session whose parts come one after the other."""
 
     def __init__(self, name: str, path: str, known: Sequence[KnownSeries]) -> None:
-        self.name, self.path = name, path
+        self.name = name
+        self.path = path
         self._known = known
         self._files: dict[Path, bytes] = {}
-        self._digest, self._content = hashlib.sha256(), hashlib.sha256()
+        self._digest = hashlib.sha256()
+        self._content = hashlib.sha256()
         self._scale = ""
         self._runs: dict[str, None] = {}
         self._names: dict[str, str] = {}
@@ -239,7 +241,9 @@ class _Stamping:
 
     def stamp(self) -> SessionStamp:
         first, last = (min(self._times), max(self._times)) if self._times else (None, None)
-        name, files, content = self.path or self.name, self._digest.hexdigest(), self._content.hexdigest()
+        name = self.path or self.name
+        files = self._digest.hexdigest()
+        content = self._content.hexdigest()
         return SessionStamp(name, files, first, last, tuple(self._runs), content, self._scale)
 
 
@@ -256,7 +260,8 @@ def content_of(run: Recording) -> bytes:
 
 
 # As much of a result as its `repr` shows [lines, characters].
-LINES, LINE = 20, 100
+LINES = 20
+LINE = 100
 # Why a spread over the runs is missing from a record.
 ONE_RUN = "a single run tells nothing of what runs differ by"
 

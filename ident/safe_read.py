@@ -35,7 +35,8 @@ LARGEST_FIGURE = 1e12
 # Recorded floats pack to a third at best; a constant channel to a thousandth, but that is not all of a recording.
 LARGEST_PACKING = 100
 # What a file may unpack to however small it is [MB]: the default, and the variable by which a user sets another.
-LEAST_UNPACKED, UNPACKED_BY = 256.0, "ARMGAP_MOST_UNPACKED_MB"
+LEAST_UNPACKED = 256.0
+UNPACKED_BY = "ARMGAP_MOST_UNPACKED_MB"
 
 
 def require_regular(path: Path, remedy: str, error: type[InputError] = InputError, largest: int | None = None) -> int:

@@ -105,7 +105,8 @@ def load_arm_of_log(named: str | Path, sessions: Sequence[Session]) -> ArmModel:
     try:
         return ArmModel.load(named)
     except RobotError as error:
-        path, (_, tip) = find_urdf(named), split_tip(named)
+        path = find_urdf(named)
+        (_, tip) = split_tip(named)
         if tip or path.suffix == ".xacro" or not sessions or "not a serial chain" not in str(error):
             raise
         recorded = set(sessions[0].joints)
@@ -154,7 +155,8 @@ def inspect_sources(
         InputError: Recordings or robot can't be used, or an issue that can't be accepted.
     """
     weaken = partial(overrule, accept=check_accepted(accept), reported=reported)
-    ledger, most = StampLedger(known), PART_SAMPLES if in_parts else sys.maxsize
+    ledger = StampLedger(known)
+    most = PART_SAMPLES if in_parts else sys.maxsize
     coming = ledger.passing(given.parts(most))
     parts: list[Session] = []
     for part in coming:
@@ -235,9 +237,11 @@ def open_sessions(
                 theirs = load_robot(None, (session,))
                 common = [name for name in theirs.joint_names if name in robot.robot.joint_names]
                 robot.require_robot(theirs.keeping(common) if common else theirs, session.path or session.name)
-        given, model = Given(sessions, robot.robot), robot
+        given = Given(sessions, robot.robot)
+        model = robot
     else:
-        given, model = Given(paths, robot, topic, session_file), None
+        given = Given(paths, robot, topic, session_file)
+        model = None
     known = () if model is None else known_series(model.provenance)
     found = inspect_sources(given, accept, in_parts=model is None, reported=REPORTED_BY_A_FIT, known=known)
     reports: list[TelemetryReport] = []

@@ -45,7 +45,9 @@ LEAST_SHOWN = 0.02
 
 def oracle_accuracy(simulation: Simulation) -> float | None:
     """Probability that an oracle names the only effect of a case in a world; None where it is not worked out."""
-    meter, truth, world = simulation.meter, simulation.answer.effects, simulation.options.world
+    meter = simulation.meter
+    truth = simulation.answer.effects
+    world = simulation.options.world
     if world is None or meter is None or len(truth) != 1 or truth[0].effect not in CATALOGUE:
         return None
     true = CATALOGUE[truth[0].effect]
@@ -54,7 +56,8 @@ def oracle_accuracy(simulation: Simulation) -> float | None:
     scene = Circumstances(meter.hardware, joint, meter.motions, np.random.default_rng(0))
     first = meter.show(true, scene, truth[0].size, simulation.seeds[0], true.view, true.needs_all)
     # The true signature at its size, the others at one noise floor.
-    floor, signatures = np.array(list(simulation.answer.noise_floor_Nm.values())), [first.torque]
+    floor = np.array(list(simulation.answer.noise_floor_Nm.values()))
+    signatures = [first.torque]
     for cause in CATALOGUE.values():
         if cause.id == true.id or (cause.needs_all and not true.needs_all):
             continue
@@ -66,8 +69,10 @@ def oracle_accuracy(simulation: Simulation) -> float | None:
         level = float((shown.rms / floor).max())
         if level > LEAST_SHOWN:
             signatures.append(shown.torque / level)
-    stack, own = np.stack(signatures, axis=2), simulation.hardware.friction
-    k, change = stack.shape[2], np.hypot(world.friction_spread, world.friction_drift / np.sqrt(2.0))
+    stack = np.stack(signatures, axis=2)
+    own = simulation.hardware.friction
+    k = stack.shape[2]
+    change = np.hypot(world.friction_spread, world.friction_drift / np.sqrt(2.0))
     gram = np.zeros((k, k))
     # Products of each run and joint; what the run's own friction may explain is taken out as far as it varies.
     for rows in (first.run == number for number in np.unique(first.run)):
@@ -81,7 +86,8 @@ def oracle_accuracy(simulation: Simulation) -> float | None:
             scale = np.sqrt(weight / variance[:, j] / count)[:, None]
             spectra = np.fft.rfft(np.column_stack([stack[rows, j], change * friction]), axis=0) * scale
             both = (spectra.conj().T @ spectra).real
-            cross, inner = both[:k, k:], both[k:, k:] + np.eye(2)
+            cross = both[:k, k:]
+            inner = both[k:, k:] + np.eye(2)
             gram += both[:k, :k] - cross @ np.linalg.solve(inner, cross.T)
     gram /= first.share
     return name_by_evidence(gram, np.random.default_rng([0, 7])) if gram[0, 0] > 0.0 else 0.0
@@ -220,7 +226,8 @@ def draw_case(
     if slot.kind == "single" and attempt < OTHER_EFFECTS_FROM and slot.effect:
         wanted = [(slot.effect, slot.amplitude)]
     else:
-        family, ids = OUTSIDE if slot.kind == "outside" else CATALOGUE, [""]
+        family = OUTSIDE if slot.kind == "outside" else CATALOGUE
+        ids = [""]
         while ids == [""] or any(twin in ids for one in ids for twin in TWINS.get(one, ())):
             ids = [str(one) for one in fixed.choice(list(family), COUNTS.get(slot.kind, 1), replace=False)]
         wanted = [(one, slot.amplitude if slot.kind == "single" else float(fixed.choice(VISIBLE))) for one in ids]
@@ -279,7 +286,9 @@ class MakeTask:
 
 def make(task: MakeTask) -> str:
     """Makes a case and seals its answer; returns its name. Draws again where a size is impossible."""
-    start, used, name = time.perf_counter(), time.process_time(), task.slot.name
+    start = time.perf_counter()
+    used = time.process_time()
+    name = task.slot.name
     for attempt in range(MOST_ATTEMPTS):
         try:
             options, excluded = task.drawn(attempt)

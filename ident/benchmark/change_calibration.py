@@ -115,7 +115,10 @@ class Pairs:
         Args:
             temper: Exponent of the evidence between rivals, which says what is of a class.
         """
-        features, right, arm, case_of = [], [], [], []
+        features = []
+        right = []
+        arm = []
+        case_of = []
         for case, row in self.rows():
             near = [rival for rival in row["rivals"] if temper * rival["deficit"] <= np.log(CLASS_ODDS)]
             finding = as_finding(row, near)
@@ -218,7 +221,8 @@ def leave_arms_out(rows: Rows, ridge: float) -> Float[Array, " N"]:
 
 
 def _fit(rows: Rows, ridge: float, chosen: Bool[Array, " N"]) -> Logistic:
-    features, right = rows.features[chosen], rows.right[chosen]
+    features = rows.features[chosen]
+    right = rows.right[chosen]
     return fit_logistic(features, right, rows.weights[chosen], tuple(SIGNS), ridge, SIGNS)
 
 
@@ -273,10 +277,12 @@ def fit_all(pairs: Pairs) -> tuple[Fitted, Rows]:
 
 def write(fitted: Fitted, rows: Rows, out: Path) -> None:
     """Writes the calibration, as TOML with what it was fitted to, into a file."""
-    model, terms = fitted.names, {}
+    model = fitted.names
+    terms = {}
     for k, name in enumerate(model.names):
         if np.isfinite(model.scaling.scale[k]):
-            centre, scale = float(model.scaling.centre[k]), float(model.scaling.scale[k])
+            centre = float(model.scaling.centre[k])
+            scale = float(model.scaling.scale[k])
             terms[name] = {"weight": float(model.weights[k]), "centre": centre, "scale": scale}
     record = {
         "schema": "ident.calibration_changes/1",

@@ -34,9 +34,11 @@ from ident.errors import InputError
 from ident.files import atomic_write
 from ident.records import as_json
 
-CANDIDATE, FINDING = "candidate", "finding"
+CANDIDATE = "candidate"
+FINDING = "finding"
 """Sources of rows: what was weighed, and what was reported."""
-CANDIDATES_FILE, SESSIONS_FILE = "candidates.parquet", "sessions.parquet"
+CANDIDATES_FILE = "candidates.parquet"
+SESSIONS_FILE = "sessions.parquet"
 FEATURE = "feature."  # before a feature's name in the table
 TELLING = ("named", "partial", "none_of_catalogue", "changed")
 """Verdicts that tell a gap."""

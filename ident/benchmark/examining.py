@@ -29,7 +29,8 @@ from ident.regression.least_squares import Prior, project
 from ident.sessions import Given, inspect_sources
 
 # Names of greatest evidence that are measured alone in each view (the others close nothing), and names by BIC.
-MOST_ALONE, MOST_BY_BIC = 24, 3
+MOST_ALONE = 24
+MOST_BY_BIC = 3
 
 
 @dataclass(frozen=True)
@@ -131,11 +132,14 @@ def forward_by_bic(evidence: Evidence, prior: Prior) -> list[Group]:
     chosen: list[Group] = []
     while len(chosen) < MOST_BY_BIC:
         projection = project(gram, evidence, prior, chosen)
-        variance, best, most = max(projection.misfit / samples, 1e-12), None, 0.0
+        variance = max(projection.misfit / samples, 1e-12)
+        best = None
+        most = 0.0
         for group in evidence.layout.groups:
             fall = projection.gain(group)[0] / variance - len(group.columns) * np.log(samples)
             if fall > most and group.key not in {one.key for one in chosen}:
-                best, most = group, fall
+                best = group
+                most = fall
         if best is None:
             break
         chosen.append(best)

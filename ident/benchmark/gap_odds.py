@@ -55,7 +55,10 @@ class JointRows:
         Args:
             results, entries: Results and index entries by case.
         """
-        features, gaps, weights, units = [], [], [], []
+        features = []
+        gaps = []
+        weights = []
+        units = []
         for case, result in results.items():
             entry = entries.get(case)
             if entry is None or not result.get("joints"):

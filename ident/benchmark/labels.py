@@ -15,7 +15,9 @@ from typing import Any
 from ident.benchmark.corpus import Entry, Truth
 from ident.simulation.real.sources import measured_causes
 
-RIGHT, WRONG, UNKNOWN = "right", "wrong", "unknown"
+RIGHT = "right"
+WRONG = "wrong"
+UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,8 @@ def fit_logistic(
     if start is None:
         first[-1] = _base_log_odds(right, share)
     else:
-        first[:-1], first[-1] = start.weights, start.intercept
+        first[:-1] = start.weights
+        first[-1] = start.intercept
 
     def loss(values: Float[Array, " k"]) -> tuple[float, Float[Array, " k"]]:
         coefficients = values[:-1]

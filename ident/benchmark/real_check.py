@@ -42,7 +42,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-CONFIDENT, BINS = 0.5, 5
+CONFIDENT = 0.5
+BINS = 5
 Row = dict[str, Any]
 Finding = Mapping[str, Any]
 
@@ -55,7 +56,8 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
     for case, answer in answers.items():
         if case not in results:
             continue
-        record, findings = _record(results[case]), _findings(results[case])
+        record = _record(results[case])
+        findings = _findings(results[case])
         control = _findings(results.get(answer["control"], {}))
         base = {"case": case, "arm": answer["arm"], "kind": answer["kind"]}
         measured: list[Row] = [
@@ -74,7 +76,8 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
                 one = strict[0].get("parameters", {}).get(key)
                 given = isinstance(one, dict) and one.get("low") is not None
                 if given and key != "order" and not isinstance(true, str):
-                    low, high = float(one["low"]), float(one["high"])
+                    low = float(one["low"])
+                    high = float(one["high"])
                     covered[key] = is_inside(key, true, low, high)
             row = {
                 **{key: effect[key] for key in ("effect", "asked", "in_catalogue")},
@@ -94,9 +97,11 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
             row = {**base, "name": name, "p": _probability(one), "right": true, "old": old}
             names.append(row)
             new += [] if old else [row]
-        hits, said = sum(one["named"] for one in planted), sum(one["p"] >= CONFIDENT for one in new)
+        hits = sum(one["named"] for one in planted)
+        said = sum(one["p"] >= CONFIDENT for one in new)
         f1 = 2.0 * hits / (said + len(planted)) if planted and hits else 0.0 if planted else None
-        wrong, seconds = [one for one in new if not one["right"]], results[case].get("processor_seconds")
+        wrong = [one for one in new if not one["right"]]
+        seconds = results[case].get("processor_seconds")
         verdict = record.get("verdict", "error")
         row = {**base, "verdict": verdict, "new": new, "wrong": wrong, "f1": f1, "seconds": seconds}
         sure = [one for one in findings if _probability(one) >= CONFIDENT]
@@ -256,7 +261,8 @@ def check_on_real(folder: Path, options: BlindOptions, say: Say, progress: Progr
     Raises:
         InputError: No recordings there, or another check in the folder.
     """
-    seed, out = begin_check(options, {"semi_real": str(folder)}), options.out
+    seed = begin_check(options, {"semi_real": str(folder)})
+    out = options.out
     sealed = out / "seals.json"
     if not sealed.is_file():
         make_cases(load_sources(folder), out, options.cases, seed, paired=False)
@@ -281,7 +287,8 @@ def check_on_real(folder: Path, options: BlindOptions, say: Say, progress: Progr
 def diagnose_case(task: tuple[Path, Path]) -> str:
     """Diagnoses a case, or compares its before and after, and writes what was found; returns its name."""
     folder, path = task
-    start, used = time.perf_counter(), time.process_time()
+    start = time.perf_counter()
+    used = time.process_time()
     record: dict[str, Any] = {}
     try:
         if (folder / "before").is_dir():
@@ -293,7 +300,8 @@ def diagnose_case(task: tuple[Path, Path]) -> str:
             record["diagnosis"] = diagnose_reports(reports, arm, CATALOGUE)[0].to_dict()
     except InputError as error:
         record["error"] = str(error)
-    record["seconds"], record["processor_seconds"] = time.perf_counter() - start, time.process_time() - used
+    record["seconds"] = time.perf_counter() - start
+    record["processor_seconds"] = time.process_time() - used
     with atomic_write(path) as part:
         part.write_text(as_json(record, None) + "\n", encoding="utf-8")
     return folder.name

@@ -49,7 +49,8 @@ from ident.simulation.world import find_worlds
 from ident.workers import run_tasks
 
 # The other motions: one of each of the first kinds, about a minute together [s].
-MOST_RUNS, LONGEST_RUN_S = 5, 12.0
+MOST_RUNS = 5
+LONGEST_RUN_S = 12.0
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,8 @@ def edit(task: EditTask) -> str:
 
     What can't be edited (nothing true was named, or a twin of the arm can't be diagnosed) is written down with why.
     """
-    answer, result = open_envelope(task.made.sealed, task.made.key), _read(task.result)
+    answer = open_envelope(task.made.sealed, task.made.key)
+    result = _read(task.result)
     options, _ = task.made.drawn(task.attempt)
     try:
         record = edit_case(options, answer, result["diagnosis"]) if "diagnosis" in result else {"why": "it failed"}
@@ -182,7 +184,9 @@ def run_blind(
     Raises:
         InputError: Options that make no sense, or another check in the folder.
     """
-    seed, out, stamp = begin_check(options, options.settings), options.out.resolve(), code_stamp()
+    seed = begin_check(options, options.settings)
+    out = options.out.resolve()
+    stamp = code_stamp()
     base = SimulationOptions(robot=options.robot, runs=options.runs, duration=options.duration, coarse=True)
     common = stamp, find_worlds(options.worlds) if options.worlds else (), options.oracle
     tasks = {
@@ -193,10 +197,12 @@ def run_blind(
     made = step("simulating", make, {name: (task.sealed / MADE_NAME, task) for name, task in tasks.items()})
     for name, record in made.items():
         say(f"{name} sealed: sha256 {record['sha256']}")
-    diagnoses, edits = {}, {}
+    diagnoses = {}
+    edits = {}
     for name, task in tasks.items():
         # Those of an earlier version, or of another seal, are had anew.
-        record, stamped = made[name], f"{stamp} {made[name]['sha256']}"
+        record = made[name]
+        stamped = f"{stamp} {made[name]['sha256']}"
         path, edited = (out / folder / f"{name}.json" for folder in ("results", "edits"))
         diagnoses[name] = path, ExamineTask(task.session, record["robot"], tuple(record["excluded"]), path, stamped)
         if options.edit and task.slot.kind == "single":
@@ -271,7 +277,8 @@ def _step(
 @cache
 def code_stamp() -> str:
     """Short hash of this package's source: a result of an earlier version is had anew."""
-    root, digest = Path(__file__).parents[1], hashlib.sha256()
+    root = Path(__file__).parents[1]
+    digest = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
         digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()[:16]

@@ -60,12 +60,14 @@ def _ends(draws: Sequence[float] | np.ndarray) -> tuple[float, float]:
 
 def auroc(positive: Sequence[float], negative: Sequence[float]) -> Score:
     """Probability that a positive case scores above a negative one, ties counting half."""
-    n, m = len(positive), len(negative)
+    n = len(positive)
+    m = len(negative)
     if not n or not m:
         return Score()
     difference = np.subtract.outer(np.asarray(positive, dtype=float), np.asarray(negative, dtype=float))
     area = float(np.mean((difference > 0.0) + 0.5 * (difference == 0.0)))
-    q1, q2 = area / (2.0 - area), 2.0 * area**2 / (1.0 + area)
+    q1 = area / (2.0 - area)
+    q2 = 2.0 * area**2 / (1.0 + area)
     variance = area * (1.0 - area) + (n - 1) * (q1 - area**2) + (m - 1) * (q2 - area**2)
     reach = Z * float(np.sqrt(max(variance, 0.0) / (n * m)))
     return Score(area, max(area - reach, 0.0), min(area + reach, 1.0), n + m)
@@ -75,7 +77,8 @@ def calibration_curve(
     said: Sequence[float], right: Sequence[bool], bins: int = BINS
 ) -> list[tuple[float, float, float, Score]]:
     """Bins of equal width that hold anything: their bounds, the mean of what was said, and how often it was right."""
-    p, hit = np.asarray(said, dtype=float), np.asarray(right, dtype=bool)
+    p = np.asarray(said, dtype=float)
+    hit = np.asarray(right, dtype=bool)
     which = np.minimum((p * bins).astype(int), bins - 1)
     return [
         (k / bins, (k + 1) / bins, float(p[which == k].mean()), share(hit[which == k]))
@@ -89,7 +92,8 @@ def calibration_error(said: Sequence[float], right: Sequence[bool]) -> Score:
     if n == 0:
         return Score()
     p = np.asarray(said, dtype=float)
-    which, over = np.minimum((p * BINS).astype(int), BINS - 1), p - np.asarray(right, dtype=bool)
+    which = np.minimum((p * BINS).astype(int), BINS - 1)
+    over = p - np.asarray(right, dtype=bool)
     draws = np.random.default_rng(0).integers(n, size=(RESAMPLES // 10, n))
     value, *errors = (float(np.abs(np.bincount(which[rows], over[rows])).sum() / n) for rows in (np.arange(n), *draws))
     return Score(value, *_ends(errors), n)
@@ -103,7 +107,8 @@ SHOWN_SHARE = 1.0 / 3.0
 # Causes outside the catalogue are none of these.
 KNOWN = {effect.id: effect for effect in CATALOGUE}
 # Beyond these a URDF is wrong rather than imprecise: that links weigh something else is then true [1], [m].
-WRONG_LINK_ERROR, WRONG_COM_M = 0.08, 0.008
+WRONG_LINK_ERROR = 0.08
+WRONG_COM_M = 0.008
 # Names that are true of an arm whose URDF is wrong, whatever else was hidden in it.
 EXCUSED_BY_URDF = tuple(effect.id for effect in CATALOGUE if effect.as_change.body)
 
@@ -222,7 +227,8 @@ def score_case(slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Se
         first = counted[0]
         case = replace(case, class_size=len(first["class"]))
         if only:
-            strict, classed = first["effect"] == only.effect, only.effect in first["class"]
+            strict = first["effect"] == only.effect
+            classed = only.effect in first["class"]
             case = replace(case, strict=strict, class_aware=classed, joint=_is_at(only, first["joints"], answer))
     covers = []  # parameters that both report by the same name
     for true, finding in zip(matches, findings, strict=True):
@@ -235,8 +241,10 @@ def score_case(slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Se
                     {"effect": finding["effect"], "parameter": name, "true": value, **reported, "inside": inside}
                 )
     # Harmonic mean of precision and recall; a cause that is named at both of its joints is found once.
-    hits, found = sum(match is not None for match in matches), len({id(one) for one in matches if one is not None})
-    precision, recall = hits / max(len(counted), 1), found / max(len(answer.effects), 1)
+    hits = sum(match is not None for match in matches)
+    found = len({id(one) for one in matches if one is not None})
+    precision = hits / max(len(counted), 1)
+    recall = found / max(len(answer.effects), 1)
     f1 = 2.0 * precision * recall / (precision + recall) if counted and found else 0.0
     return replace(
         case,
@@ -321,7 +329,8 @@ def _shrink_share(
     alone = heldout["alone"].get(":".join(truth[0])) if heldout and len(truth) == 1 else None
     if heldout is None or alone is None:
         return None
-    floor, view = np.array([answer.noise_floor_Nm[joint] for joint in joints]), heldout[alone["view"]]
+    floor = np.array([answer.noise_floor_Nm[joint] for joint in joints])
+    view = heldout[alone["view"]]
     before, oracle, ours = (np.square(np.array(rms) / floor) for rms in (view["none"], alone["rms"], view["named"]))
     most = float(np.sum(before - oracle))
     return float(np.clip(np.sum(before - ours) / most, 0.0, 1.0)) if most > 0.0 else None

@@ -67,7 +67,10 @@ def is_visible(one: Outcome) -> bool:
     return one.kind == "single" and one.rich and one.amplitude >= 1.0
 
 
-SINGLE, REFUSABLE, SETS, WITHOUT = of("single"), of("excluded", "outside"), of("pair", "triple"), of("healthy", "decoy")
+SINGLE = of("single")
+REFUSABLE = of("excluded", "outside")
+SETS = of("pair", "triple")
+WITHOUT = of("healthy", "decoy")
 # Scores of any single effects: whatever is chosen before.
 NAMES: Rules = {
     "strict": (SINGLE, share, lambda one: one.strict),
@@ -131,7 +134,8 @@ def rules_of(method: str) -> Rules:
 
 def measure(cases: Iterable[Outcome], rules: Rules) -> dict[str, Score]:
     """The scores of a table of rules; a case of which a score says nothing (None) is left out of it."""
-    some, found = list(cases), {}
+    some = list(cases)
+    found = {}
     for name, (chosen, summarise, value) in rules.items():
         values = [value(one) for one in some if chosen(one)]
         found[name] = summarise([one for one in values if one is not None])
@@ -218,7 +222,8 @@ class BlindReport(Result):
         found = {}
         asked = [one for one in self.outcomes if SINGLE(one) and one.oracle is not None]
         for size, cases in group_by(asked, lambda one: one.amplitude).items():
-            best, ours = sum(one.oracle or 0.0 for one in cases) / len(cases), share(one.strict for one in cases)
+            best = sum(one.oracle or 0.0 for one in cases) / len(cases)
+            ours = share(one.strict for one in cases)
             ends = (ours.value, ours.low, ours.high)
             value, low, high = (end / best if end is not None and best > 0.0 else None for end in ends)
             found[f"{size:g}"] = Score(value, low, high, len(cases))

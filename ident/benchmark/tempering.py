@@ -20,7 +20,8 @@ from ident.benchmark.corpus import Entry, Truth
 from ident.inference.calibration import Temper
 
 # Logarithms of T between which it is looked for.
-LEAST, MOST = -8.0, 1.0
+LEAST = -8.0
+MOST = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,7 +119,8 @@ def _without_drive(
     losses: slice, alone: Projection, columns: Int[Array, " k"], beta: Float[Array, " k"], shaped: Bool[Array, " k"]
 ) -> tuple[Float[Array, " z"], Float[Array, " s"]]:
     """The baseline with losses constrained to be non-negative, and the coefficients of open laws that adapt to it."""
-    free, held = columns[shaped], columns[~shaped]
+    free = columns[shaped]
+    held = columns[~shaped]
     information = np.linalg.inv(alone.spread)
     cross = information @ alone.slopes[:, free]
     matrix = np.block([[information, cross], [cross.T, alone.total[np.ix_(free, free)]]])
@@ -141,7 +142,8 @@ def _by_joint(
     baseline: Baseline, evidence: Evidence, scaled: Float[Array, " z"], laws: Mapping[int, Mapping[str, OpenLaw]]
 ) -> dict[str, TunedJoint]:
     """Baseline parameters by joint name, from scaled coefficients and the open laws by joint and effect."""
-    rank, n = evidence.layout.rank, evidence.layout.n
+    rank = evidence.layout.rank
+    n = evidence.layout.n
     scaled_baseline = scaled / evidence.scale[: evidence.layout.tuned]
     losses = np.maximum(scaled_baseline[rank : rank + LOSS_PARAMETERS * n].reshape(n, LOSS_PARAMETERS), 0.0)
     lift = lift_base(baseline.base, baseline.settings.inertia_share * parameter_scale(baseline.nominal))

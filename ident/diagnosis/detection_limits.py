@@ -103,7 +103,8 @@ def _limit_at(finder: _LimitFinder, by_other: Sequence[Sequence[Group]]) -> Size
             worst = best
     if worst is None:
         return None
-    effect, multiple = worst.group.effect, worst.multiple
+    effect = worst.group.effect
+    multiple = worst.multiple
     hidden = multiple * effect.typical.share > 1.0 or finder.is_impossible(worst)
     bound = finder.bound_by(worst)
     value = worst.size / multiple if effect.typical.inverse else worst.size * multiple
@@ -123,10 +124,12 @@ class _LimitFinder:
     def __init__(self, conclusion: Conclusion, session: SessionContext) -> None:
         best = conclusion.inference.best
         chosen = [name.described.coarse for name in conclusion.names]
-        self.session, self.evidence = session, best.model.sums.evidence
+        self.session = session
+        self.evidence = best.model.sums.evidence
         self.needed_nats = conclusion.calibration.even_nats
         self.names = best.search.names
-        self.first, self.scale = best.search.first, best.search.scale
+        self.first = best.search.first
+        self.scale = best.search.scale
         self.rest = best.search.beside(chosen)
         fixed = best.model.with_urdf(best.model.components.urdf.divided(FIXED))
         self.rest_fixed = SetSearch.of(fixed).beside(chosen)
@@ -153,14 +156,17 @@ class _LimitFinder:
 
     def is_impossible(self, one: _TypicalEffect) -> bool:
         """Whether no arm has the effect at the size that it would need."""
-        group, beta = one.group, one.multiple * one.beta
-        certain, context = np.zeros((len(beta), len(beta))), self._context(group)
+        group = one.group
+        beta = one.multiple * one.beta
+        certain = np.zeros((len(beta), len(beta)))
+        context = self._context(group)
         estimates = group.effect.parameters(context, group.joint, group.variant, beta, certain)
         return impossible(group.effect, context, group.joint, estimates) is not None
 
     def bound_by(self, one: _TypicalEffect) -> str:
         """What hides an effect most."""
-        group, beta = one.group, one.beta
+        group = one.group
+        beta = one.beta
         # Inertias that may be off take more of it than noise leaves.
         if 2.0 * self._power(self.rest, group, beta) < self._power(self.rest_fixed, group, beta):
             return "tolerance"

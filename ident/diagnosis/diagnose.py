@@ -102,7 +102,8 @@ def diagnose(
     maps = _map(remaining, models, arm, seed, settings)
     findings = _findings(conclusion, arm, remaining, models)
     verdict = decide(conclusion.names, remaining.gap_probability)
-    old, new = conclusion.ladder[0].rms, conclusion.ladder[-1].rms
+    old = conclusion.ladder[0].rms
+    new = conclusion.ladder[-1].rms
     shrink = measure_shrink(old, new, remaining.floors) if findings else 0.0
     places = find_places(arm, maps, models, remaining, findings, telemetry, settings)
     far = replay_reservation(
@@ -218,7 +219,8 @@ def _identify(
 ) -> IdentifiedNumbers:
     """What the URDF says beside what the recordings say, from the sums of all candidates."""
     best = conclusion.inference.best
-    evidence, prior = evidence_of(best.model), best.model.prior()
+    evidence = evidence_of(best.model)
+    prior = best.model.prior()
     groups = [name.described.coarse for name in conclusion.names]
     gram = evidence.gram()
     tuned = project(gram, evidence, prior, groups)
@@ -259,7 +261,8 @@ def _finding(name: Named, before: Sequence, arm: ArmModel, remaining: Remaining,
 
     Of one that tuned inertias hide that is judged against the URDF as it is.
     """
-    joints, acts = arm.joint_names, name.affected_joints
+    joints = arm.joint_names
+    acts = name.affected_joints
     sides = (name.before, name.after)
     if name.absorbed:
         sides = (models.given.score(before), models.given.score([*before, name.group]))

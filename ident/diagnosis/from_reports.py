@@ -69,7 +69,8 @@ def diagnose_reports(
         collected.issues.append(_used_in_part(held))
     share = None
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
-        arm, share = model.arm, settings.regression.known_share
+        arm = model.arm
+        share = settings.regression.known_share
     analysis = diagnose(motions, arm, catalogue, collected.common_clock, collected.issues, seed, share, settings)
     if model is not None:
         from ident.diagnosis.user_model import with_own_model

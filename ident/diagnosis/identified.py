@@ -38,8 +38,11 @@ from ident.regression.least_squares import Prior, Projection
 from ident.regression.run_spread import robust_covariance
 from ident.robot.arm import ArmModel
 
-ARMATURE, VISCOUS, COULOMB = "armature_kgm2", "viscous_Nms_rad", "coulomb_Nm"
-OFFSET, GAIN = "offset_Nm", "torque_gain"
+ARMATURE = "armature_kgm2"
+VISCOUS = "viscous_Nms_rad"
+COULOMB = "coulomb_Nm"
+OFFSET = "offset_Nm"
+GAIN = "torque_gain"
 # Keys of a joint's losses, in the order of the baseline's columns.
 LOSS_FIGURES = dict(zip(LOSS_KEYS, (ARMATURE, VISCOUS, COULOMB), strict=True))
 # The effect whose parameter a figure is, that parameter, and the figure of a joint that reads true.
@@ -182,8 +185,10 @@ def stated_friction(arm: ArmModel) -> dict[str, dict[str, float]]:
 
 def _loss_figures(solved: Solved) -> dict[str, dict[str, Figure]]:
     """Rotor inertia, viscous and Coulomb friction of every joint."""
-    evidence, names = solved.evidence, solved.baseline.nominal.joint_names
-    rank, scale = evidence.layout.rank, evidence.scale
+    evidence = solved.evidence
+    names = solved.baseline.nominal.joint_names
+    rank = evidence.layout.rank
+    scale = evidence.scale
     stated = stated_friction(solved.baseline.nominal)
     std_fixed = _standard_deviations(evidence, solved.fixed)
     std_tuned = _standard_deviations(evidence, solved.tuned)
@@ -336,7 +341,8 @@ def _nominal_errors(solved: Solved) -> tuple[dict[str, float], dict[str, float]]
 
 def _link_figures(solved: Solved, index: int, name: str) -> LinkFigures:
     """Mass and first moments of a link, as far as they are determined."""
-    baseline, link = solved.baseline, solved.links[name]
+    baseline = solved.baseline
+    link = solved.links[name]
     own = slice(10 * index, 10 * index + 10)
     nominal = baseline.nominal.inertial_parameters[own]
     given = _links_given_the_others(solved)

@@ -14,7 +14,8 @@ from ident.effects.effect_info import SHOWINGS, describe_motion, family_for, set
 # Words in reasons for "not testable" that no motion removes: they lie in the arm, its URDF or the sensors.
 NOT_OF_MOTION = ("gear ratio", "no other joint", "no torque depends", "noisy", "noise hides", "noise of", "tolerance")
 # Words in reasons that a longer recording of any motion removes, and the advice to record more.
-SHORT, MORE = "the session lasts", "more"
+SHORT = "the session lasts"
+MORE = "more"
 # Length of a recording after a change of set-up, for which any motion over many poses will do [min].
 SETUP_MINUTES = 4.0
 
@@ -82,7 +83,8 @@ def _for_unseen(entries: Sequence[Mapping[str, Any]], known: Sequence[Effect], r
 
 def _advise(effects: Sequence[str], family: str, joint: str, robot: str) -> dict[str, Any]:
     """The advice for a kind of motion, with the command that computes it."""
-    words, separate = describe_motion(family, joint), f" --separate {','.join(effects)}" if effects else ""
+    words = describe_motion(family, joint)
+    separate = f" --separate {','.join(effects)}" if effects else ""
     words = words if words.startswith(joint) else words[0].upper() + words[1:]
     command = f"plan excite --robot {shlex.quote(robot)}{separate} --joint {shlex.quote(joint)} --out next_motion"
     motion = f"{words}; `{command}` works it out and writes it"

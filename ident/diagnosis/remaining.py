@@ -50,7 +50,9 @@ class Models:
     @classmethod
     def of(cls, conclusion: Conclusion) -> Models:
         """The models of a conclusion."""
-        evidence, prior, groups = conclusion.evidence, conclusion.prior, conclusion.groups
+        evidence = conclusion.evidence
+        prior = conclusion.prior
+        groups = conclusion.groups
         gram = evidence.gram()
         after = project(gram, evidence, prior, groups)
         # Errors of the untuned model are reported with the URDF as it is.
@@ -108,7 +110,8 @@ def measure_remaining(
         left = conclusion.joints.get(j)
         share, kind = (0.0, None) if left is None else (left.share, left.kind)
         if again > share:
-            share, kind = again, "state"
+            share = again
+            kind = "state"
         is_open = probability[j] >= EVEN_ODDS
         ceiling = measure_ceiling(steady, j, share if is_open else 0.0, kind if is_open else None)
         ceilings.append(ceiling)
@@ -139,7 +142,8 @@ def find_places(
     settings: DiagnosisSettings,
 ) -> tuple[Place, ...]:
     """Places of the gap, those of the largest error beyond noise first."""
-    tolerance, misread = remaining.tolerance, [one.joints for one in telemetry if one.issue == MISREAD]
+    tolerance = remaining.tolerance
+    misread = [one.joints for one in telemetry if one.issue == MISREAD]
     excess_errors = measure_excess_errors(
         arm.joint_names,
         {"before": models.errors[0], "fixed": models.errors[1]},
@@ -157,7 +161,9 @@ def joint_gaps(arm: ArmModel, models: Models, remaining: Remaining) -> dict[str,
     """The gap of each joint."""
     energy = np.array([run_energy(item, item.unseen_before) for item in remaining.series])
     tuned, untuned = models.errors
-    noise, ceilings, tolerance = remaining.noise, remaining.ceilings, remaining.tolerance
+    noise = remaining.noise
+    ceilings = remaining.ceilings
+    tolerance = remaining.tolerance
     return {
         name: JointGap(
             rms=float(tuned[j]),

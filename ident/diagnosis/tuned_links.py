@@ -44,7 +44,9 @@ from ident.robot.arm import ArmModel
 
 LIMIT = read_group(__file__, "tuned_links")
 # Parameter names of a link's changes.
-MASS, MOMENT, ABOUT = "mass_change_kg", "moment_change_{}_kgm", "about_axis_kgm"
+MASS = "mass_change_kg"
+MOMENT = "moment_change_{}_kgm"
+ABOUT = "about_axis_kgm"
 # Links that together could take one's place, by index, with the log evidence for that one against them [nats].
 Places = tuple[tuple[frozenset[int], float], ...]
 
@@ -122,7 +124,8 @@ def measure_tuned_links(
         prior: Prior of the inertias that it was solved with.
         inflation: Variance inflation.
     """
-    arm, mapping = baseline.nominal, baseline.base.mapping
+    arm = baseline.nominal
+    mapping = baseline.base.mapping
     information, score = _of_recordings(evidence, projection, prior, inflation)
     relevance = _Relevance(baseline, information, score)
     factors = relevance.best()
@@ -191,7 +194,8 @@ class _Relevance:
             found = [self._log_evidence(one) for one in tried]
             if max(found, default=-np.inf) <= reached:
                 break
-            reached, factors = max(found), tried[int(np.argmax(found))]
+            reached = max(found)
+            factors = tried[int(np.argmax(found))]
         return factors
 
     def compare_places(self, factors: tuple[float, ...], link: int) -> tuple[float, Places]:
@@ -202,7 +206,9 @@ class _Relevance:
         """
         if factors[link] == 1.0:
             return 0.0, ()
-        right, against, reached = {link}, list[tuple[frozenset[int], float]](), self._log_evidence(factors)
+        right = {link}
+        against = list[tuple[frozenset[int], float]]()
+        reached = self._log_evidence(factors)
         while True:
             without = self.best([1.0 if k in right else one for k, one in enumerate(factors)], right)
             lost = reached - self._log_evidence(without)
@@ -214,7 +220,8 @@ class _Relevance:
 
     def _log_evidence(self, factors: tuple[float, ...]) -> float:
         """Log evidence of some factors, with a prior cost for each that is not one [nats]."""
-        mapping, std = self.baseline.base.mapping, self.std(factors)
+        mapping = self.baseline.base.mapping
+        std = self.std(factors)
         root = np.linalg.cholesky((mapping * std**2) @ mapping.T)
         half = np.linalg.cholesky(np.eye(len(root)) + root.T @ self.information @ root)
         along = solve_triangular(half, root.T @ self.score, lower=True)
@@ -228,12 +235,15 @@ def turning_moment(arm: ArmModel, joint: int) -> Float[Array, "3 10n"]:
     The moment is in the joint's frame and averaged over full turns of the revolute joints behind it, by which only the
     components along their axes remain.
     """
-    mass, moment = np.zeros((1, 10 * arm.n)), np.zeros((3, 10 * arm.n))
+    mass = np.zeros((1, 10 * arm.n))
+    moment = np.zeros((3, 10 * arm.n))
     for k in reversed(range(joint, arm.n)):
-        mass[0, 10 * k], moment[:, 10 * k + 1 : 10 * k + 4] = 1.0, moment[:, 10 * k + 1 : 10 * k + 4] + np.eye(3)
+        mass[0, 10 * k] = 1.0
+        moment[:, 10 * k + 1 : 10 * k + 4] = moment[:, 10 * k + 1 : 10 * k + 4] + np.eye(3)
         if k == joint:
             return moment
-        axis, place = arm.joint_axes[k], arm.model.jointPlacements[k + 1]
+        axis = arm.joint_axes[k]
+        place = arm.model.jointPlacements[k + 1]
         kept = moment if arm.sliding_joints[k] else np.outer(axis, axis) @ moment
         moment = place.rotation @ kept + np.outer(place.translation, mass)
     return moment
@@ -243,7 +253,8 @@ def _about_axis(
     baseline: Baseline, joint: int, covariance: Float[Array, "r r"], change: Float[Array, " r"]
 ) -> tuple[Interval | None, float, float]:
     """The moment about a joint's axis, along the URDF's own: its change, the URDF's value and usual error."""
-    arm, mapping = baseline.nominal, baseline.base.mapping
+    arm = baseline.nominal
+    mapping = baseline.base.mapping
     axis = arm.joint_axes[joint]
     rows = (np.eye(3) - np.outer(axis, axis)) @ turning_moment(arm, joint)
     urdf = rows @ arm.inertial_parameters

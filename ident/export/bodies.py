@@ -20,7 +20,9 @@ from ident.robot.tolerance import parameter_scale
 TORQUE_WEIGHT = 1e4
 STATES = 200
 # Random states move faster than dry friction's transition [rad/s].
-LEAST_SPEED, MOST_SPEED, MOST_ACCELERATION = 0.3, 1.5, 3.0
+LEAST_SPEED = 0.3
+MOST_SPEED = 1.5
+MOST_ACCELERATION = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +43,8 @@ class Links:
 def random_states(arm: ArmModel, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Angles within limits, speeds clear of rest, moderate accelerations, each of shape (STATES, n)."""
     limits = arm.known_limits
-    low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
+    low = np.maximum(limits.lower, -np.pi)
+    high = np.minimum(limits.upper, np.pi)
     q = rng.uniform(low, high, (STATES, arm.n))
     speed = rng.uniform(LEAST_SPEED, MOST_SPEED, q.shape) * rng.choice([-1.0, 1.0], q.shape)
     return q, speed, rng.uniform(-MOST_ACCELERATION, MOST_ACCELERATION, q.shape)
@@ -73,7 +76,8 @@ def nearest_bodies(arm: ArmModel, tuning: Float[Array, "n 10"]) -> tuple[Float[A
     rows = regressor / np.sqrt(np.maximum(usual, 1e-3 * usual.max()))[:, None]
     torque = rows.reshape(-1, len(scale)) * scale
     torque /= np.sqrt(np.mean(np.sum(torque**2, axis=0)))
-    wanted, information = (nominal + tuning).ravel(), TORQUE_WEIGHT * torque.T @ torque + np.eye(len(scale))
+    wanted = (nominal + tuning).ravel()
+    information = TORQUE_WEIGHT * torque.T @ torque + np.eye(len(scale))
     try:
         moved = solve_bounded(information, np.zeros(len(scale)), (), wanted, scale, free)
     except ArithmeticError:

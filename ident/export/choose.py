@@ -91,7 +91,8 @@ class Gap:
 
     def cost(self, others: Sequence[Gap]) -> Float[Array, " n"]:
         """What each joint's errors cost against the least of others': losses to be expected less sure gains."""
-        found, sure = self.over(others), self.over(others, LEVEL)
+        found = self.over(others)
+        sure = self.over(others, LEVEL)
         error = np.maximum((sure - found) / norm.ppf(LEVEL), 1e-12)
         loss = error * norm.pdf(found / error) + found * norm.cdf(found / error)
         return np.sum(WORSE * loss + np.minimum(sure, 0.0), axis=0)
@@ -132,7 +133,9 @@ def measure_gap(model: LoadedModel, runs: Sequence[Motion]) -> Gap:
     replay = replay * moved * len(moved) / np.maximum(moved.sum(axis=0), 1)
     replay = replay if replay.size else np.full((2, 1, runs[0].n), np.nan)
     replayed = dict(zip(("position", "velocity"), replay, strict=True))
-    counts, squares, works = np.zeros(runs[0].n), [], []
+    counts = np.zeros(runs[0].n)
+    squares = []
+    works = []
     for motion in runs:
         left = log_error(model, motion)
         counts += motion.settled.sum(axis=0)
@@ -205,7 +208,8 @@ class Chosen:
 
     def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
         """Its record, figures by the joints' names."""
-        worse, joints = {name: ratio for name, (_, ratio) in self.worse.items()}, zip(names, self.joints, strict=True)
+        worse = {name: ratio for name, (_, ratio) in self.worse.items()}
+        joints = zip(names, self.joints, strict=True)
         return {"written": self.name, "bodies": self.bodies, "joints": dict(joints), "worse": worse}
 
     def in_words(self, form: str, names: Sequence[str]) -> list[str]:
@@ -222,7 +226,8 @@ class Chosen:
 
 def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motion], folder: Path) -> Chosen:
     """The nearest candidate of a format on recordings that none was fitted to; `folder` is for scratch files."""
-    n, found = runs[0].n, dict[tuple[str, tuple[str, ...]], Gap]()
+    n = runs[0].n
+    found = dict[tuple[str, tuple[str, ...]], Gap]()
 
     def measure(bodies: str, joints: tuple[str, ...]) -> Gap:
         if (bodies, joints) not in found:

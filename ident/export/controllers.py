@@ -117,7 +117,8 @@ RANGES_FILES = ("isaaclab_ranges.py", "playground_ranges.py")
 
 def write_isaac(identified: IdentifiedArm) -> str:
     """Keyword arguments of Isaac Lab's actuators, as a module that does not need it; no recording shows a delay."""
-    arm, losses = identified.whole, identified.losses
+    arm = identified.whole
+    losses = identified.losses
     names = arm.joint_names
     keys = ("armature", "friction", "dynamic_friction", "viscous_friction")
     values = (losses.motor_inertia, losses.coulomb, losses.coulomb, losses.viscous)
@@ -143,8 +144,10 @@ def _tables(names: tuple[str, ...], columns: Mapping[str, Float[Array, " n"]]) -
 
 def write_limits(identified: IdentifiedArm) -> str:
     """Limits as ros2_control reads them: YAML parameters for any node, `joint_limits` with one table a joint."""
-    arm, losses = identified.whole, identified.losses
-    acceleration, known = allowed_acceleration(arm, losses), arm.known_limits
+    arm = identified.whole
+    losses = identified.losses
+    acceleration = allowed_acceleration(arm, losses)
+    known = arm.known_limits
     lines = [
         "# Positions, speeds and efforts are the URDF's. The acceleration is what the identified arm's effort limit",
         "# leaves at its worst pose for this joint alone, from rest, after gravity and dry friction.",
@@ -154,7 +157,8 @@ def write_limits(identified: IdentifiedArm) -> str:
         "    joint_limits:",
     ]
     for j, name in enumerate(arm.joint_names):
-        low, high = float(known.lower[j]), float(known.upper[j])
+        low = float(known.lower[j])
+        high = float(known.upper[j])
         limits: list[tuple[str, tuple[str, ...], tuple[float, ...]]] = [
             ("position", ("min_position", "max_position"), (low, high)),
             ("velocity", ("max_velocity",), (float(known.speed[j]),)),
@@ -187,11 +191,15 @@ def write_cpp(identified: IdentifiedArm) -> str:
 
     Newton and Euler's recursion in the joints' own frames, as in `ident.laws.motion`.
     """
-    arm, losses = identified.whole, identified.losses
-    chain, space = describe_arm(arm), "arm_" + re.sub(r"\W", "_", arm.name, flags=re.ASCII)
+    arm = identified.whole
+    losses = identified.losses
+    chain = describe_arm(arm)
+    space = "arm_" + re.sub(r"\W", "_", arm.name, flags=re.ASCII)
     rows = []
     for j in range(arm.n):
-        mass, first, six = chain.links[j][0], chain.links[j][1:4], chain.links[j][4:]
+        mass = chain.links[j][0]
+        first = chain.links[j][1:4]
+        six = chain.links[j][4:]
         inertia = six[[0, 1, 3, 1, 2, 4, 3, 4, 5]]
         parts = [
             f"{{{{{_row(chain.rotations[j].ravel())}}}}}",
@@ -250,7 +258,9 @@ InFile = tuple[list[int], Losses, Array | None]
 
 def write_module(identified: IdentifiedArm, files: Mapping[str, InFile]) -> str:
     """The module's text: the tuned arm without the effects, its losses, and the effects whose law is known."""
-    arm, losses, effects = identified.tuned, identified.losses, in_module(identified.changes)
+    arm = identified.tuned
+    losses = identified.losses
+    effects = in_module(identified.changes)
     kinds = [change.kind for change in identified.changes if change.has_law and change.kind is not None]
     own = {kind.id: kind for kind in kinds if kind.id not in KNOWN}
     named = ", ".join(f"{name!r}: {name}" for name in COLUMNS)
@@ -297,7 +307,8 @@ def _own_law(kind: base.Effect) -> str:
         raise InputError(where, f"its text can't be read ({error})", "write it as a static method (m, j, p)") from error
     if not isinstance(found, ast.FunctionDef):
         raise InputError(where, "it is no function", "write it as a static method (m, j, p)")
-    found.name, found.decorator_list = f"law_of_{kind.id}", []
+    found.name = f"law_of_{kind.id}"
+    found.decorator_list = []
     return f"{ast.unparse(found)}\n\n\nLAWS[{kind.id!r}] = {found.name}"
 
 

@@ -35,15 +35,20 @@ FRICTIONS = {
 }
 _UNKNOWN = "an effect outside the catalogue, whose law is known to its file only: give it with --catalogue"
 # Of the torque that an effect adds, what a file may be off by that states it, and that states something near.
-SAME, NEAR = 0.01, 0.1
+SAME = 0.01
+NEAR = 0.1
 
 # States at which laws are compared with losses where no recording is given: how long, how dense [s], which speed as a
 # share of the limit, and the limit where a URDF has none [rad/s].
-USUAL_TIME, USUAL_STEP, USUAL_SHARE, USUAL_LIMIT = 20.0, 0.01, 0.5, 3.0
+USUAL_TIME = 20.0
+USUAL_STEP = 0.01
+USUAL_SHARE = 0.5
+USUAL_LIMIT = 3.0
 # Position, speed, acceleration of shape (T, n), and the sampling interval.
 Run = tuple[Array, Array, Array, float]
 # Losses are also to be near at speeds up to this many times those of the runs, at a tenth of the weight.
-BEYOND, BEYOND_WEIGHT = 1.5, 0.1
+BEYOND = 1.5
+BEYOND_WEIGHT = 0.1
 
 
 def express(change: Change, form: str) -> Expression:
@@ -131,8 +136,10 @@ def stand_in(identified: IdentifiedArm, laws: Sequence[Change], runs: Sequence[R
     losses = identified.losses
     if not laws:
         return losses
-    arm, effects = describe_arm(identified.tuned), in_module(laws)
-    torque, rows = [], []
+    arm = describe_arm(identified.tuned)
+    effects = in_module(laws)
+    torque = []
+    rows = []
     for q, dq, ddq, interval in runs:
         for faster, weight in ((1.0, 1.0), (BEYOND, BEYOND_WEIGHT)):
             moving = MovingArm(arm, losses, q, faster * dq, ddq, interval)
@@ -140,13 +147,15 @@ def stand_in(identified: IdentifiedArm, laws: Sequence[Change], runs: Sequence[R
             torque.append(weight * (own + acting_torque(effects, moving)))
             speed = np.abs(moving.dq)
             rows.append(weight * np.stack([moving.direction, moving.dq, speed * moving.dq, speed**2 * moving.dq], -1))
-    target, columns = np.concatenate(torque), np.concatenate(rows)
+    target = np.concatenate(torque)
+    columns = np.concatenate(rows)
     found = np.stack([losses.coulomb, losses.viscous, *losses.bend.T])
     speed = identified.nominal.known_limits.speed
     top = np.maximum(np.where(speed < 50.0, speed, 0.0), 1.0)
     for j in {law.joint for law in laws}:
         for size in (4, 2) if bends else (2,):
-            x, bounds = columns[:, j, :size], ([0.0, 0.0, -np.inf, -np.inf][:size], np.inf)
+            x = columns[:, j, :size]
+            bounds = ([0.0, 0.0, -np.inf, -np.inf][:size], np.inf)
             scale = np.maximum(np.linalg.norm(x, axis=0), 1e-12)
             near = lsq_linear(x / scale, target[:, j], bounds, tol=1e-14).x / scale
             found[:, j] = np.append(near, np.zeros(4 - size))
@@ -158,10 +167,12 @@ def stand_in(identified: IdentifiedArm, laws: Sequence[Change], runs: Sequence[R
 def usual_run(arm: ArmModel) -> Run:
     """Waves of all joints within their limits, as fast as joints usually go."""
     known = arm.known_limits
-    low, high = np.maximum(known.lower, -np.pi), np.minimum(known.upper, np.pi)
+    low = np.maximum(known.lower, -np.pi)
+    high = np.minimum(known.upper, np.pi)
     limit = np.where(known.speed < 50.0, known.speed, USUAL_LIMIT)
     size = np.minimum(0.4 * (high - low), 1.0)
     pulse = USUAL_SHARE * limit / size * (1.0 + 0.1 * np.arange(arm.n) / arm.n)
     angle = pulse * np.arange(0.0, USUAL_TIME, USUAL_STEP)[:, None] + np.arange(arm.n)
-    wave, slope = size * np.sin(angle), size * pulse * np.cos(angle)
+    wave = size * np.sin(angle)
+    slope = size * pulse * np.cos(angle)
     return 0.5 * (low + high) + wave, slope, -(pulse**2) * wave, USUAL_STEP

@@ -107,7 +107,8 @@ class IdentifiedArm:
         leaves no body, the links together give its torque.
         """
         tuned, missed = nearest_bodies(nominal, tuning[1])
-        numbers, named = nominal.inertial_parameters.reshape(nominal.n, 10) + tuned, np.zeros((nominal.n, 10))
+        numbers = nominal.inertial_parameters.reshape(nominal.n, 10) + tuned
+        named = np.zeros((nominal.n, 10))
         for change in changes:
             if change.part("urdf") == "inertial":
                 named[change.joint] += link_change(numbers[change.joint], change.values)
@@ -137,7 +138,8 @@ class IdentifiedArm:
         Raises:
             InputError: Links that no body could be.
         """
-        nominal, n = model.nominal, model.nominal.n
+        nominal = model.nominal
+        n = model.nominal.n
         given, numbers = (one.inertial_parameters.reshape(n, 10) for one in (nominal, model.arm))
         # A link that the URDF itself leaves without extent is written as it is.
         rows = zip(nominal.links, numbers, given, strict=True)
@@ -266,7 +268,8 @@ class Diagnosed:
         joints = tuple(record["joints"])
         if not joints or not all(isinstance(name, str) for name in joints):
             raise ValueError(f"its joints are {joints!r}")
-        baseline, found = record.get("baseline", {}), record["findings" if "findings" in record else "changes"]
+        baseline = record.get("baseline", {})
+        found = record["findings" if "findings" in record else "changes"]
         changes = tuple(_change(one, joints, baseline, known.get(one["effect"])) for one in found)
         for change in changes:
             _ = change.values  # a law that lacks a parameter is found here, not by whoever writes it
@@ -325,7 +328,9 @@ class Diagnosed:
 
 def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None) -> Change:
     """A finding as an effect; a parameter that the law can't take is refused here."""
-    effect, where, parameters = finding["effect"], tuple(finding["joints"]), {}
+    effect = finding["effect"]
+    where = tuple(finding["joints"])
+    parameters = {}
     for name, value in finding["parameters"].items():
         if not isinstance(value, dict) or set(value) - FURTHER_ENDS != {"value", "low", "high"}:
             raise ValueError(f"{name} of {effect} is {value!r}, not a value with low and high")
@@ -344,7 +349,8 @@ def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str
 
 def _tuning(record: dict[str, Any], joints: tuple[str, ...]) -> Tuning:
     keys = (*LOSS_KEYS, "transition_rad_s", "sliding_range_rad")
-    losses, links = np.zeros((len(keys), len(joints))), np.zeros((len(joints), len(LINK_KEYS)))
+    losses = np.zeros((len(keys), len(joints)))
+    links = np.zeros((len(joints), len(LINK_KEYS)))
     for j, joint in enumerate(joints):
         row = {"sliding_range_rad": 0.0, **record[joint]}
         for k, key in enumerate(keys):

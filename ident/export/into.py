@@ -162,7 +162,8 @@ def link_changes(identified: IdentifiedArm) -> Float[Array, "n 10"]:
 
 
 def _edit_urdf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInto) -> None:
-    arm, losses = identified.nominal, identified.losses
+    arm = identified.nominal
+    losses = identified.losses
     joints = _named(edited.root.children, "joint")
     names = match_joints(arm.joint_names, list(joints), written.path)
     for j, joint in enumerate(arm.joint_names):
@@ -235,7 +236,8 @@ def _change_urdf_link(edited: EditedXml, link: Element, change: Float[Array, " 1
 
 
 def _edit_mjcf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInto) -> None:
-    arm, losses = identified.nominal, identified.losses
+    arm = identified.nominal
+    losses = identified.losses
     owners: dict[str, tuple[Element, Element]] = {}
     for body in find_all(edited.root, lambda element: element.tag == "body"):
         for name, element in _named(body.children, "joint").items():
@@ -298,7 +300,8 @@ def _frames_of(model: mujoco.MjModel, arm: ArmModel, names: Mapping[str, str]) -
             data.qpos[joint.qposadr] = angle
         mujoco.mj_forward(model, data)
         base = int(model.body_parentid[joints[0].bodyid[0]])
-        turn, place = data.xmat[base].reshape(3, 3), data.xpos[base]
+        turn = data.xmat[base].reshape(3, 3)
+        place = data.xpos[base]
         poses = arm.link_poses(np.full((1, arm.n), angle), arm.links)
         for j, joint in enumerate(joints):
             link_turn, link_place = (values[0] for values in poses[arm.links[j]])

@@ -36,9 +36,11 @@ ROLLOUT_STEP = 2.5e-4
 # What a motion is off by that grows without bound [rad].
 LOST = 2.0 * np.pi
 # The deflection of an elastic joint is integrated with steps no longer than this [s], and than so much of its swing.
-SPRING_STEP, SPRING_TURN = 1e-3, 0.1
+SPRING_STEP = 1e-3
+SPRING_TURN = 0.1
 # Newton's steps to their balance at the start, and by how much a spring is bent for its slope [rad].
-BALANCE_STEPS, BALANCE_SLOPE = 4, 1e-6
+BALANCE_STEPS = 4
+BALANCE_SLOPE = 1e-6
 
 
 class SimulatorModel(Protocol):
@@ -179,8 +181,10 @@ class LoadedUrdf(LoadedModel):
         steps end, not where they lead.
         """
         q, dq = np.array(states)
-        slip, stops = np.tanh(dq / self.losses.transition), self.losses.range > 0.0
-        reach, inertia = np.where(stops, self.losses.range, 1.0), self.arm.derivatives(q, 0.0 * q, 0.0 * q)[2]
+        slip = np.tanh(dq / self.losses.transition)
+        stops = self.losses.range > 0.0
+        reach = np.where(stops, self.losses.range, 1.0)
+        inertia = self.arm.derivatives(q, 0.0 * q, 0.0 * q)[2]
         for torque in _at_steps(drive + extra, interval, ROLLOUT_STEP):
             change = self.arm.forward_dynamics(q, dq, torque - self._friction(dq, slip))
             turns = np.where(stops, ROLLOUT_STEP / reach, 1.0 / self.losses.transition) * (1.0 - slip**2)
@@ -204,7 +208,9 @@ class LoadedMjcf(LoadedModel):
         spec = mujoco.MjSpec.from_file(str(path))
         if payload is not None and payload.mass_kg > 0.0:
             body = spec.joint(joints[-1]).parent.add_body(name="known_payload", pos=payload.com_m)
-            body.mass, body.inertia, body.ipos = payload.mass_kg, np.full(3, 1e-6 * payload.mass_kg), np.zeros(3)
+            body.mass = payload.mass_kg
+            body.inertia = np.full(3, 1e-6 * payload.mass_kg)
+            body.ipos = np.zeros(3)
             body.explicitinertial = True
         with catch_warnings(action="ignore"):  # of links without inertia, as a URDF may have them
             self.model = spec.compile()
@@ -260,7 +266,8 @@ class LoadedMjcf(LoadedModel):
         """Springs in balance under the load, that give way as it grows: nothing swings."""
         none = np.zeros(len(self.springs))
         loads = [-self._on_springs(states[k], none, none) for k in (0, 1)]
-        x, rate = loads[0] / self.stiffness, (loads[1] - loads[0]) / (self.stiffness * interval)
+        x = loads[0] / self.stiffness
+        rate = (loads[1] - loads[0]) / (self.stiffness * interval)
         for _ in range(BALANCE_STEPS):  # the load changes with the deflection
             left, ahead = (self._on_springs(states[0], x + step, none) for step in (0.0, BALANCE_SLOPE))
             x = x - BALANCE_SLOPE * left / (ahead - left)
@@ -291,7 +298,8 @@ class LoadedMjcf(LoadedModel):
         self, states: Array, twists: Array, drive: Array, extra: Array, interval: float
     ) -> Float[Array, "2 w n"]:
         """MuJoCo's own steps, the log as `ctrl`."""
-        step, ends = float(self.model.opt.timestep), []
+        step = float(self.model.opt.timestep)
+        ends = []
         driven, added = (_at_steps(one, interval, step) for one in (drive, extra))
         for k, twist in enumerate(twists):
             mujoco.mj_resetData(self.model, self.data)
@@ -333,7 +341,8 @@ class WrittenFile:
 
     def load(self, payload: Payload | None = None, module: ModuleType | None = None) -> LoadedModel:
         """The file in its simulator, with a module that stands in for what it lacks, if one is given."""
-        path, arm = self.folder / FILE_OF[self.form], self.stated.nominal
+        path = self.folder / FILE_OF[self.form]
+        arm = self.stated.nominal
         model: LoadedModel = (
             LoadedMjcf(path, arm.joint_names, payload)
             if self.form == "mjcf"
@@ -347,7 +356,8 @@ class WrittenFile:
 
         Single states: what has a memory (an elastic joint, a delay) is not in them.
         """
-        changes, model = self.stated.changes, self.load()
+        changes = self.stated.changes
+        model = self.load()
         if any(change.part(self.form) == "second joint" for change in changes):
             return {"loads": True, "torque_difference_Nm": None}
         q, dq, ddq = random_states(self.stated.nominal, np.random.default_rng(seed))

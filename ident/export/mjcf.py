@@ -50,7 +50,8 @@ REAL = 1e-9
 
 def write_mjcf(identified: IdentifiedArm) -> str:
     """The patched MJCF."""
-    arm, changes = identified.whole, identified.changes
+    arm = identified.whole
+    changes = identified.changes
     root = ET.Element("mujoco", model=arm.name)
     root.append(ET.Comment(NOTE))
     ET.SubElement(root, "compiler", angle="radian", balanceinertia="true", autolimits="true")
@@ -72,10 +73,12 @@ def write_mjcf(identified: IdentifiedArm) -> str:
     for change in changes:
         if change.part("mjcf") == "load":
             link = payload_parameters(change.values)
-            mass, moment = float(link[0]), repr(float(link[0]) * PAYLOAD_RADIUS**2)
+            mass = float(link[0])
+            moment = repr(float(link[0]) * PAYLOAD_RADIUS**2)
             point = {"pos": numbers(link[1:4] / mass), "mass": repr(mass), "diaginertia": f"{moment} {moment} {moment}"}
             ET.SubElement(ET.SubElement(parent, "body", name=PAYLOAD), "inertial", point)
-    motors, sensors = ET.SubElement(root, "actuator"), ET.SubElement(root, "sensor")
+    motors = ET.SubElement(root, "actuator")
+    sensors = ET.SubElement(root, "sensor")
     for name, own in zip(arm.joint_names, elements, strict=True):
         ET.SubElement(motors, "general", {"name": name, "joint": name, **own["motor"]})
         ET.SubElement(sensors, "actuatorfrc", {"name": f"{name}_log", "actuator": name, **own["sensor"]})
@@ -103,7 +106,8 @@ PARTS: dict[str, tuple[str, Callable[[Mapping[str, float]], dict[str, str]]]] = 
 
 def joint_elements(identified: IdentifiedArm) -> list[Elements]:
     """Elements of every joint: its losses, its limits, and its effects on top."""
-    arm, losses = identified.nominal, identified.losses
+    arm = identified.nominal
+    losses = identified.losses
     limits = arm.known_limits
     delay = sum(change.values["delay_s"] for change in identified.changes if change.part("mjcf") == "delay")
     samples = str(ceil(delay / TIMESTEP) + MORE_SAMPLES)
@@ -123,7 +127,8 @@ def joint_elements(identified: IdentifiedArm) -> list[Elements]:
         # qpos is the logged angle, qpos − ref the true one.
         if zero := -sum(change.values["offset_rad"] for change in changes if change.part("mjcf") == "zero"):
             joint["ref"] = repr(zero)
-        lower, upper = float(limits.lower[j]) + zero, float(limits.upper[j]) + zero
+        lower = float(limits.lower[j]) + zero
+        upper = float(limits.upper[j]) + zero
         effort = float(limits.effort[j])
         if max(abs(lower), abs(upper)) < UNLIMITED:
             joint["range"] = f"{lower!r} {upper!r}"
@@ -217,7 +222,8 @@ def _shapes(arm: ArmModel) -> tuple[dict[int, list[dict[str, str]]], dict[str, F
 # The user's own file is edited, comments and meshes stay. Losses go into <dynamics>; rotor inertia, for which a URDF
 # has no place, stands in the parameter file.
 NOTE = " written by `ident patch`; patch.json beside this file says what is in it and what is not "
-PAYLOAD, LEVEL = UnknownPayload.id, "level"
+PAYLOAD = UnknownPayload.id
+LEVEL = "level"
 # Share of its inertia that a link keeps whose mass another link takes over: no joint may move nothing.
 LEFT = 1e-6
 # A payload is reported as a point; simulators need some extent [m].
@@ -226,7 +232,9 @@ PAYLOAD_RADIUS = 0.01
 
 def write_urdf(identified: IdentifiedArm) -> str:
     """The patched URDF: the arm's source file is edited where there is one, and losses that it states are replaced."""
-    arm, losses, links = identified.nominal, identified.losses, identified.links.total
+    arm = identified.nominal
+    losses = identified.losses
+    links = identified.links.total
     text = source_text(arm)
     keeping_comments = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
     root = ET.fromstring(declare_prefixes(text), parser=keeping_comments)
@@ -239,7 +247,8 @@ def write_urdf(identified: IdentifiedArm) -> str:
         if np.any(links[j]):
             _add_inertia(root, bodies[arm.links[j]], links[j], arm.locked_joints)
     for change in identified.changes:
-        part, p = change.part("urdf"), change.values
+        part = change.part("urdf")
+        p = change.values
         if part == "load":
             ball = ball_of(p["mass_kg"], np.array([p[f"com_{axis}_m"] for axis in "xyz"]), PAYLOAD_RADIUS)
             set_inertial(ET.SubElement(root, "link", name=PAYLOAD), ball)
@@ -310,12 +319,16 @@ def _hanging_on(
 ) -> Iterator[tuple[ET.Element, Array]]:
     """Links that are fixed to a link or held by locked joints, one by one outwards, with their frames in its own."""
     for joint in root.findall("joint"):
-        name, kind = joint.get("name", ""), joint.get("type")
+        name = joint.get("name", "")
+        kind = joint.get("type")
         if link_of(joint, "parent") != link.get("name") or not (kind == "fixed" or name in locked):
             continue
-        origin, axis = joint.find("origin"), read_vector(joint.find("axis"), "xyz", "1 0 0")
-        placed, position = np.eye(4), locked.get(name, 0.0)
-        placed[:3, :3], placed[:3, 3] = rpy_to_matrix(read_vector(origin, "rpy")), read_vector(origin, "xyz")
+        origin = joint.find("origin")
+        axis = read_vector(joint.find("axis"), "xyz", "1 0 0")
+        placed = np.eye(4)
+        position = locked.get(name, 0.0)
+        placed[:3, :3] = rpy_to_matrix(read_vector(origin, "rpy"))
+        placed[:3, 3] = read_vector(origin, "xyz")
         if kind == "prismatic":
             placed[:3, 3] += placed[:3, :3] @ axis * position
         elif kind != "fixed":  # whose axis may be anything

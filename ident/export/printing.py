@@ -87,7 +87,8 @@ def gap_table(heldout: dict[str, Any]) -> Table:
 
 def write(console: Console, result: Any) -> None:
     """Prints a patch, an export or a verification in plain lines."""
-    record, lines = result.to_dict(), []
+    record = result.to_dict()
+    lines = []
     if "effects" in record:
         print_patch(console, record, result.folder)
         return

@@ -39,8 +39,10 @@ from ident.records import as_json
 from ident.results import Provenance, files_of, runs_of
 from ident.robot.arm import ArmModel
 
-PATCH, EXPORT = "ident.patch/1", "ident.export/1"
-PATCH_KIND, EXPORT_KIND = "patch", "export"
+PATCH = "ident.patch/1"
+EXPORT = "ident.export/1"
+PATCH_KIND = "patch"
+EXPORT_KIND = "export"
 PATCH_FILES = ("robot.urdf", "robot.xml", "parameters.toml", "extra_torque.py", "patch.json")
 FILES = {
     **FILE_OF,
@@ -107,7 +109,8 @@ def write_patch(
     Raises:
         InputError: Another robot's diagnosis, or the folder holds something else.
     """
-    options, origin = diagnosed.candidates(robot), provenance or Provenance("ident patch")
+    options = diagnosed.candidates(robot)
+    origin = provenance or Provenance("ident patch")
     module = "extra_torque.py"
     with atomic_folder(out, PATCH_KIND) as folder, tempfile.TemporaryDirectory() as scratch:
         arm = _Files(options, motions, folder, Path(scratch))
@@ -171,7 +174,8 @@ def write_export(
         raise InputError("--format", f"{unknown[0]!r} is unknown", f"use one of: {', '.join(FILES)}")
     options = IdentifiedArm.of_models(model, chosen.nearest)
     origin = origin or Provenance("ident export")
-    after, module = options["after"], FILES["python"] if "python" in formats else None
+    after = options["after"]
+    module = FILES["python"] if "python" in formats else None
     with suppress(_NotPromoted), atomic_folder(out, EXPORT_KIND) as folder, tempfile.TemporaryDirectory() as scratch:
         arm = _Files(options, [motion.select(model.joint_names) for motion in motions], folder, Path(scratch))
         arm.write_loaded([name for name in LOADED if name in formats])
@@ -235,7 +239,10 @@ class _Files:
     def __init__(
         self, options: Mapping[str, IdentifiedArm], motions: Sequence[Motion], folder: Path, scratch: Path
     ) -> None:
-        self.options, self.motions, self.folder, self.scratch = options, motions, folder, scratch
+        self.options = options
+        self.motions = motions
+        self.folder = folder
+        self.scratch = scratch
         self.identified = options["after"]
         self.nominal = self.identified.nominal
         # States of recordings, of long ones their first part: the torque is left out.
@@ -374,7 +381,8 @@ def _plain_losses(identified: IdentifiedArm, formats: Sequence[str]) -> list[str
 
 def _notes(identified: IdentifiedArm, module: str, model: HybridModel | None = None) -> list[str]:
     """What a user of the files should know beside the effects, and what no file says of a model."""
-    arm, ranges = identified.nominal, identified.losses.range * (identified.losses.coulomb > 0.0)
+    arm = identified.nominal
+    ranges = identified.losses.range * (identified.losses.coulomb > 0.0)
     lines = ["robot.urdf: a URDF has no place for rotor inertia; take it from parameters.toml (Pinocchio: armature)"]
     if not identified.is_level:
         pull = " ".join(f"{one:.2f}" for one in identified.gravity)

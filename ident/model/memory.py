@@ -49,19 +49,22 @@ from ident.robot.arm import ArmModel
 from ident.safe_read import read_json, require_regular
 
 # Ranges of the stop operators [rad], and times over which averages are taken [s].
-RANGES, TIMES = (1e-3, 1e-2, 1e-1), (0.1, 0.3, 0.8)
+RANGES = (1e-3, 1e-2, 1e-1)
+TIMES = (0.1, 0.3, 0.8)
 # Speed over which a joint's direction turns round in its average [rad/s].
 TURNING = 0.02
 # Rows that a joint's doubt is found by, and those that its trees are fitted to in the end; of more,
 # every second or third is taken.
-MOST_ROWS, FITTED_ROWS = 5000, 20_000
+MOST_ROWS = 5000
+FITTED_ROWS = 20_000
 # Fewer rows than this tell nothing of a joint.
 FEWEST_ROWS = 100
 # Blocks that recordings are cut into at least.
 BLOCKS = 8
 # Whose inputs a joint's trees are given: its own, those of all joints, or half of each.
 OWN, ALL, BOTH = range(3)
-FILE, RECORD = "memory.safetensors", "memory.json"
+FILE = "memory.safetensors"
+RECORD = "memory.json"
 SEVERAL = 4  # channels of every joint: angle, speed, acceleration, load
 
 
@@ -90,7 +93,8 @@ def memory_inputs(
     interval: float,
 ) -> Float[Array, "T f"]:
     """Inputs of one joint: its own, then the states of all."""
-    angle, pace = np.ascontiguousarray(q[:, joint]), dq[:, joint]
+    angle = np.ascontiguousarray(q[:, joint])
+    pace = dq[:, joint]
     own = [joint_features(pace, ddq[:, joint], load[:, joint])]
     own += [stop_operator(angle, size)[:, None] / size for size in RANGES]
     heading = np.tanh(pace / TURNING)

@@ -101,7 +101,8 @@ class ColumnSums:
     def at(self, places: Int[Array, " d"]) -> ColumnSums:
         """Those of some of the columns."""
         spots = np.searchsorted(self.places, places)
-        rows, columns = spots[:, None], spots
+        rows = spots[:, None]
+        columns = spots
         return ColumnSums(
             places,
             self.without[:, rows, columns],

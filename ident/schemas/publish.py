@@ -60,7 +60,8 @@ def make_schema(name: str, package: str = "ident") -> dict[str, Any]:
     Raises:
         InputError: No such kind.
     """
-    kinds, short = list_kinds(package), (name.rpartition("/")[0] or name).rpartition(".")[2]
+    kinds = list_kinds(package)
+    short = (name.rpartition("/")[0] or name).rpartition(".")[2]
     if short not in kinds:
         what = f"there is no result file {name!r}"
         raise InputError(f"{package} schema", what, f"give one of: {', '.join(sorted(kinds))}")

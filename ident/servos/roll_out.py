@@ -41,7 +41,8 @@ SHARED = {
     "stribeck_rad_s": 0.1,
 }
 # Evaluations of a search, and how many searches begin where the last one ended.
-EVALUATIONS, ROUNDS = 1500, 3
+EVALUATIONS = 1500
+ROUNDS = 3
 # What a parameter e times its first guess costs [rad]: settles what recordings can't part, as damping by the motor's
 # voltage and by grease.
 PRIOR = 1e-4
@@ -116,7 +117,8 @@ def _simulate(
     """Semi-implicit steps; goals are held until the next one, and act a delay later."""
     whole = inertia + numbers[0]
     viscous, back, dry, by_load, limit, delay, band, static, knee = numbers[1:]
-    q, v = start, 0.0
+    q = start
+    v = 0.0
     out[0] = q
     told = 0
     for t in range(1, len(time)):

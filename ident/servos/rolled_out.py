@@ -80,7 +80,8 @@ def _carried(arm: ArmModel | None, run: Recording, joint: int) -> tuple[Array, A
     for angle in (0.0, 0.5 * np.pi):
         q[:, joint] = angle
         parts.append(np.ascontiguousarray(arm.gravity(q)[:, joint]))
-    still, unit = np.zeros_like(q), np.zeros_like(q)
+    still = np.zeros_like(q)
+    unit = np.zeros_like(q)
     unit[:, joint] = 1.0
     inertia = arm.inverse_dynamics(q, still, unit)[:, joint] - arm.gravity(q)[:, joint]
     return parts[0], parts[1], float(np.median(inertia))
@@ -89,7 +90,8 @@ def _carried(arm: ArmModel | None, run: Recording, joint: int) -> tuple[Array, A
 def _parted(drives: Sequence[Drive]) -> tuple[list[Drive], list[Drive]]:
     """Runs to fit to and runs held back; of the only run of a session the last part."""
     sessions = sorted({drive.session for drive in drives})
-    train, held = [], []
+    train = []
+    held = []
     for session in sessions:
         own = [drive for drive in drives if drive.session == session]
         if len(own) > 1:

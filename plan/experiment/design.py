@@ -26,13 +26,16 @@ from plan.experiment.run_set import FAMILIES, TEXTBOOK, WIDE_FIGURES, RunSet, du
 from plan.problem.task_file import Surroundings
 
 # Share of the budget for random starts, and that of these for the family that is known to suit the question.
-STARTS_SHARE, HINTED_SHARE = 0.5, 0.35
+STARTS_SHARE = 0.5
+HINTED_SHARE = 0.35
 # What every proposal must beat.
 BASELINE = "random"
 # Starts that are improved, of different families, and the steps' size at first, as a share of each range.
-FINALISTS, STEP = 3, 0.15
+FINALISTS = 3
+STEP = 0.15
 # A step that worked makes the next ones larger, others make them smaller: one in five may work.
-GROW, SHRINK = 1.5, 0.9
+GROW = 1.5
+SHRINK = 0.9
 
 
 class RatedRuns(NamedTuple):
@@ -55,14 +58,16 @@ def search(
         evaluations: Most sets that are rated.
         seed: Of all chance.
     """
-    rng, done = np.random.default_rng(seed), list[RatedRuns]()
+    rng = np.random.default_rng(seed)
+    done = list[RatedRuns]()
 
     def attempt(family: str, shares: Array) -> RatedRuns:
         done.append(RatedRuns(rate(family, shares), family, shares))
         step(len(done), evaluations)
         return done[-1]
 
-    count, names = max(len(FAMILIES), int(STARTS_SHARE * evaluations)), list(FAMILIES)
+    count = max(len(FAMILIES), int(STARTS_SHARE * evaluations))
+    names = list(FAMILIES)
     first = [hinted if hinted in FAMILIES else "wide"] * int(HINTED_SHARE * count)
     for family in first + [names[k % len(names)] for k in range(count - len(first))]:
         attempt(family, rng.uniform(0.0, 1.0, RunSet.freedom(family, joints)))
@@ -90,7 +95,8 @@ def _best_of_families(done: Sequence[RatedRuns]) -> list[RatedRuns]:
 # Runs by which a set is rated while searching: two of its family and two wide ones.
 TRIAL_RUNS = 4
 # The diagnosis leaves out one run after the other: fewer than these say too little, more try the user's patience.
-FEWEST_RUNS, MOST_RUNS = 6, 60
+FEWEST_RUNS = 6
+MOST_RUNS = 60
 # With the length given: two runs of the family, and two in which all joints move.
 LEAST_RUNS = 4
 # Where the question has no odds [min].
@@ -122,8 +128,11 @@ class Designer:
     def __init__(
         self, arm: ArmModel, hypotheses: Hypotheses, options: ExciteOptions = USUAL, around: Surroundings = OPEN
     ) -> None:
-        self.arm, self.options, self.hypotheses = arm, options, hypotheses
-        self.predictor, self.feasible = Predictor.of(arm, hypotheses.noise), Feasibility(arm, options.shapes, around)
+        self.arm = arm
+        self.options = options
+        self.hypotheses = hypotheses
+        self.predictor = Predictor.of(arm, hypotheses.noise)
+        self.feasible = Feasibility(arm, options.shapes, around)
         self.feasible.require_room()
         home = np.array(self.feasible.limits.centre)
         self.general = RunSet("wide", WIDE_FIGURES, home, hypotheses.joint, options.seed)
@@ -135,7 +144,8 @@ class Designer:
 
     def decode(self, family: str, shares: Float[Array, " d"], draw: int = 0) -> RunSet:
         """A set of runs for the joint in question."""
-        limits, seed = self.feasible.limits, self.options.seed + draw
+        limits = self.feasible.limits
+        seed = self.options.seed + draw
         return RunSet.decode(family, shares, self.hypotheses.joint, limits, seed)
 
     def rate(self, family: str, shares: Float[Array, " d"]) -> float:
@@ -149,8 +159,12 @@ class Designer:
         Raises:
             RobotError: No motion of this arm keeps its limits and its distance from itself.
         """
-        began, asked, scene = time.perf_counter(), self.hypotheses, self.feasible.scene
-        run_sets, evaluations, seed = [self.general], 0, self.options.seed
+        began = time.perf_counter()
+        asked = self.hypotheses
+        scene = self.feasible.scene
+        run_sets = [self.general]
+        evaluations = 0
+        seed = self.options.seed
         if asked.testable != ():
             evaluations = self.options.evaluations
             found = search(self.rate, self.arm.n, asked.family, evaluations, seed)
@@ -247,7 +261,8 @@ class Designer:
 
     def _of_length(self, run_set: RunSet) -> list[ReferenceMotion]:
         """As many runs as the question takes, each proven to keep its distance."""
-        trial, minutes = self._proven(run_set, FEWEST_RUNS), self.options.minutes
+        trial = self._proven(run_set, FEWEST_RUNS)
+        minutes = self.options.minutes
         wanted = minutes
         if wanted is None:
             found = self.hypotheses.counted(self.hypotheses.distances(self.see(trial)))

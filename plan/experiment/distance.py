@@ -34,14 +34,17 @@ from plan.experiment.run_set import random_runs
 # Ridge of the tuned unknowns, and of a rival's coefficients, as a share of a column's power: keeps solves well-posed.
 RIDGE = 1e-9
 # Of the ticks of a reference, one in this many is looked at: 125 Hz; standstill between runs [s].
-THINNING, PAUSE_S = 8, 5.0
+THINNING = 8
+PAUSE_S = 5.0
 # What a smoother leaves of the doubt about q, dq and ddq at a modern encoder [rad, rad/s, rad/s²].
 STATE_DOUBT = (1e-5, 1e-3, 0.1)
 # Noise where none is known, as a share of the rated torque: that of a good drive and of what models leave.
 NOISE_SHARE = 0.005
 # A typical gear's friction: Coulomb as a share of the rated torque, viscous as much again at this speed [rad/s],
 # rotor inertia as a share of rated torque at 100 rad/s².
-COULOMB_SHARE, VISCOUS_SPEED, ROTOR_RATE = 0.06, 1.2, 150.0
+COULOMB_SHARE = 0.06
+VISCOUS_SPEED = 1.2
+ROTOR_RATE = 150.0
 # What a diagnosis reported is believed within this factor of a typical size.
 LARGEST_CHANGE = 20.0
 
@@ -77,7 +80,8 @@ class PredictedDesign:
         """From the sums of all columns, of which the first `rank` are the base's and the first `tuned` are tuned."""
         inner = gram[:tuned, :tuned].copy()
         inner[np.diag_indices(tuned)] += RIDGE * np.diag(inner) + 1e-12
-        loss, cross = inner[rank:, rank:], inner[:rank, rank:]
+        loss = inner[rank:, rank:]
+        cross = inner[:rank, rank:]
         free = inner[:rank, :rank] - cross @ cho_solve(cho_factor(loss), cross.T)
         root = np.linalg.cholesky(prior)
         base = solve_triangular(root, solve_triangular(root, free, lower=True).T, lower=True)
@@ -90,7 +94,8 @@ class PredictedDesign:
         own = self.candidates[k]
         if own.beta is None:
             return 0.0
-        at, beta = own.columns[own.at], own.beta
+        at = own.columns[own.at]
+        beta = own.beta
         plain = float(beta @ self.rest[np.ix_(at, at)] @ beta)
         rivals = () if rival is None else self.candidates[rival].columns
         return 0.5 * max(plain - max((self._absorbed(at, beta, other) for other in rivals), default=0.0), 0.0)
@@ -148,7 +153,9 @@ class Predictor:
 
         The healthy recording has the torque of an arm as its URDF says, with typical friction and noise.
         """
-        rated, rng, healthy = MotionLimits(arm).torque, np.random.default_rng(0), []
+        rated = MotionLimits(arm).torque
+        rng = np.random.default_rng(0)
+        healthy = []
         for motion in random_runs(arm, 3, 6.0, rng):
             run = as_recorded(motion, arm, 0.0)
             tau = arm.inverse_dynamics(run.q, run.dq, run.ddq) + rated / ROTOR_RATE * run.ddq
@@ -181,16 +188,19 @@ class Predictor:
         gram = np.zeros((layout.size, layout.size))
         for rows in compute_rows(session, self.baseline, layout, build_partition(session)):
             for j in joints:
-                table, local = rows.tables[j][rows.counts[:, j], :-1], layout.local[j][:-1]
+                table = rows.tables[j][rows.counts[:, j], :-1]
+                local = layout.local[j][:-1]
                 gram[np.ix_(local, local)] += table.T @ table / self.noise[j] ** 2
         places = iter(group.columns - layout.tuned for group in layout.groups)
-        found, points = [], iter(grids)
+        found = []
+        points = iter(grids)
         for (effect, joint), reason in zip(effects, reasons, strict=True):
             if reason is not None:
                 found.append(TrueModel(effect, f"not seen: {reason}"))
                 continue
             variants = next(points)[2]
-            columns, stated = tuple(next(places) for _ in variants), (reported or {}).get(effect.id, {})
+            columns = tuple(next(places) for _ in variants)
+            stated = (reported or {}).get(effect.id, {})
             # Of the inner grid the point nearest to what is reported, or to what is typical; else the first.
             apart = [effect.typical.distance(variant.inner, stated) for variant in variants]
             at = apart.index(min(apart))
@@ -200,7 +210,8 @@ class Predictor:
 
     def _session(self, runs: Sequence[ReferenceMotion]) -> SessionContext:
         """Runs as the effects will see them, on one clock."""
-        motions, clock = [], 0.0
+        motions = []
+        clock = 0.0
         for run in runs:
             motions.append(as_recorded(run, self.arm, clock))
             clock = float(motions[-1].time[-1]) + PAUSE_S

@@ -73,7 +73,8 @@ class Feasibility:
         gaps = self.scene.gaps(np.random.default_rng(0).uniform(low, high, (POSITIONS, len(low))))
         most = gaps.max(axis=0, initial=-np.inf)
         if len(most) and most.min() <= MARGINS[0]:
-            pair, best = int(most.argmin()), 1e3 * float(most.min())
+            pair = int(most.argmin())
+            best = 1e3 * float(most.min())
             reads = f"overlap by {-best:.0f} mm" if best < 0.0 else f"are {best:.0f} mm apart"
             what = f"{self.scene.pair_name(pair)} {reads} at best, of {POSITIONS} positions within the limits"
             remedy = "lower the floor (--floor METRES, or none)" if FLOOR in self.scene.names_of(pair) else LEAVE_OUT

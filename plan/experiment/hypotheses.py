@@ -33,8 +33,11 @@ class AllMasses(Effect):
     """Every link heavier by one share."""
 
     id = "all_masses"
-    scope, rows, inertia_like = "arm", "all", True
-    figures, prior = ("share",), (0.2,)
+    scope = "arm"
+    rows = "all"
+    inertia_like = True
+    figures = ("share",)
+    prior = (0.2,)
     summary = "all links are heavier or lighter by one share"
     set_ups: ClassVar[Mapping[str, str]] = {TorqueGainError.id: KNOWN_MASS}
 
@@ -46,7 +49,8 @@ class AllGains(Effect):
     """Every joint's torque reads too high by one share; all else is as of the error of one gain."""
 
     id = TorqueGainError.id
-    scope, rows = "arm", "all"
+    scope = "arm"
+    rows = "all"
     summary = "all torque readings are too large or small by one share"
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
@@ -137,7 +141,8 @@ def ask(
         return _ask(arm, ids, joint, NO_DIAGNOSIS, catalogue)
     where = Path(diagnosis) if isinstance(diagnosis, str | Path) else Path("diagnosis")
     record = dict(diagnosis) if isinstance(diagnosis, Mapping) else read_json(where, REMEDY)
-    robot, joints = record.get("robot", arm.name), record.get("joints")
+    robot = record.get("robot", arm.name)
+    joints = record.get("joints")
     if record.get("schema") != SCHEMA:
         raise InputError(where, f"is no {SCHEMA}", REMEDY)
     if robot != arm.name:

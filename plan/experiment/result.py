@@ -24,7 +24,8 @@ RECORD_NAME = "excite.json"
 MOTION_KIND = "motion"
 Status = Literal["ready", "one_sided", "needs_set_up"]
 # Odds at which a class counts as decided, and the largest that are believed.
-ODDS, LARGEST_ODDS = 20.0, 1e9
+ODDS = 20.0
+LARGEST_ODDS = 1e9
 
 
 def odds_of(distance: float) -> float:
@@ -109,7 +110,8 @@ class Excitation(Result):
         return [f"{number:0{width}d}_{run.name}.csv" for number, run in enumerate(self.runs, start=1)]
 
     def to_dict(self) -> dict[str, Any]:
-        (proposed, by_chance), (needed, needed_by_chance) = self.smallest, self.minutes
+        (proposed, by_chance) = self.smallest
+        (needed, needed_by_chance) = self.minutes
         reported = self.distances if self.testable is None else self.testable
         return {
             "schema": SCHEMA,

@@ -31,7 +31,8 @@ from ident.trajectories.reference import (
 from plan.experiment.feasible import Feasibility
 
 # Acceleration of corners between steady speeds [rad/s²], and standstill after each move [s].
-CORNER, DWELL = 3.0, 0.05
+CORNER = 3.0
+DWELL = 0.05
 HARMONICS = 5
 # Time in which a Fourier series fades in, and out [s].
 FADE_S = 1.5
@@ -51,7 +52,8 @@ LOGARITHMIC = ("_rad", "_rad_s", "_hz", "leg_s", "period_s", "speed_share")
 
 def figure_at(name: str, bounds: tuple[float, float], share: float) -> float:
     """A figure at a share of its range, 0 to 1."""
-    share, (low, high) = float(np.clip(share, 0.0, 1.0)), bounds
+    share = float(np.clip(share, 0.0, 1.0))
+    (low, high) = bounds
     if name.endswith(LOGARITHMIC):
         return float(low * (high / low) ** share)
     return float(low + share * (high - low))
@@ -96,7 +98,8 @@ class Stage:
 
         A slow one must not begin with a fast one's long way.
         """
-        middle, moves = self.middle, []
+        middle = self.middle
+        moves = []
         for speed in speeds:
             half = min(self.reach, 0.25 * speed * self.duration / len(speeds))
             moves += [(middle + half, speed), (middle - half, speed), (middle, speed)]
@@ -113,28 +116,37 @@ class Stage:
 
     def poses(self, speed_share: float, reach: float) -> Float[Array, "K n"]:
         """One path, both ways, at one speed, as often as the time allows: the pose of the others is what differs."""
-        speed, half = speed_share * float(self.limits.speed[self.joint]), self.reach * reach
+        speed = speed_share * float(self.limits.speed[self.joint])
+        half = self.reach * reach
         count = max(1, int(self.duration * speed / max(4.0 * half, 1e-6)))
         moves = [(self.middle + half, speed), (self.middle - half, speed)] * count
         return self._alone([*moves, (self.middle, speed)])
 
     def reversals(self, first_rad: float, last_rad: float, ratio: float, speed_rad_s: float) -> Float[Array, "K n"]:
         """Nested reversals: to and fro between turning points that draw together by a ratio, then anew."""
-        speed, middle = speed_rad_s, self.middle
+        speed = speed_rad_s
+        middle = self.middle
         first = min(first_rad, self.reach, 0.25 * speed * self.duration)
-        moves, left, at, side, half = [], self.duration, middle, 1.0, first
+        moves = []
+        left = self.duration
+        at = middle
+        side = 1.0
+        half = first
         while left > 0.0:
             goal = middle + side * half
             moves.append((goal, speed))
             left -= abs(goal - at) / speed + speed / CORNER + DWELL
-            at, side, half = goal, -side, half * ratio
+            at = goal
+            side = -side
+            half = half * ratio
             if half < last_rad:
                 half = first
         return self._alone([*moves, (middle, speed)])
 
     def chirp(self, lowest_hz: float, highest_hz: float, swing_rad: float, neighbours: float) -> Float[Array, "K n"]:
         """The joint, and to a share its neighbours, swept in frequency about the pose."""
-        n, j = len(self.pose), self.joint
+        n = len(self.pose)
+        j = self.joint
         swing = np.zeros(n)
         swing[max(j - 1, 0) : j + 2] = neighbours * (self.size * swing_rad)
         swing[j] = self.size * swing_rad
@@ -143,9 +155,12 @@ class Stage:
 
     def holds(self, dwell_s: float, speed_rad_s: float) -> Float[Array, "K n"]:
         """Stops on the way there and back, each approached from both sides, with standstill after each approach."""
-        middle, speed, aside = self.middle, speed_rad_s, min(0.12, 0.3 * self.reach)
+        middle = self.middle
+        speed = speed_rad_s
+        aside = min(0.12, 0.3 * self.reach)
         each = 2.0 * (dwell_s + 1.0) + 4.0 * aside / speed
-        stops, moves = max(1, round(self.duration / (each + 1.0))), []
+        stops = max(1, round(self.duration / (each + 1.0)))
+        moves = []
         for stop in middle + 0.8 * self.reach * self.rng.uniform(-1.0, 1.0, stops):
             moves += [(stop - aside, 3.0 * speed), (stop, speed), (stop + aside, speed), (stop, speed)]
         return self._alone([*moves, (middle, 3.0 * speed)], dwell_s)
@@ -207,7 +222,8 @@ class Stage:
 
 
 # Rough duration of a run, and standstill at both of its ends [s].
-RUN_S, STILL_S = 10.0, 0.3
+RUN_S = 10.0
+STILL_S = 0.3
 # Mean speed of the moves from home to a run's own pose and back, as a share of the speed limits.
 TRANSFER_SHARE = 0.3
 # Sizes that are tried until a run fits.
@@ -272,7 +288,8 @@ class RunSet:
         """
         wide = self.family not in WIDE_FAMILIES and number % WIDE_EVERY == WIDE_EVERY - 1
         family, figures = ("wide", dict(WIDE_FIGURES)) if wide else (self.family, dict(self.figures))
-        rng, home = np.random.default_rng([self.seed, number]), self.home
+        rng = np.random.default_rng([self.seed, number])
+        home = self.home
         spread = size * figures.pop(SPREAD) * HOME_SHARE * limits.span
         own = np.clip(home + spread * rng.uniform(-1.0, 1.0, len(home)), limits.lower, limits.upper)
         duration = max(0.2, 1.9 * float(np.max(np.abs(own - home) / (TRANSFER_SHARE * limits.speed))))

@@ -17,7 +17,8 @@ from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem
 
 # Trajectories whose cost, and whose limits, are computed at once.
-COSTS, CHECKED = 4096, 512
+COSTS = 4096
+CHECKED = 512
 # Pieces of that size that each thread works through before the budget is looked at.
 ROUND = 8
 LARGEST = 20_000_000  # grid that is taken on
@@ -102,7 +103,8 @@ def grid_axes(problem: PlanningProblem, levels: int) -> Float[Array, "d L"]:
     """Values of every decision variable on the grid."""
     vias = problem.via_count
     ends = np.array([problem.start + (problem.goal - problem.start) * k / max(vias, 1) for k in range(vias + 1)])
-    low, high = problem.encode(ends[:-1], problem.durations / 3), problem.encode(ends[1:], problem.durations * 3)
+    low = problem.encode(ends[:-1], problem.durations / 3)
+    high = problem.encode(ends[1:], problem.durations * 3)
     return np.linspace(low, high, levels, axis=1)
 
 

@@ -53,7 +53,8 @@ class Genetic(Planner):
         rank = np.argsort(np.argsort(cost))
         weight = np.exp(-5.0 * rank / len(cost))
         chosen = rng.choice(len(cost), (2, len(cost)), p=weight / weight.sum())
-        first, second = genes[chosen[0]], genes[chosen[1]]
+        first = genes[chosen[0]]
+        second = genes[chosen[1]]
         exchange = (rng.random(len(cost)) < self.crossover)[:, None, None] & (rng.random(genes.shape) < 0.5)
         children = np.where(exchange, second, first)
         return children ^ (rng.random(genes.shape) < self.flip)

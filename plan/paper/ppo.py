@@ -74,8 +74,11 @@ class _Agent:
     """Actor and critic of one seed."""
 
     def __init__(self, problem: PlanningProblem, options: Ppo, rng: np.random.Generator) -> None:
-        self.problem, self.options, self.rng = problem, options, rng
-        self.best, self.gain = -np.inf, 0.0
+        self.problem = problem
+        self.options = options
+        self.rng = rng
+        self.best = -np.inf
+        self.gain = 0.0
         self.learned = 0
         generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
         d = problem.dimension
@@ -86,7 +89,8 @@ class _Agent:
 
     def learn(self, epochs: int, ledger: Ledger) -> int:
         """Runs some epochs; returns how many."""
-        before, done = self.best, 0
+        before = self.best
+        done = 0
         while done < epochs:
             size = min(self.options.batch, epochs - done)
             self._update(size, ledger)

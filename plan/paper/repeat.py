@@ -37,11 +37,13 @@ from plan.solving.compare import Comparison
 from plan.solving.set_up import set_up
 from plan.solving.solve import Starts, find_starts, solve
 
-START, GOAL = np.radians([50.0, 0.0, -120.0]), np.radians([80.0, 30.0, -90.0])
+START = np.radians([50.0, 0.0, -120.0])
+GOAL = np.radians([80.0, 30.0, -90.0])
 # The paper does not print where its obstacle stands; this one blocks the straight line as the paper says of its own.
 OBSTACLE = Box("monitor", 0, np.eye(3), np.array([0.04, -0.47, 0.56]), Solid.simple("box", 0.06, 0.06, 0.06))
 # How far a drawn tester's via points lie from a tree's [rad], and the longest search of any method [s].
-SPREAD, LONGEST = np.radians(12.0), 3600.0
+SPREAD = np.radians(12.0)
+LONGEST = 3600.0
 _PRINTED = tomllib.loads(Path(__file__).with_name("printed.toml").read_text(encoding="utf-8"))
 # Via points [deg], seconds, and gain over the initial motion as a share.
 Details = tuple[list[list[float]], float | None, float]
@@ -141,7 +143,8 @@ class Repeat:
 
     def compare_searches(self, problem: PlanningProblem) -> None:
         """Fig. 10: PPO against the genetic algorithm from the same starts, and ours."""
-        starts, runs = find_starts(problem, np.random.default_rng(0)), []
+        starts = find_starts(problem, np.random.default_rng(0))
+        runs = []
         planners: dict[str, tuple[Planner, Starts | None]] = {
             "RL (PPO)": (self.ppo(MORE), starts),
             "GA": (Genetic(generations=self.effort.generations), starts),
@@ -184,7 +187,8 @@ class Repeat:
         """Tables 6 and 7, and Fig. 13: time compression against learning, each from an energy optimum."""
         start = {"objective": "time", "free": "times", "label": "the energy optimum that was learned"}
         slow = [problem.with_initial(p.splines, **start) for p in plans if p.splines is not None and p.solved]
-        timed, both = map(start_compressed, slow), [start_compressed(replace(one, free="both")) for one in slow]
+        timed = map(start_compressed, slow)
+        both = [start_compressed(replace(one, free="both")) for one in slow]
         planners: dict[str, tuple[list[PlanningProblem], Planner]] = {
             "time compression, each section once": (slow, Compression("pass")),
             "RL (PPO), time stamps": (list(timed), self.ppo()),
@@ -204,7 +208,8 @@ def _line(name: str, unit: str, paper: Sequence[float], *runs: PlanResult) -> Li
 
 
 def _details(key: str, vias: Array, seconds: float | None, gain: float) -> tuple[Details, Details]:
-    printed, theirs = _PRINTED["table3"][key], 1.0 - PAPER[key][0] / PAPER["initial"][0]
+    printed = _PRINTED["table3"][key]
+    theirs = 1.0 - PAPER[key][0] / PAPER["initial"][0]
     return (printed["vias_deg"], printed.get("seconds"), theirs), (np.degrees(vias).tolist(), seconds, gain)
 
 

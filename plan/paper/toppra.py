@@ -24,11 +24,13 @@ from plan.spline import Splines
 logging.getLogger("toppra").setLevel(logging.ERROR)
 GRID = 200
 # Most rounds, and the change of the duration at which they end, as a share.
-ROUNDS, TOLERANCE = 12, 1e-3
+ROUNDS = 12
+TOLERANCE = 1e-3
 # Knots of the spline that carries the found motion.
 KNOTS = 60
 # The path is read at so many instants, and carried by so many knots over its length.
-SAMPLES, PATH_KNOTS = 4000, 60
+SAMPLES = 4000
+PATH_KNOTS = 60
 # Most by which the spline through the motion is slowed down.
 SLOWEST = 2.0
 
@@ -72,14 +74,19 @@ class Toppra(Planner):
         even = np.linspace(0.0, length[-1], PATH_KNOTS)
         path = SplineInterpolator(even, np.stack([np.interp(even, length, column) for column in q.T], axis=1))
         grid = np.linspace(0.0, path.duration, GRID + 1)
-        rest, last, motion = np.zeros((GRID + 1, problem.n)), np.inf, None
+        rest = np.zeros((GRID + 1, problem.n))
+        last = np.inf
+        motion = None
         for turn in range(ROUNDS):
             speed, push = self._solve(problem, linear, path, grid, rest)
             if speed is None:
                 return motion
             ledger.count(1)
-            q, q1, q2 = path(grid), path(grid, 1), path(grid, 2)
-            dq, ddq = q1 * speed[:, None], q1 * push[:, None] + q2 * speed[:, None] ** 2
+            q = path(grid)
+            q1 = path(grid, 1)
+            q2 = path(grid, 2)
+            dq = q1 * speed[:, None]
+            ddq = q1 * push[:, None] + q2 * speed[:, None] ** 2
             states = q[None], dq[None], ddq[None]
             new = (problem.model.torque(*states) - linear.torque(*states))[0]
             rest = new if turn == 0 else 0.5 * (rest + new)

@@ -80,7 +80,8 @@ class Controller:
         times = np.append(times, more[more > 0.0])
         times = np.unique(np.round(times / self.stamp_s)) * self.stamp_s
         points = law.states(splines, np.minimum(times * (total / whole), total))[0]
-        points[0], points[-1] = splines.points[0, 0], splines.points[0, -1]
+        points[0] = splines.points[0, 0]
+        points[-1] = splines.points[0, -1]
         return Splines(points[None], np.diff(times)[None])
 
     def whole(self, total: float) -> float:
@@ -110,7 +111,8 @@ class Controller:
             q, dq, _ = splines.at(times)
         else:
             times = np.round(knots / self.stamp_s) * self.stamp_s
-            q, dq = splines.points[0], splines.slopes[0]
+            q = splines.points[0]
+            dq = splines.slopes[0]
         return times, self.rounded(q), self.rounded(dq)
 
     def rounded(self, values: Float[Array, "K n"]) -> Float[Array, "K n"]:
@@ -146,7 +148,9 @@ def _stepped_speeds(times: Float[Array, " K"], q: Float[Array, "K n"], dq: Float
 
     A section's cubic begins where the arm has come to, so what the lines miss does not add up.
     """
-    place, points, velocities = q[0], [q[:1]], [dq[:1]]
+    place = q[0]
+    points = [q[:1]]
+    velocities = [dq[:1]]
     for k in range(len(times) - 1):
         length = times[k + 1] - times[k]
         steps = round(length / tick)

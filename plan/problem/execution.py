@@ -144,7 +144,8 @@ def require_writable(path: Path, rate: float) -> None:
 def execute(result: PlanResult, rate: float = DEFAULT_RATE) -> Execution:
     """The motion of a solved plan at a rate [Hz]; the last sample lies at the end, however short its step."""
     assert result.splines is not None
-    law, curve = result.execution, result.splines
+    law = result.execution
+    curve = result.splines
     if result.certificate is not None and not result.stands:
         curve = result.certificate.curve
     total = law.duration

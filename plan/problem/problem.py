@@ -36,7 +36,8 @@ TIME_NODES = np.linspace(0.0, 1.0, 25)
 TICK = 1e-3
 NO_RULES = WayRules()
 # What limits of speed and acceleration may keep a motion inside of.
-TRAINING, ADVICE = "the model's training", "the maker's advice"
+TRAINING = "the model's training"
+ADVICE = "the maker's advice"
 # Label of the paper's initial trajectory.
 STRAIGHT = "straight"
 
@@ -175,7 +176,8 @@ class PlanningProblem:
     def decode(self, x: Float[Array, "B d"]) -> Splines:
         """Trajectories of a batch of decision vectors, which are clipped to their bounds."""
         x = np.clip(np.atleast_2d(x), self.lower, self.upper)
-        batch, split = len(x), self.via_count * self.n if self.searches_vias else 0
+        batch = len(x)
+        split = self.via_count * self.n if self.searches_vias else 0
         vias = x[:, :split].reshape(batch, -1, self.n) if self.searches_vias else np.repeat(self.vias[None], batch, 0)
         ends = [np.broadcast_to(end, (batch, 1, self.n)) for end in (self.start, self.goal)]
         durations = np.exp(x[:, split:]) if self.searches_times else np.repeat(self.durations[None], batch, 0)
@@ -185,7 +187,8 @@ class PlanningProblem:
 
     def evaluate(self, x: Float[Array, "B d"]) -> BatchEvaluation:
         """Cost and broken limits of a batch of decision vectors."""
-        splines, limits = self.decode(x), self.limits
+        splines = self.decode(x)
+        limits = self.limits
         s, w = section_nodes() if self.objective == "energy" else (TIME_NODES, np.zeros(len(TIME_NODES)))
         q, dq, ddq = splines.states(s)
         tau = self.model.torque(q, dq, ddq)

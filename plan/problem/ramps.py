@@ -15,11 +15,13 @@ from plan.spline import Splines
 
 # Time in which an executed motion gets going, and comes to rest: at most this [s]. A motion with less acceleration at
 # its ends needs none [rad/s²].
-RAMP_S, AT_REST = 0.05, 0.5
+RAMP_S = 0.05
+AT_REST = 0.5
 # Places at which an executed motion is looked at.
 PLACES = 4001
 # Most by which a motion is slowed down for its ramps, and how closely that is found.
-SLOWEST, CLOSELY = 1.5, 1e-4
+SLOWEST = 1.5
+CLOSELY = 1e-4
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,8 @@ def find_time_law(problem: PlanningProblem, splines: Splines) -> TimeLaw:
     slowest = measure(problem, splines, replace(law, stretch=SLOWEST))
     if max(slowest.shares) > 1.0:
         return law
-    low, best = 1.0, slowest
+    low = 1.0
+    best = slowest
     while best.stretch - low > CLOSELY:
         tried = measure(problem, splines, replace(law, stretch=0.5 * (low + best.stretch)))
         low, best = (low, tried) if max(tried.shares) <= 1.0 else (tried.stretch, best)

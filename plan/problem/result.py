@@ -29,15 +29,19 @@ ROUNDING = 1e-9
 FINE = 200
 # Places a section at which the certificate looks for peaks of torque; and, between two of them of which one passes a
 # share of the limit, how many more: where a joint turns round, friction jumps within a millisecond.
-DENSE, NEAR_LIMIT, CLOSER = 400, 0.96, 20
+DENSE = 400
+NEAR_LIMIT = 0.96
+CLOSER = 20
 # Sections beyond which each has fewer of both, down to the least: those of a controller's ticks are as short as that.
-MANY_SECTIONS, LEAST_PLACES = 48, (4, 12)
+MANY_SECTIONS = 48
+LEAST_PLACES = (4, 12)
 # What of a result stands in its record as it is, before and behind what the motion is.
 HEAD = ("status", "reason", "robot", "joints", "held", "carried", "method", "objective", "metric")
 REST = ("evaluations", "seconds", "cpu_seconds", "seed", "bound", "reference_gap", "starts", "notes", "provenance")
 # Places of a section at which speeds are looked at for what is beyond the model's training; less than this share of the
 # range beyond it is rounding.
-PLACES, NOTHING = 65, 1e-6
+PLACES = 65
+NOTHING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,8 @@ def find_extrapolation(problem: PlanningProblem, splines: Splines) -> tuple[Extr
     beyond = known.beyond(low, high)
     found = []
     for k, j in zip(*np.nonzero(beyond > NOTHING), strict=True):
-        below, above = known.low[k, j] - low[k, j], high[k, j] - known.high[k, j]
+        below = known.low[k, j] - low[k, j]
+        above = high[k, j] - known.high[k, j]
         reached = low[k, j] if below > above else high[k, j]
         bounds = float(known.low[k, j]), float(known.high[k, j])
         share = float(beyond[k, j])
@@ -163,13 +168,16 @@ def certify(problem: PlanningProblem, splines: Splines, controller: Controller |
     q, dq, ddq = curve.states(s)
     tau = problem.model.torque(q, dq, ddq)
     weights = (curve.durations[:, :, None] * w).reshape(len(q), -1)
-    limits, scene, trained = problem.limits, problem.scene, problem.trained
+    limits = problem.limits
+    scene = problem.scene
+    trained = problem.trained
     if controller is None:
         law = find_time_law(problem, splines)
     else:
         law = measure(problem, curve, TimeLaw(float(curve.total[0])))
     beyond = find_extrapolation(problem, curve)
-    cuts, half_width = find_cuts(scene, problem.ends, limits.clearance), None
+    cuts = find_cuts(scene, problem.ends, limits.clearance)
+    half_width = None
     uncut = ~np.isin(np.arange(len(scene.pairs)), [cut.pair for cut in cuts])
     if trained is not None and not beyond:
         # A joint's estimates are off the same way all along a motion, those of different joints independently.
@@ -199,7 +207,8 @@ def _shares(
     problem: PlanningProblem, curve: Splines, controller: Controller | None
 ) -> dict[str, Float[Array, " n"] | None]:
     """Peak speed, acceleration, jerk and torque of each joint as a share of its limit; None without a limit."""
-    limits, tick = problem.limits, TICK if controller is None else controller.tick_s
+    limits = problem.limits
+    tick = TICK if controller is None else controller.tick_s
     shares: dict[str, Float[Array, " n"] | None] = {
         "speed": curve.top_speed[0] / limits.speed,
         "acceleration": None,
@@ -329,11 +338,16 @@ class PlanResult(Result):
         return {"schema": SCHEMA, **head, **self._motion(), **more, **tail, "history": history}
 
     def _motion(self) -> dict[str, Any]:
-        certificate, splines = self.certificate, self.splines
+        certificate = self.certificate
+        splines = self.splines
         if splines is None or certificate is None:
             return {}
-        energy, closest, points = certificate.energy, certificate.closest, splines.points[0]
-        rest, reserve, beyond = [0.0] * points.shape[1], certificate.reserve, certificate.extrapolation
+        energy = certificate.energy
+        closest = certificate.closest
+        points = splines.points[0]
+        rest = [0.0] * points.shape[1]
+        reserve = certificate.reserve
+        beyond = certificate.extrapolation
         return {
             "energy_J": {metric: energy[metric] for metric in METRICS if metric != "copper"},
             "copper_N2m2s": energy["copper"],

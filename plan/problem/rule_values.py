@@ -24,7 +24,8 @@ AIM_OF_SPEED = 0.996
 # Fewest joints that can turn a tool as they like.
 TURNING = 6
 # Places at which a certificate looks, and at which it looks closer about a via point.
-DENSE, CLOSER = 4001, 401
+DENSE = 4001
+CLOSER = 401
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +67,9 @@ class Rules:
 
     def __init__(self, arm: ArmModel, rules: WayRules, start: Array, goal: Array) -> None:
         frame = find_frame(arm, rules.frame, "tool.frame")
-        self.rules, self._chain, self.frame = rules, arm.chain, str(frame.name)
+        self.rules = rules
+        self._chain = arm.chain
+        self.frame = str(frame.name)
         turn, place = (np.ascontiguousarray(part) for part in (frame.placement.rotation, frame.placement.translation))
         self._tool = int(frame.parentJoint), turn, place
         ends = self.tool(np.stack([start, goal]))
@@ -94,9 +97,11 @@ class Rules:
         for cone in rules.cones:
             pointing = states[1] @ cone.axis
             sign, rest = (-1.0, 1.0 - np.cos(cone.angle)) if cone.allowed else (1.0, 1.0 + np.cos(cone.angle))
-            limit, slope = sign * float(np.cos(cone.angle)), np.cross(pointing, cone.towards)
+            limit = sign * float(np.cos(cone.angle))
+            slope = np.cross(pointing, cone.towards)
             by_position = sign * np.einsum("tnk,tk->tn", states[3], slope)
-            value, aim = sign * (pointing @ cone.towards), limit - 0.01 * rest
+            value = sign * (pointing @ cone.towards)
+            aim = limit - 0.01 * rest
             found.append(RuleRow("cone", value, limit, float(rest), float(aim), by_position))
         return found
 
@@ -119,7 +124,8 @@ class Rules:
         place, axes, linear, angular = states
         away = (place - self.first[0]) @ self._axes.T
         slopes = linear @ self._axes.T
-        side, found = within / np.sqrt(2.0), []
+        side = within / np.sqrt(2.0)
+        found = []
         for k in (1, 2):
             for sign in (1.0, -1.0):
                 row = sign * away[:, k], side, UNIT, AIM * side, sign * slopes[:, :, k]
@@ -173,7 +179,8 @@ class Rules:
         along = slopes @ dq
         square = float(along @ along)
         across = np.eye(len(missed)) - (np.outer(along, along) / square if square > 1e-12 else 0.0)
-        values, slopes = across @ missed, across @ slopes
+        values = across @ missed
+        slopes = across @ slopes
         excess = np.concatenate([values, -values]) - AIM * via.within
         return excess / UNIT, np.concatenate([slopes, -slopes]) / UNIT
 
@@ -188,7 +195,8 @@ class Rules:
 
     def check(self, splines: Splines) -> tuple[RuleCheck, ...]:
         """Every rule along the first of a batch of motions, looked at densely, in the scene file's own units."""
-        times, rules = np.linspace(0.0, float(splines.total[0]), DENSE), self.rules
+        times = np.linspace(0.0, float(splines.total[0]), DENSE)
+        rules = self.rules
         q, dq, _ = splines.at(times)
         place, axes, linear, _ = self.tool(q)
         seen: list[tuple[str, Array, float, str, float]] = []  # name, values, limit, unit, and -1 where it is the least
@@ -217,8 +225,10 @@ class Rules:
             via = rules.vias[number]
             near = np.clip(np.linspace(times[t] - step, times[t] + step, CLOSER), 0.0, times[-1])
             missed = np.abs(self.missed(via, splines.at(near)[0])).max(axis=1)
-            best, (scale, unit) = int(np.argmin(missed)), (1.0, "m") if via.of_tool else (np.degrees(1.0), "deg")
-            reached, kept = scale * float(missed[best]), bool(missed[best] <= via.within)
+            best = int(np.argmin(missed))
+            scale, unit = (1.0, "m") if via.of_tool else (np.degrees(1.0), "deg")
+            reached = scale * float(missed[best])
+            kept = bool(missed[best] <= via.within)
             name = f"via point {number + 1} passed within"
             found.append(RuleCheck(name, reached, scale * via.within, unit, float(near[best]), kept))
         return tuple(found)

@@ -68,7 +68,10 @@ class SceneTable:
     ) -> None:
         if not isinstance(entry, dict):
             raise InputError(file, f"{name} is not a table", f"write [{name}] and its keys")
-        self.file, self.name, self.entry, self.joints = file, name, entry, joints
+        self.file = file
+        self.name = name
+        self.entry = entry
+        self.joints = joints
         self.keys = KEYS[name] if keys is None else keys
         unknown = sorted(set(entry) - set(self.keys))
         if unknown:
@@ -118,7 +121,8 @@ class SceneTable:
 
     def items(self, key: str) -> list[tuple[str, dict[str, Any]]]:
         """The tables of a list, each with what it is called in messages."""
-        found, name = self.entry.get(key, []), self.path(key)
+        found = self.entry.get(key, [])
+        name = self.path(key)
         if not isinstance(found, list) or not all(isinstance(one, dict) for one in found):
             raise InputError(self.file, f"{name} is not a list of tables", f"write [[{name}]], with two brackets")
         return [(f"{name} {number}", one) for number, one in enumerate(found, start=1)]
@@ -130,7 +134,8 @@ class SceneTable:
 
     def _checked(self, key: str, found: Any, known: SceneKey) -> Any:
         """A value of the kind that the key asks for."""
-        count, slides = known.count, np.zeros(1, dtype=bool)
+        count = known.count
+        slides = np.zeros(1, dtype=bool)
         if count == "joints":
             count = None if self.joints is None else len(self.joints)
             slides = slides if self.joints is None else self.joints

@@ -70,7 +70,8 @@ def _joints_of(
     members = {str(joint.get("name")) for joint in group.findall("joint")}
     moved = {str(frame.name): int(frame.parentJoint) for frame in arm.model.frames}
     for chain in group.findall("chain"):
-        base, tip = str(chain.get("base_link")), str(chain.get("tip_link"))
+        base = str(chain.get("base_link"))
+        tip = str(chain.get("tip_link"))
         if tip in moved:
             members |= set(arm.joint_names[moved.get(base, 0) : moved[tip]])
     for inner in group.findall("group"):

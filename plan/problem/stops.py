@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from ident.arrays import Array, Float
 from plan.problem.scene_keys import SceneTable
 
-GRIP, RELEASE = "grip", "release"
+GRIP = "grip"
+RELEASE = "release"
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,9 @@ def _shape_table(file: Path, name: str, entry: dict[str, Any], carried: bool = F
 
 def _shape(table: SceneTable, carried: bool = False) -> Box:
     """A shape and its place; of a mesh that is carried the hull: the arm's own bodies are convex."""
-    kind, middle, folder = table["shape"], np.zeros(3), table.file.parent
+    kind = table["shape"]
+    middle = np.zeros(3)
+    folder = table.file.parent
     if kind == "box":
         solid = Solid.simple("box", *(table["size_m"] / 2))
     elif kind == "mesh":
@@ -152,7 +154,8 @@ def load_task(path: str | Path) -> Task:
     top = _read(Path(path))
     if "task" not in top:
         raise InputError(top.file, "it has no [task] table", "add one")
-    robot, named = urdf_from(top.file, top.need("robot")), top.table("task")
+    robot = urdf_from(top.file, top.need("robot"))
+    named = top.table("task")
     if "start_state" not in named:
         named["start_deg"]
     keys = tuple(
@@ -171,15 +174,18 @@ def load_task(path: str | Path) -> Task:
     sliding = arm.sliding_joints[arm.n - given :] if is_the_driven(given, arm) else arm.sliding_joints
     slides = np.append(sliding, np.zeros(given, dtype=bool))
     top.joints = slides[:given]
-    task, limits = top.table("task"), top.table("limits")
-    start, wrist = task["start_deg"], task["wrist_deg"]
+    task = top.table("task")
+    limits = top.table("limits")
+    start = task["start_deg"]
+    wrist = task["wrist_deg"]
     if wrist is not None:
         wrist = np.where(slides[given:][: len(wrist)], np.degrees(wrist), wrist)
     poses = read_poses(task)
     goals = [start] if poses else task["goals_deg"] or [task.need("goal_deg")]
     taught = times = None
     if "via_points_deg" in task:
-        taught, times = np.array(task["via_points_deg"]), task["times_s"]
+        taught = np.array(task["via_points_deg"])
+        times = task["times_s"]
         if times is not None and len(times) != len(taught):
             raise task.fault("times_s", f"has {len(times)} numbers, not {len(taught)}", f"give {len(taught)}")
         if times is not None and np.any(np.diff(times) <= 0):
@@ -229,8 +235,11 @@ def _read(file: Path, joints: Bool[Array, " n"] | None = None) -> SceneTable:
 
 def _surroundings(top: SceneTable) -> Surroundings:
     """What a scene file says beside its task."""
-    limits, payload, mass = top.table("limits"), top.table("payload"), None
-    low, high = limits["lower_deg"], limits["upper_deg"]
+    limits = top.table("limits")
+    payload = top.table("payload")
+    mass = None
+    low = limits["lower_deg"]
+    high = limits["upper_deg"]
     if low is not None and high is not None and np.any(low >= high):
         j = int(np.flatnonzero(low >= high)[0])
         what = f"{limits.entry['lower_deg'][j]:g} is not below limits.upper_deg {limits.entry['upper_deg'][j]:g}"
@@ -286,7 +295,8 @@ def read_poses(task: SceneTable) -> list[Pose]:
     Raises:
         InputError: A key is missing, unknown or of the wrong kind.
     """
-    poses, name = task.entry.get("goal_pose", []), task.path("goal_pose")
+    poses = task.entry.get("goal_pose", [])
+    name = task.path("goal_pose")
     tables = [SceneTable(task.file, name, one) for one in (poses if isinstance(poses, list) else [poses])]
     return [
         Pose(one["frame"], freeze(one["xyz_m"]), one["rpy_rad"] if "rpy_rad" in one else one["quaternion_xyzw"])

@@ -31,8 +31,11 @@ OWN_AXIS = 1.5
 MAKER = {".png": {"Software": "armgap"}, ".svg": {"Title": "armgap", "Date": None}}
 # The same picture has the same bytes; LaTeX is not started, in a program that draws its own pictures so either.
 SETTINGS: dict[Any, Any] = {"svg.hashsalt": "armgap", "text.usetex": False}
-BEFORE, AFTER, LIMIT = "#9aa5b1", "#0b6e99", "#b3261e"
-OBSTACLE, TOOL = LIMIT, "#e08e0b"
+BEFORE = "#9aa5b1"
+AFTER = "#0b6e99"
+LIMIT = "#b3261e"
+OBSTACLE = LIMIT
+TOOL = "#e08e0b"
 # From the side and from above.
 VIEWS = ([0, 2], [0, 1])
 
@@ -96,13 +99,16 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
     Below them stands the arm at start and goal, with what it carries and what is in its way.
     """
     assert result.splines is not None
-    n, slides = problem.n, problem.scene.arm.sliding_joints
+    n = problem.n
+    slides = problem.scene.arm.sliding_joints
     scale = np.where(slides, 1.0, np.degrees(1.0))
     figure = plt.figure(figsize=(max(3.2 * n, 7), 11), layout="constrained")
     curves, places = np.asarray(figure.subfigures(2, 1, height_ratios=(7, 4)), dtype=object)
     axes = curves.subplots(3, n, sharex=True, squeeze=False)
     _draw_places(places, problem, result.splines)
-    before, found, words = problem.decode(problem.initial), problem.initial_evaluation, f"initial ({problem.label})"
+    before = problem.decode(problem.initial)
+    found = problem.initial_evaluation
+    words = f"initial ({problem.label})"
     if not found.feasible[0]:
         words += ": not allowed, it " + ("hits something" if found.collision[0] > 0 else "breaks a limit")
     slower = float(before.total[0] / max(result.splines.total[0], 1e-9))
@@ -143,7 +149,8 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
 def _draw_places(figure: Any, problem: PlanningProblem, splines: Splines) -> None:
     """Boxes round all shapes from the side and from above: the arm at the start and, lighter, at the goal."""
     scene = problem.scene
-    data, model = scene.arm.model.createData(), scene.arm.model
+    data = scene.arm.model.createData()
+    model = scene.arm.model
     carried = {str(one["name"]): f"{one['name']} on {one['link']}" for one in problem.carried}
     views = figure.subplots(1, 2)
     for q, alpha in ((splines.points[0, -1], 0.25), (splines.points[0, 0], 0.7)):
@@ -189,10 +196,12 @@ def _draw_way(views: Any, problem: PlanningProblem, splines: Splines) -> None:
 
 
 def _motion_title(result: PlanResult) -> str:
-    splines, certificate = result.splines, result.certificate
+    splines = result.splines
+    certificate = result.certificate
     if splines is None or certificate is None or not result.solved:
         return f"{result.method}: no allowed motion ({result.status})"
-    duration, energy = float(splines.total[0]), certificate.energy[result.metric]
+    duration = float(splines.total[0])
+    energy = certificate.energy[result.metric]
     clearance = 1000 * certificate.closest.proven
     unit = "N² m² s" if result.metric == "copper" else "J"
     near = f", at least {clearance:.0f} mm clear of everything" if clearance < 1000 else ""
@@ -202,10 +211,12 @@ def _motion_title(result: PlanResult) -> str:
 def draw_comparison(comparison: Comparison) -> Figure:
     """Best allowed cost so far against evaluations and time: each method's median run; its other seeds thinner."""
     figure, axes = plt.subplots(1, 2, figsize=(11, 4.5), sharey=True)
-    timed, everything = comparison.objective == "time", []
+    timed = comparison.objective == "time"
+    everything = []
     for i, method in enumerate(comparison.methods):
         runs = sorted(comparison.of(method), key=lambda run: run.cost)
-        middle, colour = runs[len(runs) // 2], plt.get_cmap("tab10")(i)
+        middle = runs[len(runs) // 2]
+        colour = plt.get_cmap("tab10")(i)
         cost = f"{middle.cost:.4g}{' s' * timed}" if middle.solved else "no plan"
         for run in runs:
             rows = np.array([row for row in run.history if np.isfinite(row[2])])
@@ -213,14 +224,16 @@ def draw_comparison(comparison: Comparison) -> Figure:
                 continue
             everything += rows[:, 2].tolist()
             thick, alpha, dot = (1.8, 1.0, 4) if run is middle else (0.6, 0.4, 2)
-            costs, label = np.append(rows[:, 2], rows[-1, 2]), f"{method}: {cost}" if run is middle else None
+            costs = np.append(rows[:, 2], rows[-1, 2])
+            label = f"{method}: {cost}" if run is middle else None
             for axis, column, spent in zip(axes, (0, 1), (run.evaluations, run.cpu_seconds), strict=True):
                 x = np.maximum(rows[:, column], 1e-3)
                 x = np.append(x, max(spent, x[-1]))
                 axis.step(x, costs, where="post", color=colour, lw=thick, alpha=alpha, label=label)
                 axis.plot(x[-1], costs[-1], "o", color=colour, ms=dot)
     if everything:
-        low, high = min(everything), float(np.quantile(everything, 0.9))
+        low = min(everything)
+        high = float(np.quantile(everything, 0.9))
         axes[0].set_ylim(low - 0.05 * (high - low), high + 0.3 * (high - low))
     metric = comparison.results[0].metric
     unit = "duration [s]" if timed else "∫ τ² dt [N² m² s]" if metric == "copper" else f"{metric} energy [J]"

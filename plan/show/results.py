@@ -52,7 +52,8 @@ def _print_plan(console: Console, result: PlanResult) -> None:
     vias = []
     if result.splines is not None and result.certificate is not None:
         slides = result.certificate.scene.arm.sliding_joints
-        stamps, points = np.cumsum(result.splines.durations[0])[:-1], result.splines.points[0, 1:-1]
+        stamps = np.cumsum(result.splines.durations[0])[:-1]
+        points = result.splines.points[0, 1:-1]
         words = [", ".join(as_given(x, bool(one), 2) for x, one in zip(q, slides, strict=True)) for q in points]
         words = words if slides.any() else [one.replace(" deg,", ",") for one in words]
         vias = list(zip(stamps, words, strict=True))
@@ -76,7 +77,8 @@ def _print_cycle(console: Console, result: CycleResult) -> None:
     for name in ("leg", "duration [s]", "energy [J]", "clearance [mm]", "torque [%]", "slowed down [%]"):
         table.add_column(name, justify="right")
     for number, leg in enumerate(result.legs, start=1):
-        certificate, splines = leg.plan.certificate, leg.plan.splines
+        certificate = leg.plan.certificate
+        splines = leg.plan.splines
         if certificate is None or splines is None or leg.slowed_torque_share is None:
             table.add_row(str(number), leg.plan.status, "", "", "", "")
             continue
@@ -141,7 +143,8 @@ def draw(result: Any) -> Figure:
     from ident.show.results import panel
     from ident.trajectories.reference import TICK_S
 
-    kind, curves = type(result).__name__, list[tuple[Any, Any, str]]()
+    kind = type(result).__name__
+    curves = list[tuple[Any, Any, str]]()
     if kind == "Comparison":
         from plan.show.pictures import draw_comparison
 

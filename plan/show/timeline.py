@@ -14,7 +14,9 @@ from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 
 FRAMES = 120
-LINK, GHOST, OBSTACLE = (11, 110, 153), (154, 165, 177), (179, 38, 30)
+LINK = (11, 110, 153)
+GHOST = (154, 165, 177)
+OBSTACLE = (179, 38, 30)
 
 
 def save_timeline(problem: PlanningProblem, result: PlanResult, path: str | Path) -> None:
@@ -23,8 +25,11 @@ def save_timeline(problem: PlanningProblem, result: PlanResult, path: str | Path
     Links' boxes are static shapes under moving frames; a frame is logged only where it is needed.
     """
     assert result.splines is not None
-    stream, arm, boxes = rr.RecordingStream("armgap plan"), problem.scene.arm, problem.scene.boxes
-    joints, data = sorted({box.joint for box in boxes if box.body >= 0}), arm.model.createData()
+    stream = rr.RecordingStream("armgap plan")
+    arm = problem.scene.arm
+    boxes = problem.scene.boxes
+    joints = sorted({box.joint for box in boxes if box.body >= 0})
+    data = arm.model.createData()
     with atomic_write(path) as part:
         stream.save(str(part))
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -45,7 +50,8 @@ def save_timeline(problem: PlanningProblem, result: PlanResult, path: str | Path
                     stream.log(f"{root}/joint_{joint}", moved)
             if splines is before:
                 continue
-            tau, gaps = problem.model.torque(q[None], dq[None], ddq[None])[0], problem.scene.separation(q)
+            tau = problem.model.torque(q[None], dq[None], ddq[None])[0]
+            gaps = problem.scene.separation(q)
             for i, time in enumerate(times):
                 stream.set_time("motion", duration=float(time))
                 for j, name in enumerate(arm.joint_names):

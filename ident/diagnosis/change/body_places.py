@@ -38,7 +38,8 @@ def place_bodies(
         if place is not None:
             link = arm.n - 1 if group.effect.scope == "arm" else group.joint
             places[group.effect.id][link] = place
-    payload, link_error = places[UnknownPayload.id], places[LinkInertialError.id]
+    payload = places[UnknownPayload.id]
+    link_error = places[LinkInertialError.id]
     placed = {UnknownPayload.id: UnknownPayload(payload), LinkInertialError.id: LinkInertialError(link_error)}
     return tuple(placed.get(effect.id, effect) for effect in effects)
 

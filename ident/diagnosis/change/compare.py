@@ -91,7 +91,9 @@ def _too_few(
 
 def _find_untestable(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestable]:
     """Changes that these two sets cannot show, with the reason."""
-    evidence, found, gram = design.sums.evidence, list(design.untestable), design.sums.evidence.gram()
+    evidence = design.sums.evidence
+    found = list(design.untestable)
+    gram = design.sums.evidence.gram()
     loose = project(gram, evidence, design.prior)
     right = project(gram, evidence, design.prior.tightened(CHANGE.urdf_share / USUAL_REGRESSION.inertia_share))
     first = {group.key: group for group in reversed(evidence.layout.groups)}
@@ -114,7 +116,8 @@ def _find_untestable(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[
 
 def _result(told: ToldChanges, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]) -> ArmComparison:
     """The comparison's record from the changes."""
-    design, joints = told.likely.design, arm.joint_names
+    design = told.likely.design
+    joints = arm.joint_names
     evidence = design.sums.evidence
     changes = sorted((_change(name, told, arm) for name in told.names), key=lambda change: -change.closed)
     with_rows = design.joints_with_rows
@@ -123,7 +126,8 @@ def _result(told: ToldChanges, arm: ArmModel, sides: tuple[Side, Side], hidden: 
         return {joints[j]: float(values[j]) for j in with_rows}
 
     model = project(evidence.gram(), evidence, design.prior, [name.group for name in told.names])
-    label, later = parts_of(design.sides), design.sides.later_blocks
+    label = parts_of(design.sides)
+    later = design.sides.later_blocks
     risen = find_risen(squares_left(evidence, model), evidence.rows, label, later, joints)
     unforetold = find_unforetold(design, told.likely.chosen)
     verdict = "not_testable" if design.sides.too_short else "no_change"
@@ -152,9 +156,11 @@ def _result(told: ToldChanges, arm: ArmModel, sides: tuple[Side, Side], hidden: 
 
 def _change(name: Named, told: ToldChanges, arm: ArmModel) -> ArmChange:
     """The record of one change."""
-    likely, joints = told.likely, arm.joint_names
+    likely = told.likely
+    joints = arm.joint_names
     acts = name.affected_joints
-    old, new = name.before.rms[acts], name.after.rms[acts]
+    old = name.before.rms[acts]
+    new = name.after.rms[acts]
     names = [joints[j] for j in acts]
     against = against_runs(likely, name.group)
     tests = len({group.key for group in likely.search.names.groups})

@@ -108,7 +108,8 @@ class _Sums:
     @cached_property
     def places(self) -> list[tuple[Int[Array, " k"], Int[Array, " k"]]]:
         """Of each joint's rows the places of these columns, and which of them they are."""
-        layout, found = self.design.sums.evidence.layout, []
+        layout = self.design.sums.evidence.layout
+        found = []
         for local in layout.local:
             own = np.flatnonzero(np.isin(local, self.columns))
             found.append((own, np.searchsorted(self.columns, local[own])))
@@ -128,7 +129,8 @@ class _Sums:
     @cached_property
     def alike(self) -> list[Float[Array, "K k k"]]:
         """Each joint's whitened sums over each part."""
-        evidence, found = self.design.sums.evidence, []
+        evidence = self.design.sums.evidence
+        found = []
         for sums, (own, _) in zip(evidence.free, self.places, strict=True):
             found.append(np.stack([sums.over(blocks)[np.ix_(own, own)] for blocks in self.members]))
         return found
@@ -153,7 +155,8 @@ class _Models:
     @cached_property
     def solved(self) -> Float[Array, "K z z"]:
         """Sums of all joints over each part that models are solved with."""
-        count, size = len(self.sums.members), len(self.sums.columns)
+        count = len(self.sums.members)
+        size = len(self.sums.columns)
         found = np.zeros((count, size, size))
         for sums, (_, into) in zip(self.varied, self.sums.places, strict=True):
             found[:, into[:, None], into] += sums
@@ -258,7 +261,8 @@ def find_unforetold(design: PairedDesign, changes: Sequence[Group] = ()) -> tupl
         design: Both sets of runs.
         changes: The likeliest set of changes, beside which permuted parts differ by chance alone.
     """
-    spread, counts = design.sums.evidence.spread, design.sides.counts
+    spread = design.sums.evidence.spread
+    counts = design.sides.counts
     between = CHANGE.day_to_day**2 + spread**2 * sum(1.0 / count for count in counts)
     sums = _Sums(design)
     if min(int(sums.later.sum()), int((~sums.later).sum())) < 2:
@@ -353,7 +357,8 @@ def _test(
 def _error(design: PairedDesign, model: _Model, later: bool) -> Float[Array, " n"]:
     """Root mean square of what a model leaves of one of the sets, joint by joint [N m]."""
     evidence = design.sums.evidence
-    layout, found = evidence.layout, np.zeros(evidence.layout.n)
+    layout = evidence.layout
+    found = np.zeros(evidence.layout.n)
     folds = design.sides.later_folds == later
     for j, local in enumerate(layout.local):
         own = np.flatnonzero((local < layout.tuned) | (local == layout.size))

@@ -65,7 +65,8 @@ def _motions(
     before: Sequence[TelemetryReport], after: Sequence[TelemetryReport], arm: ArmModel, cutoff: float | None
 ) -> tuple[list[Motion], list[Motion]]:
     """The runs of both sets through one filter: different ones would look like a change."""
-    reports, joints = [*before, *after], before[0].session.joints
+    reports = [*before, *after]
+    joints = before[0].session.joints
     slowest = min(1.0 / run.sample_interval for report in reports for run in report.session.runs if len(run) > 1)
     corner = Lowpass.design(slowest, cutoff, FOR_DIAGNOSIS).cutoff
     motions: Sequence[Motion] = []

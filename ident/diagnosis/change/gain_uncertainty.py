@@ -55,16 +55,20 @@ def solve_body(
         group, beta: The body, and its scaled coefficients by the model.
         uncertainty: Prior of the gains.
     """
-    layout, inside = evidence.layout, model.inside
-    size, n = len(inside), layout.n
+    layout = evidence.layout
+    inside = model.inside
+    size = len(inside)
+    n = layout.n
     blocks = len(evidence.fold_of_block)
-    body, sums = np.zeros(layout.size + 1), np.zeros((layout.size + 1, n))
+    body = np.zeros(layout.size + 1)
+    sums = np.zeros((layout.size + 1, n))
     body[group.columns] = beta
     torques = np.zeros((blocks, n))
     for j, (local, total) in enumerate(zip(layout.local, evidence.total, strict=True)):
         sums[local, j] = total.times(body[local])[0]
         torques[:, j] = evidence.times(j, model.weights[local]) @ body[local]
-    cross, power = sums[inside], body @ sums
+    cross = sums[inside]
+    power = body @ sums
     scores = np.concatenate([block_sums_left(evidence, model)[:, inside], torques], axis=1)
     information = np.linalg.inv(model.spread)
     gains = uncertainty.information(n)

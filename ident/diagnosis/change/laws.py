@@ -87,7 +87,9 @@ class UnlistedChange(Effect):
         return (Variant(shape={"low_rad": low, "high_rad": high}),)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        low, high, columns = variant.shape["low_rad"], variant.shape["high_rad"], []
+        low = variant.shape["low_rad"]
+        high = variant.shape["high_rad"]
+        columns = []
         for run in session.runs:
             place = (run.motion.q[:, joint] - low) / max(high - low, 1e-9)
             odd = run.direction[:, joint, None] * _hats(place, CHANGE.points_odd)

@@ -39,14 +39,18 @@ def learn_prior(
         shared: Number of columns of each shared law, in the order of the baseline's further columns.
         later: For each change its columns, and the prior information on them at its largest plausible size.
     """
-    layout, gram = evidence.layout, evidence.gram()
-    first, tuned, rank = layout.tuned - layout.further, layout.tuned, layout.rank
+    layout = evidence.layout
+    gram = evidence.gram()
+    first = layout.tuned - layout.further
+    tuned = layout.tuned
+    rank = layout.rank
     assert prior.further is not None
     columns = np.concatenate([np.arange(tuned), *(own for own, _ in later)]).astype(int)
     information = np.concatenate([np.zeros(first), prior.further, *(known for _, known in later)])
     widths = np.array([*shared, *(len(own) for own, _ in later)], dtype=int)
     term = np.concatenate([np.full(first, -1), np.repeat(np.arange(len(widths)), widths)])
-    variance, urdf = np.ones(len(widths)), 1.0
+    variance = np.ones(len(widths))
+    urdf = 1.0
     kept = np.arange(len(columns))
     for _ in range(PRIOR.rounds):
         own = term[kept[first:]]
@@ -69,12 +73,14 @@ def learn_prior(
         links = max(rank - float(np.sum(spread[:rank, :rank] * prior.base)) / urdf, 1e-3 * rank)
         error = float(np.clip(mean[:rank] @ prior.base @ mean[:rank] / links, PRIOR.least_urdf, 1.0))
         converged = np.abs(np.log(new / variance)).max() < PRIOR.close and abs(np.log(error / urdf)) < PRIOR.close
-        variance, urdf = new, error
+        variance = new
+        urdf = error
         if converged:
             break
         kept = np.concatenate([np.arange(first), first + np.flatnonzero(variance[term[first:]] > PRIOR.absent)])
     weights = np.zeros(layout.size + 1)
-    weights[at], weights[-1] = -mean, 1.0
+    weights[at] = -mean
+    weights[-1] = 1.0
     further = prior.further / np.maximum(variance[term[first:tuned]], PRIOR.least)
     return replace(prior, base=prior.base / urdf, further=further), weights
 
@@ -86,10 +92,12 @@ def measure_block_dispersion(evidence: Evidence, weights: Float[Array, " P"]) ->
         evidence: Block sums.
         weights: Residual weights of a model: its residual of a row is their product.
     """
-    layout, found = evidence.layout, np.ones(evidence.layout.n)
+    layout = evidence.layout
+    found = np.ones(evidence.layout.n)
     for j, local in enumerate(layout.local):
         own = np.flatnonzero((local < layout.tuned) & (local >= layout.rank))
-        score, power = evidence.times(j, weights[local])[:, own], evidence.total[j].diagonal()[own]
+        score = evidence.times(j, weights[local])[:, own]
+        power = evidence.total[j].diagonal()[own]
         seen = power > 1e-9 * power.max(initial=0.0)
         if seen.any():
             found[j] = max(1.0, float(np.median(np.sum(score[:, seen] ** 2, axis=0) / power[seen])))

@@ -85,7 +85,9 @@ def _body(
     told: Estimate, likely: ChangeSet, uncertainty: GainUncertainty
 ) -> tuple[dict[str, Interval], Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
     """Parameters of a body, its coefficients and their covariance, gains as uncertain as is said."""
-    group, evidence, design = told.refined, likely.evidence, likely.design
+    group = told.refined
+    evidence = likely.evidence
+    design = likely.design
     model = project(evidence.gram(), evidence, design.prior, likely.chosen)
     scale = evidence.scale[group.columns]
     scaled, cells = solve_body(evidence, model, group, told.coefficients * scale, uncertainty)

@@ -101,7 +101,8 @@ class PairedDesign:
 
 def loose_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -> Prior:
     """Prior with the largest plausible variances of the baseline's coefficients."""
-    layout, scale = sums.evidence.layout, sums.evidence.scale
+    layout = sums.evidence.layout
+    scale = sums.evidence.scale
     sizes = np.concatenate([*(_largest(group, session) for group in sums.common), np.zeros(0)])
     std = CHANGE.shared_laws * sizes * scale[layout.tuned - layout.further : layout.tuned]
     return replace(Prior.of(sums.evidence, baseline.prior), further=1.0 / std**2)

@@ -115,7 +115,8 @@ def pair_sums(evidence: Evidence, sides: Sides, finer: Sequence[Variant] = ()) -
     split = int(first[len(common) + len(shadows)])
     where = np.zeros(old.size, dtype=int)
     where[origin[start:split]] = np.arange(start, split)
-    groups, at = [], split
+    groups = []
+    at = split
     for group in candidates:
         columns = at + np.arange(len(group.columns))
         at += len(columns)

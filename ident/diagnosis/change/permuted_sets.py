@@ -63,7 +63,8 @@ class PermutedSets:
         label = parts_of(sides)
         members = [np.flatnonzero(label == part) for part in range(int(label.max()) + 1)]
         later = np.array([sides.later_blocks[blocks[0]] for blocks in members])
-        parts, whole = [], np.zeros((evidence.layout.size + 1,) * 2)
+        parts = []
+        whole = np.zeros((evidence.layout.size + 1,) * 2)
         for j, local in enumerate(evidence.layout.local):
             own = np.stack([evidence.free[j].over(blocks) for blocks in members])
             parts.append(evidence.friction.part(own, j, float(evidence.spread[j]), label)[1])
@@ -80,7 +81,8 @@ class PermutedSets:
             prior, names: Prior of the baseline, and all changes between the sides.
         """
         permuted = self._permuted_laws(joint)
-        evidence, layout = self.sums.evidence, self.sums.evidence.layout
+        evidence = self.sums.evidence
+        layout = self.sums.evidence.layout
         inside = np.concatenate([np.arange(layout.tuned), *(one.columns for one in names)]).astype(int)
         information = self.whole[np.ix_(inside, inside)].copy()
         prior.add_to(information, layout)
@@ -96,7 +98,8 @@ class PermutedSets:
         gains: dict[Key, list[tuple[float, int]]] = {}
         for across, own in permuted.sums:
             slopes = factor.solve(across[inside])
-            rest, power = own - across[inside].T @ slopes, np.diag(own)
+            rest = own - across[inside].T @ slopes
+            power = np.diag(own)
             left = np.diag(rest)[:-1]
             noise = carried_noise(evidence, permuted.columns, inside, slopes[:, :-1])
             buried = evidence.settings.least_over_noise * noise
@@ -126,13 +129,15 @@ class PermutedSets:
     def _permuted_laws(self, joint: int) -> _PermutedLaws:
         """Sums of all laws of a joint's rows alone, or of several joints' rows (-1), in each permutation."""
         if joint not in self._cache:
-            layout, always = self.sums.evidence.layout, self.sums.always
+            layout = self.sums.evidence.layout
+            always = self.sums.always
             laws = [one for one in layout.groups if not one.borrows]
             laws = [one for one in laws if joint_of(one) == joint]
             columns = np.unique(np.concatenate([one.columns for one in laws]))
             found = []
             for permutation in self.permutations:
-                across, own = np.zeros((layout.size + 1, len(columns) + 1)), np.zeros((len(columns) + 1,) * 2)
+                across = np.zeros((layout.size + 1, len(columns) + 1))
+                own = np.zeros((len(columns) + 1,) * 2)
                 for parts, local, places in zip(self.parts, layout.local, layout.places, strict=True):
                     there = np.array([k for k, column in enumerate(columns) if int(column) in places], dtype=int)
                     if len(there):
@@ -141,7 +146,8 @@ class PermutedSets:
                         across[np.ix_(local, there)] += here[:, source]
                         own[np.ix_(there, there)] += here[np.ix_(source, source)]
                         own[there, -1] += here[source, -1]
-                across[:, -1], own[-1, -1] = self.whole[:, -1], self.whole[-1, -1]
+                across[:, -1] = self.whole[:, -1]
+                own[-1, -1] = self.whole[-1, -1]
                 own[-1, :-1] = own[:-1, -1]
                 found.append((across, own))
             at = [(one.key, one.variant.shape, np.searchsorted(columns, one.columns)) for one in laws]
@@ -181,7 +187,8 @@ def _draw_permutations(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, 
     """Sets that hold half of the parts of each side; no set twice, nor the complement of another."""
     sides = [np.flatnonzero(later == side) for side in (False, True)]
     halves = [list(itertools.combinations(some.tolist(), (len(some) + up) // 2)) for up, some in enumerate(sides)]
-    rng, every = np.random.default_rng(seed), frozenset(range(len(later)))
+    rng = np.random.default_rng(seed)
+    every = frozenset(range(len(later)))
     found: dict[tuple[int, ...], frozenset[int]] = {}
     for k in rng.permutation(len(halves[0]) * len(halves[1])):
         one = frozenset((*halves[0][k // len(halves[1])], *halves[1][k % len(halves[1])]))
@@ -196,7 +203,8 @@ def fit_scaled_f(squares: Float[Array, " k"], freedom: Float[Array, " k"]) -> Nu
     if len(squares) < 3:
         return NullVariance(max(1.0, float(np.mean(squares)) if len(squares) else 1.0), PERMUTED.prior_freedom)
     logs = np.log(squares) - digamma(freedom / 2.0) + np.log(freedom / 2.0)
-    mean, beyond = float(logs.mean()), float(logs.var(ddof=1) - np.mean(polygamma(1, freedom / 2.0)))
+    mean = float(logs.mean())
+    beyond = float(logs.var(ddof=1) - np.mean(polygamma(1, freedom / 2.0)))
     if beyond <= float(polygamma(1, 0.5 * PERMUTED.most_freedom)):
         half = 0.5 * PERMUTED.most_freedom
     else:

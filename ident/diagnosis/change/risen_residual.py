@@ -65,7 +65,8 @@ def find_risen(
     if not seen:
         return ()
     before, after = (np.log(total[own][:, seen] / count[own][:, seen]) for own in sets)
-    freedom, rise = len(before) + len(after) - 2, after.mean(axis=0) - before.mean(axis=0)
+    freedom = len(before) + len(after) - 2
+    rise = after.mean(axis=0) - before.mean(axis=0)
     within = (len(before) * before.var(axis=0) + len(after) * after.var(axis=0)) / freedom
     within = np.maximum(within, within.mean())  # a few parts alone tell no variance: that of all joints is one
     freedom *= len(seen)

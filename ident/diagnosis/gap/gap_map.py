@@ -125,8 +125,9 @@ def maps_record(places: Sequence[Place]) -> list[dict[str, Any]]:
     strips: dict[tuple[str, str], list[Place]] = {}
     for place in places:
         strips.setdefault((place.joint, place.axis), []).append(place)
-    return [
-        {
+    records = []
+    for (joint, axis), cells in strips.items():
+        record = {
             "joint": joint,
             "axis": axis,
             "edges": [cells[0].low, *(cell.high for cell in cells)],
@@ -135,8 +136,8 @@ def maps_record(places: Sequence[Place]) -> list[dict[str, Any]]:
             "energy_J": [cell.energy_J for cell in cells],
             "p_value": [cell.p_value for cell in cells],
         }
-        for (joint, axis), cells in strips.items()
-    ]
+        records.append(record)
+    return records
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,9 +28,12 @@ def gap_marks(analysis: Analysis) -> list[Mark]:
             heights = power[rows].mean(axis=0)
             found += [(float(heights[j]), k, int(j), rows) for j in np.flatnonzero(heights > MARK_FROM)]
     found.sort(key=lambda one: -one[0])
-    axes, sure, marks = session_axes(analysis.series), analysis.diagnosis.settings.gap.map.significant, []
+    axes = session_axes(analysis.series)
+    sure = analysis.diagnosis.settings.gap.map.significant
+    marks = []
     for height, k, j, rows in found[:MOST_MARKS]:
-        item, name = analysis.series[k], analysis.diagnosis.joints[j]
+        item = analysis.series[k]
+        name = analysis.diagnosis.joints[j]
         words = [f"gap {np.sqrt(height):.1f} times the noise"]
         for place in analysis.diagnosis.where:
             if place.joint == name and place.axis in axes and place.p_value <= sure:

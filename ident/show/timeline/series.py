@@ -56,7 +56,8 @@ def run_curves(motion: Motion, model: HybridModel | None) -> Iterator[Curve]:
         return
     trace = trace_run(model, motion)
     motion = trace.motion  # of the model's joints
-    colours, last = rung_colours(tuple(trace.rungs)), tuple(trace.rungs)[-1]
+    colours = rung_colours(tuple(trace.rungs))
+    last = tuple(trace.rungs)[-1]
     for rung, torque in trace.rungs.items():
         tables = [
             ("torque", trace.filtered[rung]),

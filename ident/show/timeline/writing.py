@@ -234,7 +234,8 @@ def _send_arm(recording: rr.RecordingStream, arm: ArmModel, motions: Sequence[Mo
     if not boxes:
         return
     recording.log("/arm", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    times, positions = [], []
+    times = []
+    positions = []
     for motion, start in zip(motions, starts, strict=True):
         step = slice(None, None, max(1, round(motion.lowpass.rate / ARM_RATE)))
         times.append(motion.time[step] - motion.time[0] + start)
