@@ -114,9 +114,13 @@ def compute_residuals(
         fold = evidence.fold_of_block[partition.blocks_of(i, len(tables[0]))]
         pairs = zip(tables, layout.local, strict=True)
         scaled = [table / evidence.scale[local] for table, local in pairs]
-        seen = [_residual_of(scaled, layout, weights) for weights in whole]
-        unseen = [_residual_of(scaled, layout, weights, fold) for weights in by_fold]
-        series.append(RunResidual(run, i, *seen, *unseen, run.motion.settled))
+        before, after, fixed = (_residual_of(scaled, layout, weights) for weights in whole)
+        unseen = (_residual_of(scaled, layout, weights, fold) for weights in by_fold)
+        unseen_before, unseen_after = unseen
+        residual = RunResidual(
+            run, i, before, after, fixed, unseen_before, unseen_after, run.motion.settled
+        )
+        series.append(residual)
     return series
 
 
