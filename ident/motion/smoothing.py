@@ -47,7 +47,7 @@ WIDTH = 0.02
 class NoiseLevels:
     """Noise of n joints."""
 
-    jerk: Float[Array, " n"]  # spectral density s of the jerk [rad²/s⁵]
+    jerk: Float[Array, " n"]  # process noise: spectral density s of the jerk [rad²/s⁵]
     position: Float[Array, " n"]  # variance r of a measured position [rad²]
 
     def __post_init__(self) -> None:
