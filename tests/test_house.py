@@ -34,7 +34,8 @@ NARROW = (
     *("ident/model", "ident/monitor", "ident/motion", "ident/recordings", "ident/regression"),
     *("ident/inference", "ident/robot", "ident/simulation"),
     *("ident/trajectories", "tests/house"),
-    *("plan/dynamics", "plan/geometry", "plan/initial"),
+    *("ident/diagnosis/change", "ident/diagnosis/gap", "ident/schemas"),
+    *("plan/dynamics", "plan/experiment", "plan/geometry", "plan/initial", "plan/paper"),
 )
 # Folders of no more syntax nodes a code line than plain code has; the list may only grow.
 PLAIN = (

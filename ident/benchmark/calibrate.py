@@ -79,7 +79,8 @@ class Fitted:
     model: Logistic
     ridge: float
     scores: dict[float, float]  # held-out log score of each ridge that was tried
-    held_out: Float[Array, " N"]  # probability of each row of the table, from a fit without its unit
+    # Probability of each row of the table, from a fit without its unit.
+    held_out: Float[Array, " N"]
     labels: Array  # of each row of the table
 
 
@@ -146,7 +147,9 @@ def fit_calibration(
     return fitted
 
 
-def problem_of(table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str) -> Problem:
+def problem_of(
+    table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str
+) -> Problem:
     """The rows of a table that are right or wrong.
 
     Raises:
@@ -167,7 +170,9 @@ def problem_of(table: Table, names: Sequence[str], signs: Mapping[str, int], lab
     return Problem(features, tuple(names), right[counted], weights, units, signs)
 
 
-def _fit_labelled(table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str) -> Fitted:
+def _fit_labelled(
+    table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str
+) -> Fitted:
     return _fit_problem(problem_of(table, names, signs, labels, scheme), table, labels)
 
 
@@ -192,7 +197,9 @@ def _said_by(models: Mapping[str, Logistic], table: Table) -> Float[Array, " N"]
 # What is said of a fit
 
 
-def judged(table: Table, probability: Float[Array, " N"], labels: Array, rows: Bool[Array, " N"]) -> dict[str, Any]:
+def judged(
+    table: Table, probability: Float[Array, " N"], labels: Array, rows: Bool[Array, " N"]
+) -> dict[str, Any]:
     """How probabilities hold on some rows that are right or wrong."""
     counted = rows & (labels != UNKNOWN)
     right = labels[counted] == RIGHT
@@ -234,7 +241,9 @@ class Further:
     widths: Widths | None
 
 
-def fit_further(table: Table, fitted: Fitted, results: Mapping[str, Any], entries: Mapping[str, Entry]) -> Further:
+def fit_further(
+    table: Table, fitted: Fitted, results: Mapping[str, Any], entries: Mapping[str, Entry]
+) -> Further:
     """Fits gaps at joints, the temper between rivals, and the widths of intervals."""
     gaps = fit_gaps(JointRows.of(results, entries))
     left = left_of_kind(table.features.get(SHAPE_LEFT, np.full(len(table.rows), -np.inf)))
@@ -248,7 +257,12 @@ def fit_further(table: Table, fitted: Fitted, results: Mapping[str, Any], entrie
             intervals = json.loads(row["intervals"])
             sizes = sizes_of({one["parameter"]: one["value"] for one in intervals})
             misses += [_miss(interval, unit, sizes, float(left[k])) for interval in intervals]
-    return Further(gaps, fit_growing_temper(choices(results, entries)), _even_nats(table, fitted), fit_widths(misses))
+    return Further(
+        gaps,
+        fit_growing_temper(choices(results, entries)),
+        _even_nats(table, fitted),
+        fit_widths(misses),
+    )
 
 
 def _miss(interval: Mapping[str, Any], unit: str, sizes: Mapping[str, float], left: float) -> Miss:
@@ -304,7 +318,9 @@ def calibration_record(table: Table, fitted: Fitted, origin: Mapping[str, Any]) 
             "units": units,
         },
         "held_out": judge_groups(table, fitted),
-        "ridges": {f"{ridge:.2e}": round(score, 5) for ridge, score in sorted(fitted.scores.items())},
+        "ridges": {
+            f"{ridge:.2e}": round(score, 5) for ridge, score in sorted(fitted.scores.items())
+        },
     }
     return record
 
@@ -388,13 +404,17 @@ def read_signs(path: Path) -> dict[str, int]:
 def current_commit() -> str:
     """The commit of the working tree; empty where there is none."""
     command = ["git", "rev-parse", "--short", "HEAD"]
-    done = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False
+    )
     return done.stdout.strip()
 
 
 def main() -> None:
     """The command; what it takes stands in the module's docstring."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     jobs = parser.add_subparsers(dest="job", required=True)
     storing = jobs.add_parser("store")
     storing.add_argument("results", type=Path)
@@ -411,7 +431,9 @@ def main() -> None:
     fitting.add_argument("--select", action="store_true", help="leave needless features out")
     fitting.add_argument("--nested", action="store_true", help="choose them anew without each unit")
     fitting.add_argument("--seed", type=int, default=0, help="of the corpus, to be written down")
-    fitting.add_argument("--commit", default="", help="of the engine whose rows these are; the current one")
+    fitting.add_argument(
+        "--commit", default="", help="of the engine whose rows these are; the current one"
+    )
     given = parser.parse_args()
     if given.job == "store":
         sessions, rows = use_index(given.index, given.results, given.table)

@@ -46,7 +46,9 @@ def read_calibration(path: Path) -> Logistic:
     """
     record = read_toml(path, "fit one: python -m ident.benchmark.calibrate fit")
     if record.get("schema") != SCHEMA:
-        raise InputError(path, f"its schema is {record.get('schema')!r}", f"give a file of {SCHEMA}")
+        raise InputError(
+            path, f"its schema is {record.get('schema')!r}", f"give a file of {SCHEMA}"
+        )
     features: dict[str, dict[str, float]] = record["feature"]
     centre = np.array([values["centre"] for values in features.values()])
     scale = np.array([values["scale"] for values in features.values()])
@@ -66,10 +68,13 @@ def summary_lines(record: Mapping[str, Any]) -> list[str]:
     ordered = sorted(record["feature"].items(), key=lambda pair: -abs(pair[1]["weight"]))
     lines += [f"  {values['weight']:+8.3f}  {name}" for name, values in ordered]
     lines.append(
-        "held out, by group: log score, area under the curve, names right and wrong; what was said: share right (rows)"
+        "held out, by group: log score, area under the curve, names right and wrong; "
+        "what was said: share right (rows)"
     )
     for group, score in record["held_out"].items():
-        bins = ", ".join(f"{row['said']:.2f}: {row['right']:.2f} ({row['count']})" for row in score["bins"])
+        bins = ", ".join(
+            f"{row['said']:.2f}: {row['right']:.2f} ({row['count']})" for row in score["bins"]
+        )
         names = f"{score['names_right']} and {score['names_wrong']}"
         head = f"  {group}: {score['log_score']}, {score['auc']}, {names}"
         lines.append(f"{head}; {bins}")
@@ -83,8 +88,8 @@ def summary_lines(record: Mapping[str, Any]) -> list[str]:
     if "widths" in record:
         widths = record["widths"]
         lines.append(
-            f"intervals of {widths['count']} parameters: factor {widths['factor']:.2f}, law's share "
-            f"{widths['share']:.3f}, of what is left {widths['of_left']:.3f}; "
+            f"intervals of {widths['count']} parameters: factor {widths['factor']:.2f}, "
+            f"law's share {widths['share']:.3f}, of what is left {widths['of_left']:.3f}; "
             f"they hold {widths['coverage_held_out']:.3f} on units left out"
         )
     return lines

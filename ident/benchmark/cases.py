@@ -1,15 +1,19 @@
-"""First step of a case: draw what is wrong, where, how much and in which motion; simulate; seal the answer.
+"""First step of a case.
 
-The arm runs with each cause of the catalogue at the true joint, at its typical size; what is left of the change of
-torque after the best ordinary model is that cause's signature. Torque noise and encoder noise, with their spectra,
-and friction that changes from run to run, with its variance, are the noise. Which signature is there, at a size that
-nobody knows, is then a question to a linear Gaussian model, whose answer needs the signatures' products alone: noise
-is drawn, the most probable cause named, and the share of true names counted.
+Draw what is wrong, where, how much and in which motion; simulate; seal the answer.
 
-It is a bound, not a competitor: it knows the true cause's inner parameters, takes noise as that of an unloaded joint,
-and needs no smoothing.
+The arm runs with each cause of the catalogue at the true joint, at its typical size; what is left
+of the change of torque after the best ordinary model is that cause's signature. Torque noise and
+encoder noise, with their spectra, and friction that changes from run to run, with its variance, are
+the noise. Which signature is there, at a size that nobody knows, is then a question to a linear
+Gaussian model, whose answer needs the signatures' products alone: noise is drawn, the most probable
+cause named, and the share of true names counted.
 
-Source: Eriksson, Frisk and Krysander 2013 (distinguishability of faults as the Kullback-Leibler divergence).
+It is a bound, not a competitor: it knows the true cause's inner parameters, takes noise as that of
+an unloaded joint, and needs no smoothing.
+
+Source: Eriksson, Frisk and Krysander 2013 (distinguishability of faults as the Kullback-Leibler
+divergence).
 """
 
 from __future__ import annotations
@@ -44,7 +48,10 @@ LEAST_SHOWN = 0.02
 
 
 def oracle_accuracy(simulation: Simulation) -> float | None:
-    """Probability that an oracle names the only effect of a case in a world; None where it is not worked out."""
+    """Probability that an oracle names the only effect of a case in a world.
+
+    None where it is not worked out.
+    """
     meter = simulation.meter
     truth = simulation.answer.effects
     world = simulation.options.world
@@ -74,17 +81,22 @@ def oracle_accuracy(simulation: Simulation) -> float | None:
     k = stack.shape[2]
     change = np.hypot(world.friction_spread, world.friction_drift / np.sqrt(2.0))
     gram = np.zeros((k, k))
-    # Products of each run and joint; what the run's own friction may explain is taken out as far as it varies.
+    # Products of each run and joint; what the run's own friction may explain is taken out as far as
+    # it varies.
     for rows in (first.run == number for number in np.unique(first.run)):
         count = int(rows.sum())
         frequencies = np.fft.rfftfreq(count, STRIDE_S)
         variance = noise_density(simulation.hardware, world, frequencies) * 0.5 / STRIDE_S
-        weight = np.where((frequencies == 0.0) | (2 * np.arange(len(frequencies)) == count), 1.0, 2.0)
+        weight = np.where(
+            (frequencies == 0.0) | (2 * np.arange(len(frequencies)) == count), 1.0, 2.0
+        )
         for j in range(stack.shape[1]):
             speed = first.speed[rows, j]
             friction = np.column_stack([np.sign(speed) * own.coulomb[j], speed * own.viscous[j]])
             scale = np.sqrt(weight / variance[:, j] / count)[:, None]
-            spectra = np.fft.rfft(np.column_stack([stack[rows, j], change * friction]), axis=0) * scale
+            spectra = (
+                np.fft.rfft(np.column_stack([stack[rows, j], change * friction]), axis=0) * scale
+            )
             both = (spectra.conj().T @ spectra).real
             cross = both[:k, k:]
             inner = both[k:, k:] + np.eye(2)
@@ -96,13 +108,14 @@ def oracle_accuracy(simulation: Simulation) -> float | None:
 def name_by_evidence(gram: Float[Array, "K K"], rng: np.random.Generator) -> float:
     """Share of true names over drawn noise; the first signature is the true one, at its true size.
 
-    A cause at b times its signature has the log-likelihood b y - b² G / 2 above that of none, y the product of the
-    data with the signature.
+    A cause at b times its signature has the log-likelihood b y - b² G / 2 above that of none, y the
+    product of the data with the signature.
     """
     k = len(gram)
     root = np.linalg.cholesky(gram + 1e-9 * np.trace(gram) / k * np.eye(k) + 1e-12 * np.eye(k))
     data = gram[0] + rng.standard_normal((DRAWS, k)) @ root.T
-    # Of each signature sizes from the same span of what can be seen: the true one is as large as it is.
+    # Of each signature sizes from the same span of what can be seen: the true one is as large as it
+    # is.
     sizes = np.concatenate([-SIZES[::-1], SIZES])
     log_likelihood = data[:, :, None] * sizes - 0.5 * sizes**2 * np.diag(gram)[:, None]
     evidence = np.logaddexp.reduce(log_likelihood, axis=2) - np.log(len(sizes))
@@ -119,10 +132,14 @@ FULL_MIX: dict[str, float] = {
     "excluded": 42,
     "outside": 36,
 }
-"""Kinds of case and their shares: `excluded` effects are taken out of the catalogue, `outside` were never in it."""
+"""Kinds of case and their shares.
+
+`excluded` effects are taken out of the catalogue, `outside` were never in it.
+"""
 # Number of effects of a kind of case; one of the others.
 COUNTS = {"healthy": 0, "decoy": 0, "pair": 2, "triple": 3}
-# Visible amplitudes of a single effect in multiples of the noise floor, and motions: three rich for one poor.
+# Visible amplitudes of a single effect in multiples of the noise floor, and motions: three rich for
+# one poor.
 SINGLE_CELLS = tuple((size, rich) for rich in (True, True, True, False) for size in (0.3, 1.0, 3.0))
 VISIBLE = (1.0, 3.0)
 RATES_HZ = (100.0, 250.0, 500.0)
@@ -135,7 +152,10 @@ OTHER_EFFECTS_FROM = 4
 
 @dataclass(frozen=True)
 class Slot:
-    """A place in the check: its kind and, for a single effect, its cell of the table of all of them."""
+    """A place in the check.
+
+    Its kind and, for a single effect, its cell of the table of all of them.
+    """
 
     name: str  # of the case
     kind: str  # one of `FULL_MIX`
@@ -145,7 +165,9 @@ class Slot:
 
 
 def parse_mix(text: str) -> dict[str, float]:
-    """Reads a mix such as `single=20,healthy=5`; a kind without a number has its share of the full mix.
+    """Reads a mix such as `single=20,healthy=5`.
+
+    A kind without a number has its share of the full mix.
 
     Raises:
         InputError: An unknown kind, or shares that are no positive numbers.
@@ -154,11 +176,15 @@ def parse_mix(text: str) -> dict[str, float]:
     for part in filter(None, (part.strip() for part in text.split(","))):
         kind, _, share = part.partition("=")
         if kind not in FULL_MIX:
-            raise InputError("--mix", f"unknown kind {kind!r}", f"choose from: {', '.join(FULL_MIX)}")
+            raise InputError(
+                "--mix", f"unknown kind {kind!r}", f"choose from: {', '.join(FULL_MIX)}"
+            )
         try:
             mix[kind] = float(share) if share else FULL_MIX[kind]
         except ValueError:
-            raise InputError("--mix", f"{part!r} has no number", "write KIND=SHARE, separated by commas") from None
+            raise InputError(
+                "--mix", f"{part!r} has no number", "write KIND=SHARE, separated by commas"
+            ) from None
         if not 0.0 <= mix[kind] < np.inf:
             raise InputError("--mix", f"a share of {share} for {kind}", "give a positive number")
     if not any(mix.values()):
@@ -176,7 +202,9 @@ def apportion(cases: int, mix: Mapping[str, float]) -> dict[str, int]:
 
 
 def plan_slots(cases: int, mix: Mapping[str, float], seed: int) -> tuple[Slot, ...]:
-    """All places of a check. Single effects take the cells effect × size × motion in turn: every effect once a round,
+    """All places of a check.
+
+    Single effects take the cells effect × size × motion in turn: every effect once a round,
     with another cell in every round.
     """
     effects = tuple(CATALOGUE)
@@ -191,13 +219,19 @@ def plan_slots(cases: int, mix: Mapping[str, float], seed: int) -> tuple[Slot, .
     width = max(3, len(str(cases - 1)))
     slots = []
     for i, kind in enumerate(kinds):
-        effect, amplitude, rich = next(singles) if kind == "single" else ("", 3.0, kind != "healthy" or bool(i % 4))
+        effect, amplitude, rich = (
+            next(singles) if kind == "single" else ("", 3.0, kind != "healthy" or bool(i % 4))
+        )
         slots.append(Slot(f"case_{i:0{width}d}", kind, effect, amplitude, rich))
     return tuple(slots)
 
 
-def draw_world_of(number: int, seed: int, worlds: Sequence[WorldRange], again: int = 0) -> World | None:
-    """The world of a case: of the ranges in turn, in an order that does not go with the kinds of case; None of none.
+def draw_world_of(
+    number: int, seed: int, worlds: Sequence[WorldRange], again: int = 0
+) -> World | None:
+    """The world of a case.
+
+    Of the ranges in turn, in an order that does not go with the kinds of case; None of none.
 
     Args:
         number: The case's.
@@ -214,7 +248,12 @@ def draw_world_of(number: int, seed: int, worlds: Sequence[WorldRange], again: i
 
 
 def draw_case(
-    slot: Slot, number: int, seed: int, base: SimulationOptions, joints: Sequence[str], attempt: int = 0
+    slot: Slot,
+    number: int,
+    seed: int,
+    base: SimulationOptions,
+    joints: Sequence[str],
+    attempt: int = 0,
 ) -> tuple[SimulationOptions, tuple[str, ...]]:
     """Draws what a place leaves open.
 
@@ -229,10 +268,18 @@ def draw_case(
         family = OUTSIDE if slot.kind == "outside" else CATALOGUE
         ids = [""]
         while ids == [""] or any(twin in ids for one in ids for twin in TWINS.get(one, ())):
-            ids = [str(one) for one in fixed.choice(list(family), COUNTS.get(slot.kind, 1), replace=False)]
-        wanted = [(one, slot.amplitude if slot.kind == "single" else float(fixed.choice(VISIBLE))) for one in ids]
+            ids = [
+                str(one)
+                for one in fixed.choice(list(family), COUNTS.get(slot.kind, 1), replace=False)
+            ]
+        wanted = [
+            (one, slot.amplitude if slot.kind == "single" else float(fixed.choice(VISIBLE)))
+            for one in ids
+        ]
     effects = tuple(
-        EffectRequest(effect, "" if find_cause(effect).whole_arm else str(rng.choice(joints)), amplitude=size)
+        EffectRequest(
+            effect, "" if find_cause(effect).whole_arm else str(rng.choice(joints)), amplitude=size
+        )
         for effect, size in wanted
     )
     options = replace(
@@ -267,16 +314,24 @@ class MakeTask:
     session: Path  # folder for the recordings
     sealed: Path  # folder for the envelope
     stamp: str  # of the simulating code
-    worlds: tuple[WorldRange, ...] = ()  # where the case's world is drawn from; empty for the plant's own
+    worlds: tuple[
+        WorldRange, ...
+    ] = ()  # where the case's world is drawn from; empty for the plant's own
     oracle: bool = True  # whether the bound of single effects is worked out
 
     @property
     def key(self) -> bytes:
-        """Key of the case's envelope: follows from the check's seed, which the diagnosing processes never get."""
+        """Key of the case's envelope.
+
+        Follows from the check's seed, which the diagnosing processes never get.
+        """
         return hashlib.sha256(f"{self.seed} {self.slot.name} ident.blind/1".encode()).digest()
 
     def drawn(self, attempt: int) -> tuple[SimulationOptions, tuple[str, ...]]:
-        """The case as drawn at an attempt: what is simulated, and the ids that are taken out of the catalogue."""
+        """The case as drawn at an attempt.
+
+        What is simulated, and the ids that are taken out of the catalogue.
+        """
         again = max(attempt - OTHER_EFFECTS_FROM + 1, 0)
         world = draw_world_of(self.number, self.seed, self.worlds, again)
         base = self.base if world is None else self.base.in_world(world)
@@ -285,7 +340,10 @@ class MakeTask:
 
 
 def make(task: MakeTask) -> str:
-    """Makes a case and seals its answer; returns its name. Draws again where a size is impossible."""
+    """Makes a case and seals its answer; returns its name.
+
+    Draws again where a size is impossible.
+    """
     start = time.perf_counter()
     used = time.process_time()
     name = task.slot.name

@@ -39,8 +39,8 @@ from ident.records import as_json
 from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources
 
-# Features, and the way in which each speaks by its meaning. More of them (shares of the gap, what is
-# left, rivals, the number of names) hold worse on arms that are left out.
+# Features, and the way in which each speaks by its meaning. More of them (shares of the gap, what
+# is left, rivals, the number of names) hold worse on arms that are left out.
 SIGNS = {
     "log_nats": 1,
     "log_size_over_runs": 1,
@@ -77,21 +77,27 @@ class Pairs:
                 if "comparison" in record:
                     name = f"{folder.name}/{path.stem}"
                     results[name] = record
-                    answers[name] = read_json(folder / "answers" / path.name, "make the cases first")
+                    answers[name] = read_json(
+                        folder / "answers" / path.name, "make the cases first"
+                    )
         if not results:
             raise InputError(folders[0], "holds no pair of sets", "store the rows first")
         return cls(answers, results)
 
     def rows(self) -> list[tuple[str, Row]]:
         """All changes, each with its case."""
-        return [(case, row) for case, record in self.results.items() for row in record.get("rows", ())]
+        return [
+            (case, row) for case, record in self.results.items() for row in record.get("rows", ())
+        ]
 
     def choices(self) -> list[Choice]:
         """Changes that are what was planted or have it among their rivals, with the deficits."""
         choices = []
         for case, row in self.rows():
             members = [(as_finding(row, []), 0.0)]
-            members += [(as_finding(row, [rival], alone=True), rival["deficit"]) for rival in row["rivals"]]
+            members += [
+                (as_finding(row, [rival], alone=True), rival["deficit"]) for rival in row["rivals"]
+            ]
             deficits = np.array([deficit for _, deficit in members])
             for effect in self.answers[case]["effects"]:
                 true = [deficit for finding, deficit in members if holds(finding, effect)]
@@ -120,7 +126,9 @@ class Pairs:
         arm = []
         case_of = []
         for case, row in self.rows():
-            near = [rival for rival in row["rivals"] if temper * rival["deficit"] <= np.log(CLASS_ODDS)]
+            near = [
+                rival for rival in row["rivals"] if temper * rival["deficit"] <= np.log(CLASS_ODDS)
+            ]
             finding = as_finding(row, near)
             features.append([row["features"][name] for name in SIGNS])
             right.append(any(holds(finding, effect) for effect in self.answers[case]["effects"]))
@@ -131,17 +139,27 @@ class Pairs:
 
 def _misses(row: Row, truth: Mapping[str, Any], arm: str) -> list[Miss]:
     """Errors of one change's parameters."""
-    intervals = {name: one for name, one in row["parameters"].items() if one.get("value") is not None}
+    intervals = {
+        name: one for name, one in row["parameters"].items() if one.get("value") is not None
+    }
     sizes = sizes_of({name: one["value"] for name, one in intervals.items()})
     misses = []
     for name, interval in intervals.items():
         true = truth.get(name)
-        if not isinstance(true, (int, float)) or interval["low"] is None or interval["high"] is None:
+        if (
+            not isinstance(true, (int, float))
+            or interval["low"] is None
+            or interval["high"] is None
+        ):
             continue
         error = true - interval["value"]
         if name == "phase_rad":
             error = float(np.angle(np.exp(1j * error)))
-        half = interval["high"] - interval["value"] if error > 0.0 else interval["value"] - interval["low"]
+        half = (
+            interval["high"] - interval["value"]
+            if error > 0.0
+            else interval["value"] - interval["low"]
+        )
         misses.append(Miss(name, abs(error), half, sizes[name], arm))
     return misses
 
@@ -183,7 +201,9 @@ def store(cases: Path) -> None:
         path = cases / RESULTS / f"{folder.name}.json"
         if path.is_file() or not (folder / "before").is_dir():
             continue
-        record = compare_pair([folder / "before", folder / "after"], folder / "after" / "robot.urdf")
+        record = compare_pair(
+            [folder / "before", folder / "after"], folder / "after" / "robot.urdf"
+        )
         with atomic_write(path) as part:
             part.write_text(as_json(record, None) + "\n", encoding="utf-8")
         print(folder.name, len(record["rows"]), flush=True)
@@ -256,7 +276,9 @@ def _scores_by_arm(rows: Rows, probability: Float[Array, " N"]) -> Float[Array, 
     scores = []
     for arm in np.unique(rows.arm):
         is_of_arm = rows.arm == arm
-        scores.append(log_score(probability[is_of_arm], rows.right[is_of_arm], np.ones(int(is_of_arm.sum()))))
+        scores.append(
+            log_score(probability[is_of_arm], rows.right[is_of_arm], np.ones(int(is_of_arm.sum())))
+        )
     return np.array(scores)
 
 
@@ -306,7 +328,9 @@ def write(fitted: Fitted, rows: Rows, out: Path) -> None:
 
 def main() -> None:
     """The command; what it takes stands in the module's docstring."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("job", choices=("store", "fit"))
     parser.add_argument("cases", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, default=Path("calibration_changes.toml"))
@@ -325,12 +349,17 @@ def summary_lines(fitted: Fitted, rows: Rows) -> list[str]:
     named = fitted.held_out >= NAMED_FROM
     score = log_score(fitted.held_out, rows.right, rows.weights)
     widths = fitted.widths
+    pairs = len(np.unique(rows.case))
+    right = int((named & rows.right).sum())
+    wrong = int((named & ~rows.right).sum())
+    fit = f"ridge {fitted.ridge:.3g}; held-out log score {score:.3f} nats a change"
+    figures = f"factor {widths.factor:.2f}, law's share {widths.share:.3f}"
+    held = f"they hold {widths.coverage:.3f} on arms left out"
     return [
-        f"{len(rows.right)} changes of {len(np.unique(rows.case))} pairs, {int(rows.right.sum())} of them right",
-        f"ridge {fitted.ridge:.3g}; held-out log score {score:.3f} nats a change; temper {fitted.temper:.3f}",
-        f"named on arms left out: {int((named & rows.right).sum())} right, {int((named & ~rows.right).sum())} wrong",
-        f"intervals of {widths.count} parameters: factor {widths.factor:.2f}, law's share {widths.share:.3f}; "
-        f"they hold {widths.coverage:.3f} on arms left out",
+        f"{len(rows.right)} changes of {pairs} pairs, {int(rows.right.sum())} of them right",
+        f"{fit}; temper {fitted.temper:.3f}",
+        f"named on arms left out: {right} right, {wrong} wrong",
+        f"intervals of {widths.count} parameters: {figures}; {held}",
     ]
 
 

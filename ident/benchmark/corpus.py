@@ -54,7 +54,8 @@ class Truth:
     in_catalogue: bool  # which of the two
     joints: tuple[str, ...]  # where it acts, or shows most
     may_stand_at: tuple[str, ...]  # where a name for it is right; anywhere if empty
-    parameters: dict[str, float | str] = field(default_factory=dict)  # true ones, in the catalogue's terms
+    # True ones, in the catalogue's terms.
+    parameters: dict[str, float | str] = field(default_factory=dict)
     asked: float | None = None  # visible size that was asked for [noise]
     visible: dict[str, float] = field(default_factory=dict)  # at each joint [noise]
     also: tuple[str, ...] = ()  # ids that say the same thing
@@ -188,7 +189,9 @@ def read_index(path: Path) -> list[Entry]:
     """
     record = read_json(path, "make the corpus's index: python -m ident.benchmark.corpus index DIR")
     if record.get("schema") != SCHEMA:
-        raise InputError(path, f"its schema is {record.get('schema')!r}", f"give a file of {SCHEMA}")
+        raise InputError(
+            path, f"its schema is {record.get('schema')!r}", f"give a file of {SCHEMA}"
+        )
     return [Entry.from_dict(values) for values in record["sessions"]]
 
 
@@ -262,12 +265,16 @@ def count_kinds(entries: Iterable[Entry]) -> str:
 
 def main() -> None:
     """The command; what it takes stands in the module's docstring."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("job", choices=("real", "worlds", "index"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cases", type=int)
-    parser.add_argument("--real", type=Path, default=Path(os.environ.get("IDENT_REAL_DATA", "../shared/real")))
+    parser.add_argument(
+        "--real", type=Path, default=Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
+    )
     parser.add_argument("--kept-back", action="store_true")
     parser.add_argument("--worlds", default="all")
     parser.add_argument("--other", type=Path, nargs="*", default=[])
@@ -276,7 +283,9 @@ def main() -> None:
         cases = given.cases or (80 if given.kept_back else 220)
         make_real(given.folder, given.real, cases, given.seed, given.kept_back, _say)
     elif given.job == "worlds":
-        tasks = plan_world_cases(given.folder / "worlds", given.cases or 120, given.seed, given.worlds)
+        tasks = plan_world_cases(
+            given.folder / "worlds", given.cases or 120, given.seed, given.worlds
+        )
         make_world_cases(tasks, _say)
     else:
         _say(count_kinds(make_index(given.folder, given.other)))

@@ -74,7 +74,11 @@ def run_entry(entry: Entry, out: Path, diagnose: Diagnose, timeout: float) -> di
     record["seconds"] = usage.ru_utime + usage.ru_stime
     record["peak_mb"] = usage.ru_maxrss / 1024.0
     _write(path, record)
-    return {key: record[key] for key in ("case", "seconds", "peak_mb", "error", "verdict") if key in record}
+    return {
+        key: record[key]
+        for key in ("case", "seconds", "peak_mb", "error", "verdict")
+        if key in record
+    }
 
 
 def _work(entry: Entry, path: Path, diagnose: Diagnose, timeout: float) -> None:
@@ -127,14 +131,18 @@ def run_all(
 
 def main() -> None:
     """The command; what it takes stands in the module's docstring."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("index", type=Path)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--only", default="*")
     parser.add_argument("--limit", type=int)
     parser.add_argument("--timeout", type=float, default=TIMEOUT_S)
     given = parser.parse_args()
-    entries = [entry for entry in read_index(given.index) if fnmatch.fnmatch(entry.case, given.only)]
+    entries = [
+        entry for entry in read_index(given.index) if fnmatch.fnmatch(entry.case, given.only)
+    ]
     chosen = interleaved(entries)[: given.limit]
 
     def say(line: str) -> None:

@@ -131,8 +131,14 @@ class Table:
         return of_arm
 
     def _is_the_arms_own(self, case: str, name: Name, named: Mapping[str, Sequence[Name]]) -> bool:
-        """Whether other sessions of a real arm, in which other things were put, have a name as well."""
-        others = [other for other, names in named.items() if other != case and any(overlap(name, one) for one in names)]
+        """Whether other sessions of a real arm, in which other things were put, have a name as
+        well.
+        """
+        others = [
+            other
+            for other, names in named.items()
+            if other != case and any(overlap(name, one) for one in names)
+        ]
         return len(others) >= AGAIN
 
     def labels(self, known_names: Bool[Array, " N"]) -> Array:
@@ -152,7 +158,9 @@ class Table:
         for row, name in zip(self.rows, self.names, strict=True):
             session = self.sessions[row["case"]]
             owned = by_case.get(row["case"] if session.kind == "control" else session.control, [])
-            if session.group in REAL and self._is_the_arms_own(row["case"], name, of_arm.get(session.arm, {})):
+            if session.group in REAL and self._is_the_arms_own(
+                row["case"], name, of_arm.get(session.arm, {})
+            ):
                 owned = [*owned, name]
             if row["matched"] >= 0:
                 labels.append(RIGHT)
@@ -184,7 +192,9 @@ def store(entries: Iterable[Entry], results: Path, out: Path) -> tuple[int, int]
             sessions.append(session_row(entry, record))
             rows += candidate_rows(entry, record)
     if not sessions:
-        raise InputError(results, "holds no result of a session of the corpus", "diagnose the corpus first")
+        raise InputError(
+            results, "holds no result of a session of the corpus", "diagnose the corpus first"
+        )
     names = sorted({name for row in rows for name in row["features"]})
     for row in rows:
         features = row.pop("features")
@@ -240,23 +250,31 @@ def candidate_rows(entry: Entry, record: Mapping[str, Any]) -> list[Row]:
         row["source"] = CANDIDATE
         row["named"] = bool(candidate.get("named", False))
         row["probability"] = _number(candidate.get("probability"))
-        row["features"] = {name: _number(value) for name, value in candidate.get("features", {}).items()}
+        row["features"] = {
+            name: _number(value) for name, value in candidate.get("features", {}).items()
+        }
         rows.append(row)
     for finding in record.get("diagnosis", {}).get("findings", ()):
         row = _row(entry, Name.of_finding(finding), finding.get("parameters"), measured)
         row["source"] = FINDING
         row["named"] = True
-        row["probability"] = _number(finding.get("class_probability", finding.get("probability", 1.0)))
+        row["probability"] = _number(
+            finding.get("class_probability", finding.get("probability", 1.0))
+        )
         row["features"] = {}
         rows.append(row)
     return rows
 
 
-def _row(entry: Entry, name: Name, parameters: Mapping[str, Any] | None, measured: Sequence[Any]) -> Row:
+def _row(
+    entry: Entry, name: Name, parameters: Mapping[str, Any] | None, measured: Sequence[Any]
+) -> Row:
     number = matching(name, entry.truth)
     truth = None if number is None else entry.truth[number]
     strict = truth is not None and is_strict(name, truth)
-    intervals = intervals_of(parameters or {}, truth.parameters) if truth is not None and strict else []
+    intervals = (
+        intervals_of(parameters or {}, truth.parameters) if truth is not None and strict else []
+    )
     return {
         "case": entry.case,
         "effect": name.effect,
@@ -312,8 +330,12 @@ def load_table(folder: Path, source: str = CANDIDATE) -> Table:
     names: list[Name] = []
     for values in _read_rows(folder / CANDIDATES_FILE):
         if values["source"] == source:
-            members = frozenset((word.partition(":")[0], word.partition(":")[2]) for word in values["members"])
-            names.append(Name(values["effect"], values["joint"], frozenset(values["places"]), members))
+            members = frozenset(
+                (word.partition(":")[0], word.partition(":")[2]) for word in values["members"]
+            )
+            names.append(
+                Name(values["effect"], values["joint"], frozenset(values["places"]), members)
+            )
             rows.append(values)
     keys = [key for key in (rows[0] if rows else ()) if key.startswith(FEATURE)]
     features: dict[str, Float[Array, " N"]] = {}

@@ -59,7 +59,9 @@ def plan_world_cases(out: Path, cases: int, seed: int, worlds: str = "all") -> l
     ]
 
 
-def make_world_cases(tasks: Sequence[WorldCase], say: Callable[[str], None] = lambda line: None) -> None:
+def make_world_cases(
+    tasks: Sequence[WorldCase], say: Callable[[str], None] = lambda line: None
+) -> None:
     """Simulates all cases that are not there yet."""
     for task in tasks:
         if not (task.out / "answers" / f"{task.slot.name}.json").is_file():
@@ -86,7 +88,9 @@ def make_world_case(task: WorldCase) -> str:
         (folder / "robot.urdf").write_text(urdf, encoding="utf-8")
     answer = answer_of(task, simulation)
     write_record(task.out / "answers" / f"{task.slot.name}.json", answer)
-    truth = ", ".join(f"{effect['effect']}:{'+'.join(effect['joints'])}" for effect in answer["effects"])
+    truth = ", ".join(
+        f"{effect['effect']}:{'+'.join(effect['joints'])}" for effect in answer["effects"]
+    )
     return f"{task.slot.name} {answer['arm']} {answer['world']} {answer['kind']} {truth}"
 
 
@@ -135,16 +139,25 @@ def answer_of(task: WorldCase, simulation: Simulation) -> dict[str, Any]:
     }
 
 
-def truth_of(effect: TrueEffect, answer: Answer, starts: Sequence[float], asked: float | None) -> dict[str, Any]:
+def truth_of(
+    effect: TrueEffect, answer: Answer, starts: Sequence[float], asked: float | None
+) -> dict[str, Any]:
     """One simulated effect: where it may be named, and its parameters by the catalogue."""
     shown = shown_joints(effect, answer)
     floors = answer.noise_floor_Nm
-    visible = {joint: round(value / max(floors[joint], 1e-12), 3) for joint, value in effect.visible_Nm.items()}
+    visible = {
+        joint: round(value / max(floors[joint], 1e-12), 3)
+        for joint, value in effect.visible_Nm.items()
+    }
     known = KNOWN.get(effect.effect)
     whole = known is not None and known.scope == "arm"
     joints = list(effect.joints)
     partner = effect.parameters.get(known.partner) if known is not None and known.partner else None
-    places = {*shown, *joints} if whole or not joints else {*joints, *([str(partner)] if partner else [])}
+    places = (
+        {*shown, *joints}
+        if whole or not joints
+        else {*joints, *([str(partner)] if partner else [])}
+    )
     return {
         "effect": effect.effect,
         "in_catalogue": effect.in_catalogue,

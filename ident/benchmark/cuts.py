@@ -26,7 +26,8 @@ from ident.recordings.save import write_session
 
 # Lengths that are drawn [s].
 LENGTHS_S = (5.0, 10.0, 20.0)
-# Kinds of session that are cut: those that answer whether a short log is told too much of, or enough.
+# Kinds of session that are cut: those that answer whether a short log is told too much of, or
+# enough.
 CUT_KINDS = ("control", "healthy", "measured", "outside", "single", "untouched")
 # Visible size below which a whole session shows nothing of an effect [noise].
 LEAST_VISIBLE = 0.7
@@ -107,7 +108,9 @@ def plan_cuts(entries: Iterable[Entry], seed: int) -> Iterator[tuple[Entry, floa
             yield entry, seconds
 
 
-def make_cuts(entries: Sequence[Entry], out: Path, seed: int, say: Callable[[str], None]) -> list[Entry]:
+def make_cuts(
+    entries: Sequence[Entry], out: Path, seed: int, say: Callable[[str], None]
+) -> list[Entry]:
     """Writes the cut sessions, and returns their entries.
 
     Args:
@@ -139,7 +142,9 @@ def add_cuts(folder: Path, seed: int, say: Callable[[str], None]) -> list[Entry]
 
 def main() -> None:
     """The command; what it takes stands in the module's docstring."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()

@@ -1,8 +1,11 @@
-"""Second step of a case: diagnose. The process is told the recordings, the robot and what is not in the catalogue.
+"""Second step of a case: diagnose.
 
-Neither this module nor what it imports knows the plant, the answers or the other cases. Two yardsticks are measured on
-the same evidence: what every name alone would close (nobody has to tell the process which one is true), and what a
-plain method names: forward selection by BIC, which takes samples for independent.
+The process is told the recordings, the robot and what is not in the catalogue.
+
+Neither this module nor what it imports knows the plant, the answers or the other cases. Two
+yardsticks are measured on the same evidence: what every name alone would close (nobody has to tell
+the process which one is true), and what a plain method names: forward selection by BIC, which takes
+samples for independent.
 """
 
 from __future__ import annotations
@@ -28,7 +31,8 @@ from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, project
 from ident.sessions import Given, inspect_sources
 
-# Names of greatest evidence that are measured alone in each view (the others close nothing), and names by BIC.
+# Names of greatest evidence that are measured alone in each view (the others close nothing), and
+# names by BIC.
 MOST_ALONE = 24
 MOST_BY_BIC = 3
 
@@ -47,7 +51,8 @@ class ExamineTask:
 def examine(task: ExamineTask) -> str:
     """Diagnoses a case and writes its result; returns the session's name.
 
-    A diagnosis that fails is written down as such: one case must not end the others, nor drop out of the scores.
+    A diagnosis that fails is written down as such: one case must not end the others, nor drop out
+    of the scores.
     """
     start = time.perf_counter()
     record: dict[str, Any] = {"stamp": task.stamp}
@@ -82,16 +87,21 @@ def _name(group: Group, joints: Sequence[str]) -> tuple[str, str]:
 
 
 def measure_alone(analysis: Analysis) -> dict[str, Any]:
-    """Held-out RMS of each joint [N m] in two views: `tuned`, and `fixed`, in which wrong inertias can't do the same.
+    """Held-out RMS of each joint [N m] in two views.
+
+    `tuned`, and `fixed`, in which wrong inertias can't do the same.
 
     Returns:
-        For each view the RMS with no name (`none`) and with those of the diagnosis (`named`); and in `alone`, for each
-        `effect:joint` (no joint for the whole arm), its view and the RMS with this name only, at its likeliest
-        inner parameters.
+        For each view the RMS with no name (`none`) and with those of the diagnosis (`named`); and
+        in `alone`, for each `effect:joint` (no joint for the whole arm), its view and the RMS with
+        this name only, at its likeliest inner parameters.
     """
     conclusion = analysis.conclusion
     views = {"tuned": conclusion.scorers.tuned, "fixed": conclusion.scorers.fixed}
-    both = {view: {"none": _rms(scorer), "named": _rms(scorer, conclusion.groups)} for view, scorer in views.items()}
+    both = {
+        view: {"none": _rms(scorer), "named": _rms(scorer, conclusion.groups)}
+        for view, scorer in views.items()
+    }
     coarse = Scorers.of(conclusion.inference.best)
     alone: dict[str, Any] = {}
     for view, scorer in (("tuned", coarse.tuned), ("fixed", coarse.fixed)):
@@ -106,7 +116,8 @@ def _rms(scorer: HeldOut, groups: Sequence[Group] = ()) -> list[float]:
 
 
 def _likeliest(search: SetSearch, inertia_like: bool) -> list[Group]:
-    """Of each name that explains anything its likeliest point, the names of greatest evidence first.
+    """Of each name that explains anything its likeliest point, the names of greatest evidence
+    first.
 
     Args:
         search: All candidates.
@@ -122,12 +133,16 @@ def _likeliest(search: SetSearch, inertia_like: bool) -> list[Group]:
 
 
 def forward_by_bic(evidence: Evidence, prior: Prior) -> list[Group]:
-    """The candidate that lowers BIC most, again and again, until none lowers it: samples unwhitened, each joint in
+    """The candidate that lowers BIC most, again and again, until none lowers it.
+
+    Samples unwhitened, each joint in
     units of its noise.
     """
     samples = float(sum(evidence.weights.sum(axis=0)))
     gram = np.zeros((evidence.layout.size + 1, evidence.layout.size + 1))
-    for local, sums, level in zip(evidence.layout.local, evidence.plain, evidence.whitening.level, strict=True):
+    for local, sums, level in zip(
+        evidence.layout.local, evidence.plain, evidence.whitening.level, strict=True
+    ):
         gram[np.ix_(local, local)] += sums.over() / max(float(level), 1e-9) ** 2
     chosen: list[Group] = []
     while len(chosen) < MOST_BY_BIC:

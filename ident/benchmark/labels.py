@@ -27,7 +27,8 @@ class Name:
     effect: str  # id
     joint: str  # empty for the whole arm
     places: frozenset[str]  # where it shows or stands
-    members: frozenset[tuple[str, str]]  # its class as (id, joint); an empty joint is any of its places
+    # Its class as (id, joint); an empty joint is any of its places.
+    members: frozenset[tuple[str, str]]
 
     @classmethod
     def of_candidate(cls, candidate: Mapping[str, Any]) -> Name:
@@ -48,7 +49,9 @@ class Name:
     @classmethod
     def of_finding(cls, finding: Mapping[str, Any]) -> Name:
         """The name of a finding of `ident.diagnosis/1`, with where else it may stand."""
-        elsewhere = [f"{twin['effect']}:{twin.get('joint') or ''}" for twin in finding.get("elsewhere", ())]
+        elsewhere = [
+            f"{twin['effect']}:{twin.get('joint') or ''}" for twin in finding.get("elsewhere", ())
+        ]
         joints = list(finding["joints"])
         classes = [*finding.get("class", ()), *elsewhere]
         return cls.of_candidate({"effect": finding["effect"], "joints": joints, "class": classes})

@@ -33,7 +33,9 @@ class Problem:
     units: Array  # of each row
     signs: Mapping[str, int]  # +1 or -1 by feature, where its meaning says which way it speaks
 
-    def fit(self, ridge: float, rows: Bool[Array, " N"] | None = None, start: Logistic | None = None) -> Logistic:
+    def fit(
+        self, ridge: float, rows: Bool[Array, " N"] | None = None, start: Logistic | None = None
+    ) -> Logistic:
         """The regression on some rows, all if none are given."""
         chosen = np.ones(len(self.right), dtype=bool) if rows is None else rows
         return fit_logistic(
@@ -68,7 +70,9 @@ class Problem:
         return log_score(probability, self.right, self.weights)
 
 
-def left_out(problem: Problem, ridge: float, starts: dict[str, Logistic] | None = None) -> Float[Array, " N"]:
+def left_out(
+    problem: Problem, ridge: float, starts: dict[str, Logistic] | None = None
+) -> Float[Array, " N"]:
     """Probability of each row from a fit without its unit.
 
     Args:

@@ -105,7 +105,9 @@ def fit_logistic(
         intercept = values[-1]
         margin = sides * (standard @ coefficients + intercept)
         pull = -share * sides * expit(-margin)
-        value = float(share @ np.logaddexp(0.0, -margin)) + 0.5 * ridge * float(coefficients @ coefficients)
+        value = float(share @ np.logaddexp(0.0, -margin)) + 0.5 * ridge * float(
+            coefficients @ coefficients
+        )
         gradient = np.append(standard.T @ pull + ridge * coefficients, pull.sum())
         return value, gradient
 
@@ -135,7 +137,9 @@ def _bound(sign: int) -> tuple[float | None, float | None]:
     return None, None
 
 
-def log_score(probability: Float[Array, " N"], right: Bool[Array, " N"], weights: Float[Array, " N"]) -> float:
+def log_score(
+    probability: Float[Array, " N"], right: Bool[Array, " N"], weights: Float[Array, " N"]
+) -> float:
     """Weighted mean log probability of what is true [nats]; 0 is perfect."""
     p = np.clip(np.where(right, probability, 1.0 - probability), 1e-12, 1.0)
     return float(weights @ np.log(p) / weights.sum())

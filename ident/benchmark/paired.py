@@ -55,7 +55,9 @@ def compare(before: Mapping[str, SessionOutcome], after: Mapping[str, SessionOut
             "won": won,
         }
     for key in ("seconds", "peak_mb"):
-        ratios = [_ratio(getattr(before[c].session, key), getattr(after[c].session, key)) for c in common]
+        ratios = [
+            _ratio(getattr(before[c].session, key), getattr(after[c].session, key)) for c in common
+        ]
         known = [ratio for ratio in ratios if ratio is not None]
         if known:
             record[key] = {"median after over before": round(float(np.median(known)), 3)}

@@ -16,27 +16,38 @@ if TYPE_CHECKING:
 
 
 def write(console: Console, report: BlindReport) -> None:
-    """Prints every score with its 95 % interval, a line each; efficiency by size, the worst worlds."""
+    """Prints every score with its 95 % interval, a line each.
+
+    Efficiency by size, the worst worlds.
+    """
     record = report.to_dict()
     lines = []
     for name, value in record["scores"].items():
         if isinstance(value, dict):
-            sizes = ", ".join(f"{size}x {one if one is None else round(one, 3)}" for size, one in value.items())
+            sizes = ", ".join(
+                f"{size}x {one if one is None else round(one, 3)}" for size, one in value.items()
+            )
             lines += [f"  {name}: {sizes}"] if sizes else []
             continue
         low, high = record["intervals"].get(name, (None, None))
         interval = f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else ""
         lines.append(f"  {name}: {value if value is None else round(value, 3)}{interval}")
     if again := record["run"].get("drawn_again"):
-        lines.append(f"  drawn again, a size out of reach or an arm that diverged: {plural(again, 'case')}")
+        lines.append(
+            f"  drawn again, a size out of reach or an arm that diverged: {plural(again, 'case')}"
+        )
     if record["worst_stratum"] is not None:
         worst = record["worst_stratum"]
-        lines.append(f"  worst stratum: {worst['world']}: strict {worst['strict']:.2f} of {worst['cases']}")
+        lines.append(
+            f"  worst stratum: {worst['world']}: strict {worst['strict']:.2f} of {worst['cases']}"
+        )
     console.print("\n".join(lines), highlight=False, soft_wrap=True)
 
 
 def draw(report: BlindReport) -> Figure:
     """The scores that are shares."""
-    shares = {name: score.value for name, score in report.scores.items() if name != "seconds_per_case"}
+    shares = {
+        name: score.value for name, score in report.scores.items() if name != "seconds_per_case"
+    }
     rows = {f"{len(report.outcomes)} cases": (FLEXIBLE, list(shares.values()))}
     return draw_bars(list(shares), rows, "share", f"withheld effects, seed {report.seed}")

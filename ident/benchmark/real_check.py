@@ -1,7 +1,8 @@
 """Semi-real cases as a check: made, sealed, diagnosed or compared, scored.
 
-A real arm has effects of its own: a name that its untouched recordings (the control) have already, or that others
-measured on this arm, is neither right nor wrong. A probability is that of the class, where one is given.
+A real arm has effects of its own: a name that its untouched recordings (the control) have already,
+or that others measured on this arm, is neither right nor wrong. A probability is that of the class,
+where one is given.
 """
 
 from __future__ import annotations
@@ -21,7 +22,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.benchmark.run import BlindOptions, Progress, Say, begin_check
-from ident.benchmark.scoring import Score, calibration_curve, calibration_error, is_inside, mean, share
+from ident.benchmark.scoring import (
+    Score,
+    calibration_curve,
+    calibration_error,
+    is_inside,
+    mean,
+    share,
+)
 from ident.benchmark.summary import group_by, in_columns
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.from_reports import diagnose_reports
@@ -48,7 +56,9 @@ Row = dict[str, Any]
 Finding = Mapping[str, Any]
 
 
-def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[list[Row], list[Row], list[Row]]:
+def rows_of(
+    answers: Mapping[str, Row], results: Mapping[str, Row]
+) -> tuple[list[Row], list[Row], list[Row]]:
     """One row an effect that was planted, one a name that was given, one a case."""
     effects: list[Row] = []
     names: list[Row] = []
@@ -92,7 +102,9 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
         new = []
         for one in findings if answer["kind"] != "control" else ():
             true = any(holds(one, effect) for effect in answer["effects"])
-            old = not true and any(_class(one) & _class(other) and _places(one) & _places(other) for other in owned)
+            old = not true and any(
+                _class(one) & _class(other) and _places(one) & _places(other) for other in owned
+            )
             name = f"{one['effect']}:{'+'.join(one['joints'])}"
             row = {**base, "name": name, "p": _probability(one), "right": true, "old": old}
             names.append(row)
@@ -121,10 +133,20 @@ def score(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) ->
         "false_alarm": share(one["wrong"] for one in cases if one["kind"] == "untouched"),
         "set_f1": mean([one["f1"] for one in cases if one["kind"] == "pair"]),
         "interval_coverage": share(hit for one in effects for hit in one["covered"].values()),
-        "calibration_error": calibration_error([one["p"] for one in said], [one["right"] for one in said]),
+        "calibration_error": calibration_error(
+            [one["p"] for one in said], [one["right"] for one in said]
+        ),
     }
-    outcomes = [{key: x for key, x in one.items() if key not in ("new", "wrong", "measured")} for one in cases]
-    return {"cases": len(cases), **in_columns(found), "effects": list(effects), "outcomes": outcomes}
+    outcomes = [
+        {key: x for key, x in one.items() if key not in ("new", "wrong", "measured")}
+        for one in cases
+    ]
+    return {
+        "cases": len(cases),
+        **in_columns(found),
+        "effects": list(effects),
+        "outcomes": outcomes,
+    }
 
 
 def _record(result: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -143,7 +165,10 @@ def _class(finding: Finding) -> set[str]:
 
 def _places(finding: Finding) -> set[str]:
     """Joints of a name, and those where it may stand as well."""
-    return {*finding["joints"], *(one["joint"] for one in finding.get("elsewhere", ()) if one["joint"])}
+    return {
+        *finding["joints"],
+        *(one["joint"] for one in finding.get("elsewhere", ()) if one["joint"]),
+    }
 
 
 def _probability(finding: Finding) -> float:
@@ -153,7 +178,10 @@ def _probability(finding: Finding) -> float:
 def holds(finding: Finding, effect: Row) -> bool:
     """Whether a name's class has the effect, at a joint where it may stand."""
     allowed = {None, *effect["may_stand_at"]}
-    if any(o["effect"] == effect["effect"] and o["joint"] in allowed for o in finding.get("elsewhere", ())):
+    if any(
+        o["effect"] == effect["effect"] and o["joint"] in allowed
+        for o in finding.get("elsewhere", ())
+    ):
         return True
     return effect["effect"] in _class(finding) and bool(allowed & set(finding["joints"]))
 
@@ -170,7 +198,9 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
     yield "controls: " + _count(one["verdict"] for one in cases if one["kind"] == "control")
     measured = [seen for one in cases for seen in one["measured"]]
     yield f"measured by others on the untouched arms, named with p >= 0.5: {_share(measured)}"
-    yield from _grouped("planted singles in the class with p >= 0.5, by size", single, "asked", "named")
+    yield from _grouped(
+        "planted singles in the class with p >= 0.5, by size", single, "asked", "named"
+    )
     yield from _grouped("  at any p", single, "asked", "named_at_all")
     yield from _grouped("  as the first name", single, "asked", "strict")
     yield from _grouped("  by arm", single, "arm", "named")
@@ -180,22 +210,32 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
     for kind in ("untouched", "outside", "single"):
         own = [one for one in cases if one["kind"] == kind]
         sure = [any(n["p"] >= CONFIDENT for n in one["wrong"]) for one in own]
-        yield f"{kind}: a new wrong name {_share(one['wrong'] for one in own)}; with p >= 0.5 {_share(sure)}"
+        wrong = _share(one["wrong"] for one in own)
+        yield f"{kind}: a new wrong name {wrong}; with p >= 0.5 {_share(sure)}"
     outside = [one for one in cases if one["kind"] == "outside"]
     yield "outside: verdicts " + _count(one["verdict"] for one in outside)
-    inside = [(f"{one['effect']}.{key}", hit) for one in listed for key, hit in one["covered"].items()]
+    inside = [
+        (f"{one['effect']}.{key}", hit) for one in listed for key, hit in one["covered"].items()
+    ]
     yield f"intervals that hold what was planted: {_share(hit for _, hit in inside)}"
     yield "  missed: " + _count(key for key, hit in inside if not hit)
-    # A name that was not planted and is given to another case of the arm, too, may be the arm's own.
+    # A name that was not planted and is given to another case of the arm, too, may be the arm's
+    # own.
     wrong = Counter((one["arm"], one["name"]) for one in names if not one["right"])
     once = [one for one in fresh if one["right"] or wrong[one["arm"], one["name"]] < 2]
     for title, rows in (("", fresh), (", names of one case of the arm alone", once)):
         yield f"calibration (probability, right){title}:"
-        for _, _, said, right in calibration_curve([one["p"] for one in rows], [one["right"] for one in rows], BINS):
+        for _, _, said, right in calibration_curve(
+            [one["p"] for one in rows], [one["right"] for one in rows], BINS
+        ):
             yield f"  {said:.2f}: {_written(right)}"
     yield "wrong names: " + _count(one["name"].split(":")[0] for one in fresh if not one["right"])
     spent = [one["seconds"] for one in cases if one["seconds"] is not None]
-    yield f"processor seconds a case: median {np.median(spent):.1f}, most {max(spent):.1f}" if spent else ""
+    yield (
+        f"processor seconds a case: median {np.median(spent):.1f}, most {max(spent):.1f}"
+        if spent
+        else ""
+    )
 
 
 def _grouped(title: str, rows: Sequence[Row], key: str, hit: str) -> Iterable[str]:
@@ -211,24 +251,28 @@ def _share(hits: Iterable[bool]) -> str:
 def _written(one: Score) -> str:
     if one.value is None:
         return "0 of 0"
-    return f"{round(one.value * one.count)} of {one.count} ({one.value:.0%} [{one.low:.0%}, {one.high:.0%}])"
+    share = f"{one.value:.0%} [{one.low:.0%}, {one.high:.0%}]"
+    return f"{round(one.value * one.count)} of {one.count} ({share})"
 
 
 def _count(words: Iterable[str]) -> str:
     return ", ".join(f"{word} {count}" for word, count in Counter(words).most_common()) or "none"
 
 
-#    python -m ident.benchmark.real_check make OUT --cases 150 --seed 1 [--real DIR] [--compare] [--arms ARM,…]
-#                                              [--kept-back]
+#    python -m ident.benchmark.real_check make OUT --cases 150 --seed 1 [--real DIR] [--compare]
+#                                              [--arms ARM,…] [--kept-back]
 #    python -m ident.benchmark.real_check diagnose OUT [--results DIR] [--only 'case_00*']
 #    python -m ident.benchmark.real_check score OUT [--results DIR]
-# `OUT/cases` holds a session folder a case (`before` and `after` of a comparison), and the untouched recordings as
-# `control_…`; what was planted lies in `OUT/answers`.
+# `OUT/cases` holds a session folder a case (`before` and `after` of a comparison), and the
+# untouched recordings as `control_…`; what was planted lies in `OUT/answers`.
 
 
 @dataclass(frozen=True, eq=False)
 class RealReport(Result):
-    """The outcome on semi-real cases: seed, SHA-256 of each case's answer, scores with their rows, tables in words."""
+    """The outcome on semi-real cases.
+
+    Seed, SHA-256 of each case's answer, scores with their rows, tables in words.
+    """
 
     seed: int
     seals: dict[str, str]
@@ -238,25 +282,43 @@ class RealReport(Result):
     def to_dict(self) -> dict[str, Any]:
         """`ident.blind/1`, as far as real arms know it."""
         origin = {"provenance": self.provenance.to_dict()}
-        return {"schema": "ident.blind/1", "seed": self.seed, "seals": self.seals, **self.record, **origin}
+        return {
+            "schema": "ident.blind/1",
+            "seed": self.seed,
+            "seals": self.seals,
+            **self.record,
+            **origin,
+        }
 
     def summary(self) -> str:
         return "\n".join(self.lines)
 
     def plot(self) -> Figure:
         shares = {name: value for name, value in self.record["scores"].items() if value is not None}
-        return draw_bars(list(shares), {"semi-real": (FLEXIBLE, list(shares.values()))}, "share", "semi-real cases")
+        return draw_bars(
+            list(shares),
+            {"semi-real": (FLEXIBLE, list(shares.values()))},
+            "share",
+            "semi-real cases",
+        )
 
 
 def read_rows(out: Path, results: Path) -> tuple[list[Row], list[Row], list[Row]]:
     """Rows of all cases of a folder that have a result; see `rows_of`."""
-    answers = {path.stem: json.loads(path.read_text()) for path in sorted((out / "answers").glob("*.json"))}
+    answers = {
+        path.stem: json.loads(path.read_text()) for path in sorted((out / "answers").glob("*.json"))
+    }
     files = {name: results / f"{name}.json" for name in answers}
-    return rows_of(answers, {name: json.loads(path.read_text()) for name, path in files.items() if path.is_file()})
+    return rows_of(
+        answers,
+        {name: json.loads(path.read_text()) for name, path in files.items() if path.is_file()},
+    )
 
 
 def check_on_real(folder: Path, options: BlindOptions, say: Say, progress: Progress) -> RealReport:
-    """Plants effects onto the real recordings below a folder, diagnoses and scores; goes on where it was stopped.
+    """Plants effects onto the real recordings below a folder, diagnoses and scores.
+
+    Goes on where it was stopped.
 
     Raises:
         InputError: No recordings there, or another check in the folder.
@@ -278,14 +340,19 @@ def check_on_real(folder: Path, options: BlindOptions, say: Say, progress: Progr
 
     run_tasks(diagnose_case, list(waiting.values()), options.workers, options.scheduler, count)
     rows = read_rows(out, out / "results")
-    origin = Provenance("ident blind", settings={"cases": options.cases, "seed": seed, "semi_real": str(folder)})
+    origin = Provenance(
+        "ident blind", settings={"cases": options.cases, "seed": seed, "semi_real": str(folder)}
+    )
     report = RealReport(seed, seals, score(*rows), tuple(tables(*rows)), provenance=origin)
     report.save(out / "blind.json")
     return report
 
 
 def diagnose_case(task: tuple[Path, Path]) -> str:
-    """Diagnoses a case, or compares its before and after, and writes what was found; returns its name."""
+    """Diagnoses a case, or compares its before and after, and writes what was found.
+
+    Returns its name.
+    """
     folder, path = task
     start = time.perf_counter()
     used = time.process_time()
@@ -309,15 +376,23 @@ def diagnose_case(task: tuple[Path, Path]) -> str:
 
 def main() -> None:
     """The command; what it takes stands in the module's docstring."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("job", choices=("make", "diagnose", "score"))
     parser.add_argument("out", type=Path)
-    parser.add_argument("--real", type=Path, default=Path(os.environ.get("IDENT_REAL_DATA", "../shared/real")))
+    parser.add_argument(
+        "--real", type=Path, default=Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
+    )
     parser.add_argument("--cases", type=int, default=150)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--compare", action="store_true")
-    parser.add_argument("--arms", default="", help="physical arms, separated by commas; all if none is given")
-    parser.add_argument("--kept-back", action="store_true", help="the arms that stay closed until a release")
+    parser.add_argument(
+        "--arms", default="", help="physical arms, separated by commas; all if none is given"
+    )
+    parser.add_argument(
+        "--kept-back", action="store_true", help="the arms that stay closed until a release"
+    )
     parser.add_argument("--results", type=Path)
     parser.add_argument("--only", default="*")
     given = parser.parse_args()

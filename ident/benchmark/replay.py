@@ -31,7 +31,9 @@ from ident.errors import InputError
 from ident.files import write_record
 
 
-def load_rule(folder: Path, findings: bool, calibration: Path | None) -> tuple[Table, Float[Array, " N"]]:
+def load_rule(
+    folder: Path, findings: bool, calibration: Path | None
+) -> tuple[Table, Float[Array, " N"]]:
     """A table, and the probabilities by which its rows are named.
 
     Raises:
@@ -47,7 +49,9 @@ def load_rule(folder: Path, findings: bool, calibration: Path | None) -> tuple[T
         return table, model.probability(table.matrix(model.names))
     path = folder / HELD_OUT_FILE
     if not path.is_file():
-        raise InputError(path, "no such file", "fit a calibration to the table first, or give --calibration")
+        raise InputError(
+            path, "no such file", "fit a calibration to the table first, or give --calibration"
+        )
     probability = pq.read_table(path).column("probability").to_numpy()
     if len(probability) != len(table.rows):
         what = f"has {len(probability)} rows, the table {len(table.rows)}"
@@ -57,7 +61,9 @@ def load_rule(folder: Path, findings: bool, calibration: Path | None) -> tuple[T
 
 def main() -> None:
     """The command; what it takes stands in the module's docstring."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("job", choices=("score", "compare"))
     parser.add_argument("tables", type=Path, nargs="+")
     parser.add_argument("--findings", action="store_true")

@@ -1,12 +1,15 @@
-"""The check as a whole: make all cases, print their seals, diagnose, open, score. Goes on where it was stopped.
+"""The check as a whole: make all cases, print their seals, diagnose, open, score.
 
-The named cause is taken out of the patched model, and nothing else: no figure is fitted again. The same arm is then
-simulated without the cause, doing other motions. Where the diagnosis told what belongs to the cause from what belongs
-to the arm, the edited model foretells those torques as well as a model that was tuned on the arm without the cause,
-moving as in the case. Where tuning took part of the cause, or the figures are wrong, the edit leaves a gap that was
-not there.
+Goes on where it was stopped.
 
-Two models stand beside it: one tuned on the case's recordings with nothing named, and the patched one unedited.
+The named cause is taken out of the patched model, and nothing else: no figure is fitted again. The
+same arm is then simulated without the cause, doing other motions. Where the diagnosis told what
+belongs to the cause from what belongs to the arm, the edited model foretells those torques as well
+as a model that was tuned on the arm without the cause, moving as in the case. Where tuning took
+part of the cause, or the figures are wrong, the edit leaves a gap that was not there.
+
+Two models stand beside it: one tuned on the case's recordings with nothing named, and the patched
+one unedited.
 """
 
 from __future__ import annotations
@@ -67,30 +70,41 @@ class EditTask:
 def edit(task: EditTask) -> str:
     """Edits a case and writes the outcome; returns the case's name.
 
-    What can't be edited (nothing true was named, or a twin of the arm can't be diagnosed) is written down with why.
+    What can't be edited (nothing true was named, or a twin of the arm can't be diagnosed) is
+    written down with why.
     """
     answer = open_envelope(task.made.sealed, task.made.key)
     result = _read(task.result)
     options, _ = task.made.drawn(task.attempt)
     try:
-        record = edit_case(options, answer, result["diagnosis"]) if "diagnosis" in result else {"why": "it failed"}
+        record = (
+            edit_case(options, answer, result["diagnosis"])
+            if "diagnosis" in result
+            else {"why": "it failed"}
+        )
     except InputError as error:
         record = {"why": str(error)}
     write_result(task.edited, {"stamp": task.stamp, **record})
     return task.made.slot.name
 
 
-def edit_case(options: SimulationOptions, answer: Answer, diagnosis: Mapping[str, Any]) -> dict[str, Any]:
+def edit_case(
+    options: SimulationOptions, answer: Answer, diagnosis: Mapping[str, Any]
+) -> dict[str, Any]:
     """The edit test of one case: what was simulated, what was wrong, and what was diagnosed.
 
     Returns:
-        `joints`, at which the cause shows; by model the `rms_Nm` of each joint, and by model the `ratio` to the
-        oracle's over these joints; or `why` there is no test.
+        `joints`, at which the cause shows; by model the `rms_Nm` of each joint, and by model the
+        `ratio` to the oracle's over these joints; or `why` there is no test.
 
     Raises:
         InputError: The arm without the cause can't be diagnosed.
     """
-    true = [k for k, one in enumerate(diagnosis["findings"]) if any(is_true(t, one, answer) for t in answer.effects)]
+    true = [
+        k
+        for k, one in enumerate(diagnosis["findings"])
+        if any(is_true(t, one, answer) for t in answer.effects)
+    ]
     if not true:
         return {"why": "nothing true was named"}
     twin, other = twins_of(options)
@@ -110,26 +124,38 @@ def edit_case(options: SimulationOptions, answer: Answer, diagnosis: Mapping[str
     rms = {name: rms_left(model, held_out) for name, model in models.items()}
     joints = sorted({joint for one in answer.effects for joint in shown_joints(one, answer)})
     at = [arm.joint_names.index(joint) for joint in joints]
-    named = {name: dict(zip(arm.joint_names, map(float, one), strict=True)) for name, one in rms.items()}
+    named = {
+        name: dict(zip(arm.joint_names, map(float, one), strict=True)) for name, one in rms.items()
+    }
     ratio = {name: error_ratio(one[at], rms["oracle"][at]) for name, one in rms.items()}
     return {"joints": joints, "rms_Nm": named, "ratio": ratio}
 
 
-def edited_arm(record: Mapping[str, Any], arm: ArmModel, taken_out: Collection[int] = ()) -> IdentifiedArm:
-    """The patch of a diagnosis less some of its findings, by their places; nothing is fitted again."""
+def edited_arm(
+    record: Mapping[str, Any], arm: ArmModel, taken_out: Collection[int] = ()
+) -> IdentifiedArm:
+    """The patch of a diagnosis less some of its findings, by their places.
+
+    Nothing is fitted again.
+    """
     diagnosed = Diagnosed.of_record(dict(record), needed=False)
     kept = tuple(change for k, change in enumerate(diagnosed.changes) if k not in taken_out)
     return replace(diagnosed.candidates(arm)["after"], changes=kept)
 
 
 def tuned_arm(record: Mapping[str, Any], arm: ArmModel) -> IdentifiedArm:
-    """What the same recordings give where nothing is identified: the best tuning of links and losses."""
+    """What the same recordings give where nothing is identified.
+
+    The best tuning of links and losses.
+    """
     return Diagnosed.of_record(dict(record), needed=False).candidates(arm)["tuned"]
 
 
 def rms_left(identified: IdentifiedArm, motions: Sequence[Motion]) -> Float[Array, " n"]:
     """Error of the filtered torque where joints move steadily, by joint [N m]."""
-    squares = sum(np.sum(log_error(LawModel.of(identified, one.payload), one) ** 2, axis=0) for one in motions)
+    squares = sum(
+        np.sum(log_error(LawModel.of(identified, one.payload), one) ** 2, axis=0) for one in motions
+    )
     return np.sqrt(squares / np.maximum(sum(one.settled.sum(axis=0) for one in motions), 1.0))
 
 
@@ -140,7 +166,9 @@ def error_ratio(error: Float[Array, " k"], oracle: Float[Array, " k"]) -> float:
 
 def twins_of(options: SimulationOptions) -> tuple[Session, Session]:
     """The arm of a case without its causes: in the case's own motions, and in others."""
-    other = other_motions(options, min(options.runs, MOST_RUNS), min(options.duration, LONGEST_RUN_S))
+    other = other_motions(
+        options, min(options.runs, MOST_RUNS), min(options.duration, LONGEST_RUN_S)
+    )
     return simulate(without_causes(options), "twin").session, simulate(other, "other").session
 
 
@@ -165,21 +193,35 @@ T = TypeVar("T", MakeTask, ExamineTask, EditTask)
 class BlindOptions(CheckOptions):
     """What to check, with what Python alone can choose."""
 
-    mix: Mapping[str, float] = field(default_factory=lambda: dict(FULL_MIX))  # shares of the kinds of case
+    # Shares of the kinds of case.
+    mix: Mapping[str, float] = field(default_factory=lambda: dict(FULL_MIX))
     runs: int = 10  # of each session; of a world, its own
     duration: float = 8.0  # rough duration of a run [s]; of a world, its own
 
     @property
     def settings(self) -> dict[str, Any]:
         """What decides which cases there are."""
-        names = ("cases", "mix", "robot", "runs", "duration", *(("worlds", "oracle") if self.worlds else ()))
-        return {name: dict(value) if isinstance(value := getattr(self, name), Mapping) else value for name in names}
+        names = (
+            "cases",
+            "mix",
+            "robot",
+            "runs",
+            "duration",
+            *(("worlds", "oracle") if self.worlds else ()),
+        )
+        return {
+            name: dict(value) if isinstance(value := getattr(self, name), Mapping) else value
+            for name in names
+        }
 
 
 def run_blind(
-    options: BlindOptions, say: Say = lambda line: None, progress: Progress = lambda step, done, total: None
+    options: BlindOptions,
+    say: Say = lambda line: None,
+    progress: Progress = lambda step, done, total: None,
 ) -> BlindReport:
-    """Runs the check; seals are said before any diagnosis, progress is a step's name and how many of all cases.
+    """Runs the check; seals are said before any diagnosis, progress is a step's name and how many
+    of all cases.
 
     Raises:
         InputError: Options that make no sense, or another check in the folder.
@@ -187,14 +229,26 @@ def run_blind(
     seed = begin_check(options, options.settings)
     out = options.out.resolve()
     stamp = code_stamp()
-    base = SimulationOptions(robot=options.robot, runs=options.runs, duration=options.duration, coarse=True)
+    base = SimulationOptions(
+        robot=options.robot, runs=options.runs, duration=options.duration, coarse=True
+    )
     common = stamp, find_worlds(options.worlds) if options.worlds else (), options.oracle
     tasks = {
-        slot.name: MakeTask(slot, number, seed, base, out / "sessions" / slot.name, out / "sealed" / slot.name, *common)
+        slot.name: MakeTask(
+            slot,
+            number,
+            seed,
+            base,
+            out / "sessions" / slot.name,
+            out / "sealed" / slot.name,
+            *common,
+        )
         for number, slot in enumerate(plan_slots(options.cases, options.mix, seed))
     }
     step = partial(_step, options, progress)
-    made = step("simulating", make, {name: (task.sealed / MADE_NAME, task) for name, task in tasks.items()})
+    made = step(
+        "simulating", make, {name: (task.sealed / MADE_NAME, task) for name, task in tasks.items()}
+    )
     for name, record in made.items():
         say(f"{name} sealed: sha256 {record['sha256']}")
     diagnoses = {}
@@ -204,15 +258,24 @@ def run_blind(
         record = made[name]
         stamped = f"{stamp} {made[name]['sha256']}"
         path, edited = (out / folder / f"{name}.json" for folder in ("results", "edits"))
-        diagnoses[name] = path, ExamineTask(task.session, record["robot"], tuple(record["excluded"]), path, stamped)
+        diagnoses[name] = (
+            path,
+            ExamineTask(task.session, record["robot"], tuple(record["excluded"]), path, stamped),
+        )
         if options.edit and task.slot.kind == "single":
             edits[name] = edited, EditTask(task, int(record["attempt"]), path, edited, stamped)
     results = step("diagnosing", examine, diagnoses)
     ratios = step("editing", edit, edits)
     outcomes = []
     for name, task in tasks.items():
-        outcome = score_case(task.slot, open_envelope(task.sealed, task.key), results[name], made[name]["starts"])
-        outcomes.append(replace(outcome, oracle=made[name].get("oracle"), edit=ratios.get(name, {}).get("ratio")))
+        outcome = score_case(
+            task.slot, open_envelope(task.sealed, task.key), results[name], made[name]["starts"]
+        )
+        outcomes.append(
+            replace(
+                outcome, oracle=made[name].get("oracle"), edit=ratios.get(name, {}).get("ratio")
+            )
+        )
     report = BlindReport(
         robot=f"arms of worlds ({options.worlds})" if options.worlds else options.robot,
         seed=seed,
@@ -220,7 +283,11 @@ def run_blind(
         outcomes=tuple(outcomes),
         provenance=Provenance("ident blind", settings={**options.settings, "seed": seed}),
         # Cases drawn again, as a size was out of reach or the arm diverged.
-        run={**options.settings, "code": stamp, "drawn_again": sum(one["attempt"] > 0 for one in made.values())},
+        run={
+            **options.settings,
+            "code": stamp,
+            "drawn_again": sum(one["attempt"] > 0 for one in made.values()),
+        },
     )
     report.save(options.out / "blind.json")
     with atomic_write(options.out / "cases.parquet") as part:
@@ -229,7 +296,10 @@ def run_blind(
 
 
 def begin_check(options: BlindOptions, settings: Mapping[str, Any]) -> int:
-    """Checks that the folder holds no other check than one with these settings; returns the seed."""
+    """Checks that the folder holds no other check than one with these settings.
+
+    Returns the seed.
+    """
     if options.worlds:
         find_worlds(options.worlds)
     path = options.out / "run.json"
@@ -238,9 +308,15 @@ def begin_check(options: BlindOptions, settings: Mapping[str, Any]) -> int:
             before = _read(path)
             seed = int(before.pop("seed"))
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise InputError(path, f"no record of a check ({error!r})", "choose another --out") from None
+            raise InputError(
+                path, f"no record of a check ({error!r})", "choose another --out"
+            ) from None
         if before != settings or options.seed not in (None, seed):
-            raise InputError(path, "another check was begun in this folder", "choose another --out, or its options")
+            raise InputError(
+                path,
+                "another check was begun in this folder",
+                "choose another --out, or its options",
+            )
         return seed
     if options.out.is_dir() and any(options.out.iterdir()):
         raise InputError(options.out, "the folder holds something else", "choose another --out")

@@ -25,7 +25,10 @@ Row = dict[str, Any]
 
 
 def score(table: Table, outcomes: Mapping[str, SessionOutcome]) -> Row:
-    """All scores, each with its interval and count: of whole sessions, and apart from them of those that were cut."""
+    """All scores, each with its interval and count.
+
+    Of whole sessions, and apart from them of those that were cut.
+    """
     everything = [outcome for outcome in outcomes.values() if not outcome.session.length]
     record: Row = {"cases": len(everything), "all": score_some(everything)}
     for group, chosen in _grouped(everything, lambda outcome: outcome.session.group).items():
@@ -39,7 +42,9 @@ def score(table: Table, outcomes: Mapping[str, SessionOutcome]) -> Row:
     cut = [outcome for outcome in outcomes.values() if outcome.session.length]
     if cut:
         record[CUT] = score_some(cut)
-        for length, chosen in _grouped(cut, lambda outcome: f"{CUT} to {outcome.session.length:g} s").items():
+        for length, chosen in _grouped(
+            cut, lambda outcome: f"{CUT} to {outcome.session.length:g} s"
+        ).items():
             record[length] = score_some(chosen)
     return record
 

@@ -1,7 +1,9 @@
-"""All cases together: the scores of `ident.blind/1`. A score is a row of a table: of which cases, of what in them.
+"""All cases together: the scores of `ident.blind/1`.
 
-Cases are also taken apart by what their worlds differ in: numbers cut at powers of ten or at terciles, words at
-themselves.
+A score is a row of a table: of which cases, of what in them.
+
+Cases are also taken apart by what their worlds differ in: numbers cut at powers of ten or at
+terciles, words at themselves.
 """
 
 from __future__ import annotations
@@ -15,12 +17,28 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ident.benchmark.scoring import Outcome, Score, auroc, calibration_curve, calibration_error, mean, share
+from ident.benchmark.scoring import (
+    Outcome,
+    Score,
+    auroc,
+    calibration_curve,
+    calibration_error,
+    mean,
+    share,
+)
 from ident.results import Result
 
 # Properties of worlds by which scores are given: numbers, and words.
 NUMBERS = (
-    *("encoder_noise_rad", "rate_hz", "run_spread", "friction_drift", "torque_noise", "jitter", "lost"),
+    *(
+        "encoder_noise_rad",
+        "rate_hz",
+        "run_spread",
+        "friction_drift",
+        "torque_noise",
+        "jitter",
+        "lost",
+    ),
     *("bandwidth_hz", "friction_scale", "rotor_scale", "runs", "duration_s", "link_error"),
 )
 WORDS = ("world", "robot", "velocity", "encoder_at", "feed_forward", "reference")
@@ -32,18 +50,27 @@ def world_axes(world: Mapping[str, Any]) -> dict[str, float | str]:
     """What cases are sorted by."""
     counts = 2.0 ** world["encoder_bits"] * (100.0 if world["encoder_at"] == "motor" else 1.0)
     noise = float(np.hypot(world["encoder_noise_rad"], 2.0 * np.pi / counts / np.sqrt(12.0)))
-    own = {"encoder_noise_rad": noise, "world": world["name"], "run_spread": world["friction_spread"]}
+    own = {
+        "encoder_noise_rad": noise,
+        "world": world["name"],
+        "run_spread": world["friction_spread"],
+    }
     return {name: {**world, **own}[name] for name in (*NUMBERS, *WORDS)}
 
 
 def places_on(axis: str, values: Sequence[Any]) -> list[dict[str, Any]]:
-    """For each value of a property the stratum that it lies in: a word, or the bounds of a number."""
+    """For each value of a property the stratum that it lies in.
+
+    A word, or the bounds of a number.
+    """
     if axis in WORDS:
         return [{"value": str(value)} for value in values]
     x = np.array(values, dtype=float)
     edges = np.unique(np.quantile(x, [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0]))
     if axis in DECADES:
-        edges = 10.0 ** np.arange(np.floor(np.log10(x.min())), np.ceil(np.log10(x.max() * (1.0 + 1e-9))) + 1)
+        edges = 10.0 ** np.arange(
+            np.floor(np.log10(x.min())), np.ceil(np.log10(x.max() * (1.0 + 1e-9))) + 1
+        )
     at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
     return [{"low": float(edges[k]), "high": float(edges[k + 1])} for k in at]
 
@@ -92,7 +119,11 @@ HEADLINE: Rules = {
     "companion": (is_visible, share, lambda one: one.has_companion),
     "false_alarm": (of("healthy"), share, lambda one: one.has_false_name),
     "false_alarm_decoy": (of("decoy"), share, lambda one: one.has_false_name),
-    "told_gap": (of("healthy"), share, lambda one: None if one.urdf_wrong else one.verdict != "no_gap"),
+    "told_gap": (
+        of("healthy"),
+        share,
+        lambda one: None if one.urdf_wrong else one.verdict != "no_gap",
+    ),
     "refusal": (REFUSABLE, share, lambda one: one.refused),
     "wrongly_named": (REFUSABLE, share, lambda one: one.verdict == "named"),
     "set_f1": (SETS, mean, lambda one: one.set_f1),
@@ -106,7 +137,11 @@ OF_WORLDS: Rules = {
     "told_gap": (WITHOUT, *HEADLINE["told_gap"][1:]),
 }
 PASSED: Rules = {
-    "edit": (lambda one: one.edit is not None, share, lambda one: (one.edit or {})["edited"] <= EDIT_WITHIN)
+    "edit": (
+        lambda one: one.edit is not None,
+        share,
+        lambda one: (one.edit or {})["edited"] <= EDIT_WITHIN,
+    )
 }
 
 
@@ -133,7 +168,10 @@ def rules_of(method: str) -> Rules:
 
 
 def measure(cases: Iterable[Outcome], rules: Rules) -> dict[str, Score]:
-    """The scores of a table of rules; a case of which a score says nothing (None) is left out of it."""
+    """The scores of a table of rules.
+
+    A case of which a score says nothing (None) is left out of it.
+    """
     some = list(cases)
     found = {}
     for name, (chosen, summarise, value) in rules.items():
@@ -170,23 +208,32 @@ class BlindReport(Result):
 
     @cached_property
     def scores(self) -> dict[str, Score]:
-        """The headline. `auroc`: how sure the diagnosis is that the catalogue lacks the cause where it does, against
-        where it does not.
+        """The headline. `auroc`: how sure the diagnosis is that the catalogue lacks the cause where
+        it does, against where it does not.
         """
         lacking = [one.refusal_score for one in self.outcomes if REFUSABLE(one)]
-        holding = [one.refusal_score for one in self.outcomes if SINGLE(one) and one.amplitude >= 1.0]
+        holding = [
+            one.refusal_score for one in self.outcomes if SINGLE(one) and one.amplitude >= 1.0
+        ]
         edited = any(SINGLE(one) and one.edit is not None for one in self.outcomes)
         return {
             **measure(self.outcomes, HEADLINE),
-            "auroc": auroc(*([score for score in some if score is not None] for some in (lacking, holding))),
+            "auroc": auroc(
+                *([score for score in some if score is not None] for some in (lacking, holding))
+            ),
             "calibration_error": calibration_error(*judged(self.outcomes)),
-            "interval_coverage": share(cover["inside"] for one in self.outcomes for cover in one.coverage),
+            "interval_coverage": share(
+                cover["inside"] for one in self.outcomes for cover in one.coverage
+            ),
             **(measure(filter(is_visible, self.outcomes), PASSED) if edited else {}),
         }
 
     @cached_property
     def worlds(self) -> dict[str, list[dict[str, Any]]]:
-        """By each property in which the worlds of the cases differ, a row a stratum: its word or bounds, its scores."""
+        """By each property in which the worlds of the cases differ, a row a stratum.
+
+        Its word or bounds, its scores.
+        """
         found: dict[str, list[dict[str, Any]]] = {}
         placed = [(world_axes(one.world), one) for one in self.outcomes if one.world]
         for axis in (*NUMBERS, *WORDS):
@@ -194,38 +241,54 @@ class BlindReport(Result):
             if len(set(values)) < 2:
                 continue
             strata = group_by(
-                zip(places_on(axis, values), (one for _, one in placed), strict=True), lambda pair: (*pair[0].values(),)
+                zip(places_on(axis, values), (one for _, one in placed), strict=True),
+                lambda pair: (*pair[0].values(),),
             )
             found[axis] = []
             for rows in strata.values():
                 cases = [one for _, one in rows]
-                scores = {**measure(cases, OF_WORLDS), "calibration_error": calibration_error(*judged(cases))}
+                scores = {
+                    **measure(cases, OF_WORLDS),
+                    "calibration_error": calibration_error(*judged(cases)),
+                }
                 columns = in_columns(scores)
-                found[axis].append({**rows[0][0], "cases": len(cases), **columns.pop("scores"), **columns})
+                found[axis].append(
+                    {**rows[0][0], "cases": len(cases), **columns.pop("scores"), **columns}
+                )
         return found
 
     @property
     def worst(self) -> dict[str, Any] | None:
-        """The stratum of worlds in which fewest visible effects are named, of those with cases enough."""
+        """The stratum of worlds in which fewest visible effects are named, of those with cases
+        enough.
+        """
         rows = [(axis, row) for axis, strata in self.worlds.items() for row in strata]
         enough = [pair for pair in rows if pair[1]["counts"]["strict"] >= LEAST_CASES]
         if not enough:
             return None
         axis, row = min(enough, key=lambda pair: pair[1]["strict"] or 0.0)
         span = row["value"] if "value" in row else f"{row['low']:.3g} to {row['high']:.3g}"
-        about = {"strict": row["strict"], "cases": row["counts"]["strict"], "interval": row["intervals"]["strict"]}
+        about = {
+            "strict": row["strict"],
+            "cases": row["counts"]["strict"],
+            "interval": row["intervals"]["strict"],
+        }
         return {"world": f"{axis} {span}", **about}
 
     @cached_property
     def efficiency(self) -> dict[str, Score]:
-        """By size: effects named, over those that an oracle would name; the oracle's share is taken as known."""
+        """By size: effects named, over those that an oracle would name; the oracle's share is taken
+        as known.
+        """
         found = {}
         asked = [one for one in self.outcomes if SINGLE(one) and one.oracle is not None]
         for size, cases in group_by(asked, lambda one: one.amplitude).items():
             best = sum(one.oracle or 0.0 for one in cases) / len(cases)
             ours = share(one.strict for one in cases)
             ends = (ours.value, ours.low, ours.high)
-            value, low, high = (end / best if end is not None and best > 0.0 else None for end in ends)
+            value, low, high = (
+                end / best if end is not None and best > 0.0 else None for end in ends
+            )
             found[f"{size:g}"] = Score(value, low, high, len(cases))
         return found
 
@@ -235,11 +298,16 @@ class BlindReport(Result):
         return [one for one in self.outcomes if one.confidently_wrong]
 
     def _by_cause(self) -> dict[str, Any]:
-        """Of single effects by size and motion, and by the true effect; of names by the effect that they name."""
+        """Of single effects by size and motion, and by the true effect.
+
+        Of names by the effect that they name.
+        """
         singles = list(filter(SINGLE, self.outcomes))
         cells = group_by(singles, lambda one: (not one.rich, one.amplitude))
         by_truth = group_by(singles, lambda one: one.truth[0][0])
-        names = group_by((name for one in self.outcomes for name in one.judged), lambda name: name[0])
+        names = group_by(
+            (name for one in self.outcomes for name in one.judged), lambda name: name[0]
+        )
         covers = group_by(
             (cover for one in self.outcomes for cover in one.coverage),
             lambda one: f"{one['effect']}.{one['parameter']}",
@@ -249,8 +317,14 @@ class BlindReport(Result):
             own = [one for one in cases if one.edit is not None]
             if own:
                 models = ("edited", "tuned", "unedited")
-                medians = {model: median(one.edit[model] for one in own if one.edit) for model in models}
-                edits[effect] = {"cases": len(own), "median": medians, "within": vars(measure(own, PASSED)["edit"])}
+                medians = {
+                    model: median(one.edit[model] for one in own if one.edit) for model in models
+                }
+                edits[effect] = {
+                    "cases": len(own),
+                    "median": medians,
+                    "within": vars(measure(own, PASSED)["edit"]),
+                }
         return {
             "strata": {
                 f"{size:g}x {'poor' if poor else 'rich'}": _full(measure(own, NAMES))
@@ -260,8 +334,12 @@ class BlindReport(Result):
                 effect: dict(Counter(one.named[0][0] if one.named else one.verdict for one in own))
                 for effect, own in by_truth.items()
             },
-            "coverage": _full({name: share(cover["inside"] for cover in own) for name, own in covers.items()}),
-            "reliability": _full({effect: share(right for _, _, right in own) for effect, own in names.items()}),
+            "coverage": _full(
+                {name: share(cover["inside"] for cover in own) for name, own in covers.items()}
+            ),
+            "reliability": _full(
+                {effect: share(right for _, _, right in own) for effect, own in names.items()}
+            ),
             **({"edits": edits} if edits else {}),
         }
 
@@ -287,7 +365,9 @@ class BlindReport(Result):
             "worlds": self.worlds,
             "worst_stratum": self.worst,
             "efficiency": _full(self.efficiency),
-            "baselines": {m: in_columns(measure(self.outcomes, rules_of(m)))["scores"] for m in methods},
+            "baselines": {
+                m: in_columns(measure(self.outcomes, rules_of(m)))["scores"] for m in methods
+            },
             "confidently_wrong": [one.name for one in self.confidently_wrong],
             "seconds_per_case": self.scores["seconds_per_case"].value,
             "outcomes": [one.to_dict() for one in self.outcomes],
@@ -299,7 +379,11 @@ def in_columns(scores: Mapping[str, Score]) -> dict[str, dict[str, Any]]:
     """Values, intervals and counts of scores, each by their names."""
     values = {name: score.value for name, score in scores.items()}
     intervals = {name: [score.low, score.high] for name, score in scores.items()}
-    return {"scores": values, "intervals": intervals, "counts": {name: one.count for name, one in scores.items()}}
+    return {
+        "scores": values,
+        "intervals": intervals,
+        "counts": {name: one.count for name, one in scores.items()},
+    }
 
 
 def _full(scores: Mapping[str, Score]) -> dict[str, dict[str, float | int | None]]:

@@ -3,7 +3,8 @@ each one's deficit.
 
 Where an effect that was put there is the chosen one, or one of its rivals, its share among them is
 exp(−T d) over the sum of all; T is where the product of these shares over the corpus is greatest.
-It may grow with the number of samples N, as t (N / 1000)^g: on a few seconds the same nats say less.
+It may grow with the number of samples N, as t (N / 1000)^g: on a few seconds the same nats say
+less.
 """
 
 from __future__ import annotations

@@ -1,6 +1,9 @@
-"""JSON Schemas of the result files: their records stand in tables, those that are values in memory as well in classes.
+"""JSON Schemas of the result files.
 
-`records.toml` of each package has a table for each record: its keys with their Python types, as pydantic reads them.
+Their records stand in tables, those that are values in memory as well in classes.
+
+`records.toml` of each package has a table for each record: its keys with their Python types, as
+pydantic reads them.
 """
 
 from __future__ import annotations
@@ -23,12 +26,20 @@ TYPING = {"Any": Any, "Literal": Literal, "NotRequired": NotRequired}
 @cache
 def read_records(package: str) -> dict[str, Any]:
     """All records of a package by their names, with what their types are made of."""
-    tables = tomllib.loads(files(f"{package}.schemas").joinpath("records.toml").read_text(encoding="utf-8"))
+    tables = tomllib.loads(
+        files(f"{package}.schemas").joinpath("records.toml").read_text(encoding="utf-8")
+    )
     homes = tables.pop("classes")
-    found: dict[str, Any] = {**TYPING, **{name: getattr(import_module(home), name) for name, home in homes.items()}}
+    found: dict[str, Any] = {
+        **TYPING,
+        **{name: getattr(import_module(home), name) for name, home in homes.items()},
+    }
     for name, own in tables.items():
         rows = _rows(name, tables).items()
-        types = {key.removesuffix("?"): f"NotRequired[{kind}]" if key.endswith("?") else kind for key, kind in rows}
+        types = {
+            key.removesuffix("?"): f"NotRequired[{kind}]" if key.endswith("?") else kind
+            for key, kind in rows
+        }
         found[name] = TypedDict(name, types)  # type: ignore[operator]
         found[name].__doc__ = own.get("about")
     return found
@@ -42,10 +53,18 @@ def _rows(name: str, tables: dict[str, dict[str, str]]) -> dict[str, str]:
 
 @cache
 def list_kinds(package: str) -> dict[str, str]:
-    """Kind of each result file -> the name of its record: those that say which `schema` they hold to."""
-    own = {name: getattr(record, "__annotations__", {}) for name, record in read_records(package).items()}
+    """Kind of each result file -> the name of its record.
+
+    Those that say which `schema` they hold to.
+    """
+    own = {
+        name: getattr(record, "__annotations__", {})
+        for name, record in read_records(package).items()
+    }
     marks = {
-        name: str(getattr(rows["schema"], "__forward_arg__", "")) for name, rows in own.items() if "schema" in rows
+        name: str(getattr(rows["schema"], "__forward_arg__", ""))
+        for name, rows in own.items()
+        if "schema" in rows
     }
     return {mark.partition(".")[2].partition("/")[0]: name for name, mark in sorted(marks.items())}
 

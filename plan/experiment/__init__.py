@@ -1,1 +1,4 @@
-"""The next motion to record: what tells two models apart, or a model's parameters from the rest, in the least time."""
+"""The next motion to record.
+
+What tells two models apart, or a model's parameters from the rest, in the least time.
+"""

@@ -26,7 +26,13 @@ from ident.records import as_json
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import TICK_S, ReferenceMotion, ticks
 from plan.experiment.result import MOTION_KIND, Excitation
-from plan.problem.controllers import RAMPED_S, SAMPLED, Controller, choose_controller, require_joints
+from plan.problem.controllers import (
+    RAMPED_S,
+    SAMPLED,
+    Controller,
+    choose_controller,
+    require_joints,
+)
 from plan.problem.execution import Execution
 from plan.spline import Splines
 
@@ -59,23 +65,27 @@ def steps_of(runs: Sequence[ReferenceMotion]) -> tuple[Step, ...]:
     return (
         Step(
             "1_slow_test",
-            f"Move these, {SLOWER} times as slow, with a hand on the stop: is every path free? Record nothing.",
+            f"Move these, {SLOWER} times as slow, with a hand on the stop: is every path free? "
+            "Record nothing.",
             slow,
         ),
         Step(
             "2_warm_up",
-            "Repeat this for as long as the arm is usually warmed up: friction falls with warmth. Record nothing.",
+            "Repeat this for as long as the arm is usually warmed up: friction falls with warmth. "
+            "Record nothing.",
             tuple(runs[:1]),
         ),
         Step(
             "3_record",
-            "Move these and record each to a file of its own, on one clock; the arm rests a second before and after.",
+            "Move these and record each to a file of its own, on one clock; "
+            "the arm rests a second before and after.",
             tuple(runs),
             "my_session",
         ),
         Step(
             "4_hold_out",
-            "Move and record these likewise into another folder: give it to `ident evaluate`, never to a fit.",
+            "Move and record these likewise into another folder: "
+            "give it to `ident evaluate`, never to a fit.",
             held_out,
             "my_session_held_out",
         ),
@@ -138,7 +148,9 @@ def execution_of(
     return Execution(tuple(joints), times, q, dq, np.zeros_like(q), 0.0, controller), miss
 
 
-def write_capture(excitation: Excitation, folder: str | Path, controller: Controller | None) -> dict[str, object]:
+def write_capture(
+    excitation: Excitation, folder: str | Path, controller: Controller | None
+) -> dict[str, object]:
     """Writes the motion as `Excitation.write` does, and a folder a step beside it; whole or not at
     all.
 
@@ -173,7 +185,9 @@ def write_capture(excitation: Excitation, folder: str | Path, controller: Contro
     return told
 
 
-def _file_record(path: Path, folder: Path, motion: ReferenceMotion, miss: float) -> dict[str, object]:
+def _file_record(
+    path: Path, folder: Path, motion: ReferenceMotion, miss: float
+) -> dict[str, object]:
     """What is said of a motion's file."""
     return {
         "file": path.relative_to(folder).as_posix(),

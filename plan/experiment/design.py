@@ -1,4 +1,6 @@
-"""From hypotheses to the motion that parts them: search, length, proof, and random motion to compare with.
+"""From hypotheses to the motion that parts them.
+
+Search, length, proof, and random motion to compare with.
 
 The families are searched for the set of runs with the best score: random starts, then local steps.
 """
@@ -22,15 +24,24 @@ from plan.experiment.distance import PredictedDesign, Predictor
 from plan.experiment.feasible import OPEN, Feasibility
 from plan.experiment.hypotheses import LONGEST_MINUTES, Hypotheses
 from plan.experiment.result import Excitation, minutes_to_odds
-from plan.experiment.run_set import FAMILIES, TEXTBOOK, WIDE_FIGURES, RunSet, duration_of, random_runs
+from plan.experiment.run_set import (
+    FAMILIES,
+    TEXTBOOK,
+    WIDE_FIGURES,
+    RunSet,
+    duration_of,
+    random_runs,
+)
 from plan.problem.task_file import Surroundings
 
-# Share of the budget for random starts, and that of these for the family that is known to suit the question.
+# Share of the budget for random starts, and that of these for the family that is known to suit the
+# question.
 STARTS_SHARE = 0.5
 HINTED_SHARE = 0.35
 # What every proposal must beat.
 BASELINE = "random"
-# Starts that are improved, of different families, and the steps' size at first, as a share of each range.
+# Starts that are improved, of different families, and the steps' size at first, as a share of each
+# range.
 FINALISTS = 3
 STEP = 0.15
 # A step that worked makes the next ones larger, others make them smaller: one in five may work.
@@ -94,7 +105,8 @@ def _best_of_families(done: Sequence[RatedRuns]) -> list[RatedRuns]:
 
 # Runs by which a set is rated while searching: two of its family and two wide ones.
 TRIAL_RUNS = 4
-# The diagnosis leaves out one run after the other: fewer than these say too little, more try the user's patience.
+# The diagnosis leaves out one run after the other: fewer than these say too little, more try the
+# user's patience.
 FEWEST_RUNS = 6
 MOST_RUNS = 60
 # With the length given: two runs of the family, and two in which all joints move.
@@ -104,7 +116,8 @@ USUAL_MINUTES = 3.0
 # What is expected is only expected: so much more is recorded than it needs.
 RESERVE = 1.5
 RANDOM_TRIES = 3
-# Draws of random motion that the search's best must beat at full length, else the best of them is proposed.
+# Draws of random motion that the search's best must beat at full length, else the best of them is
+# proposed.
 BASELINE_DRAWS = 4
 PROOF_TRIES = 5
 # Phases of the textbook's Fourier series that are drawn; the one in the middle is told.
@@ -126,7 +139,11 @@ class Designer:
     """
 
     def __init__(
-        self, arm: ArmModel, hypotheses: Hypotheses, options: ExciteOptions = USUAL, around: Surroundings = OPEN
+        self,
+        arm: ArmModel,
+        hypotheses: Hypotheses,
+        options: ExciteOptions = USUAL,
+        around: Surroundings = OPEN,
     ) -> None:
         self.arm = arm
         self.options = options
@@ -182,7 +199,11 @@ class Designer:
         by_chance = sorted(chance, key=asked.score)[RANDOM_TRIES // 2]
         return Excitation(
             robot=self.arm.name,
-            status="ready" if asked.testable is None else "one_sided" if asked.testable else "needs_set_up",
+            status="ready"
+            if asked.testable is None
+            else "one_sided"
+            if asked.testable
+            else "needs_set_up",
             aim=asked.aim,
             effects=asked.ids,
             joint=self.arm.joint_names[asked.joint],
@@ -211,13 +232,17 @@ class Designer:
         """The textbook's Fourier series about the arm's middle, with other phases each."""
         home = np.array(self.feasible.limits.centre)
         draws = range(TEXTBOOK_DRAWS)
-        return [RunSet("fourier", {**TEXTBOOK, "draw": draw}, home, self.hypotheses.joint, 0) for draw in draws]
+        return [
+            RunSet("fourier", {**TEXTBOOK, "draw": draw}, home, self.hypotheses.joint, 0)
+            for draw in draws
+        ]
 
     def _against_textbook(self, view: PredictedDesign, count: int) -> tuple[float, float] | None:
-        """What the textbook's series of so many runs tells [nats], and how wide the proposal's intervals are beside it.
+        """What the textbook's series of so many runs tells [nats], and how wide the proposal's
+        intervals are beside it.
 
-        The width is the median, over the base parameters, of the ratio of standard deviations. None where no series
-        fits this arm.
+        The width is the median, over the base parameters, of the ratio of standard deviations. None
+        where no series fits this arm.
         """
         found: list[PredictedDesign] = []
         for run_set in self._textbook():
@@ -230,10 +255,11 @@ class Designer:
         return told.information(), float(np.median(view.base_deviations() / told.base_deviations()))
 
     def _testable(self) -> tuple[tuple[str, str], ...] | None:
-        """Of effects that another set-up would part, the pairs (true, rival) that wide motion of all joints parts too.
+        """Of effects that another set-up would part, the pairs (true, rival) that wide motion of
+        all joints parts too.
 
-        An effect that is a special case of its rival is fitted by it whatever the arm does; the rival may still show.
-        None where all can be parted.
+        An effect that is a special case of its rival is fitted by it whatever the arm does; the
+        rival may still show. None where all can be parted.
         """
         if self.hypotheses.aim != "separate" or self.hypotheses.set_up is None:
             return None
@@ -242,11 +268,20 @@ class Designer:
             return ()
         found = self.hypotheses.distances(self.see(runs))
         needed = {pair: minutes_to_odds(value, duration_of(runs)) for pair, value in found.items()}
-        parted = tuple(pair for pair, minutes in needed.items() if minutes is not None and minutes <= LONGEST_MINUTES)
+        parted = tuple(
+            pair
+            for pair, minutes in needed.items()
+            if minutes is not None and minutes <= LONGEST_MINUTES
+        )
         return None if len(parted) == len(found) else parted
 
-    def _best_at_length(self, run_sets: list[RunSet]) -> tuple[RunSet, list[ReferenceMotion], PredictedDesign]:
-        """The set that tells most a minute at its full length: a few trial runs flatter some families."""
+    def _best_at_length(
+        self, run_sets: list[RunSet]
+    ) -> tuple[RunSet, list[ReferenceMotion], PredictedDesign]:
+        """The set that tells most a minute at its full length.
+
+        A few trial runs flatter some families.
+        """
         found = []
         for run_set in run_sets:
             try:
@@ -270,7 +305,11 @@ class Designer:
             wanted = RESERVE * (needed or USUAL_MINUTES)
         count = int(np.ceil(60.0 * wanted / (duration_of(trial) / len(trial))))
         # A length that was asked for is kept.
-        count = max(count, LEAST_RUNS) if minutes is not None else int(np.clip(count, FEWEST_RUNS, MOST_RUNS))
+        count = (
+            max(count, LEAST_RUNS)
+            if minutes is not None
+            else int(np.clip(count, FEWEST_RUNS, MOST_RUNS))
+        )
         return self._proven(run_set, count)
 
     def _proven(self, run_set: RunSet, count: int) -> list[ReferenceMotion]:
@@ -282,4 +321,6 @@ class Designer:
                 found.append(run)
             if len(found) == count:
                 return found
-        raise RobotError(self.arm.name, "no motion found that fits", "check its limits and collision geometry")
+        raise RobotError(
+            self.arm.name, "no motion found that fits", "check its limits and collision geometry"
+        )

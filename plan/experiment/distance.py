@@ -1,10 +1,11 @@
-"""How far a motion would set models apart, seen with the diagnosis's own eyes before anything is recorded.
+"""How far a motion would set models apart, seen with the diagnosis's own eyes before anything is
+recorded.
 
     D(k|l) = ½ ‖(I − P_[Z, Φ_l]) Φ_k β_k‖² / σ²
 
-Z is what the diagnosis tunes anyway: base parameters held near the URDF, and rotor inertia, viscous and Coulomb
-friction of each joint. D is the expected log odds in nats between the two models if k is true, before the temper by
-which the diagnosis makes its probabilities honest.
+Z is what the diagnosis tunes anyway: base parameters held near the URDF, and rotor inertia, viscous
+and Coulomb friction of each joint. D is the expected log odds in nats between the two models if k
+is true, before the temper by which the diagnosis makes its probabilities honest.
 """
 
 from __future__ import annotations
@@ -31,17 +32,19 @@ from ident.trajectories.motion_limits import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 from plan.experiment.run_set import random_runs
 
-# Ridge of the tuned unknowns, and of a rival's coefficients, as a share of a column's power: keeps solves well-posed.
+# Ridge of the tuned unknowns, and of a rival's coefficients, as a share of a column's power: keeps
+# solves well-posed.
 RIDGE = 1e-9
 # Of the ticks of a reference, one in this many is looked at: 125 Hz; standstill between runs [s].
 THINNING = 8
 PAUSE_S = 5.0
 # What a smoother leaves of the doubt about q, dq and ddq at a modern encoder [rad, rad/s, rad/s²].
 STATE_DOUBT = (1e-5, 1e-3, 0.1)
-# Noise where none is known, as a share of the rated torque: that of a good drive and of what models leave.
+# Noise where none is known, as a share of the rated torque: that of a good drive and of what models
+# leave.
 NOISE_SHARE = 0.005
-# A typical gear's friction: Coulomb as a share of the rated torque, viscous as much again at this speed [rad/s],
-# rotor inertia as a share of rated torque at 100 rad/s².
+# A typical gear's friction: Coulomb as a share of the rated torque, viscous as much again at this
+# speed [rad/s], rotor inertia as a share of rated torque at 100 rad/s².
 COULOMB_SHARE = 0.06
 VISCOUS_SPEED = 1.2
 ROTOR_RATE = 150.0
@@ -60,7 +63,9 @@ class TrueModel:
     source: str  # where its size is from: `diagnosis`, `typical`, or `not seen`, with the reason
     # Its coefficients at the expected point of its inner grid; None where the motion can't show it.
     beta: Float[Array, " k"] | None = None
-    columns: tuple[Int[Array, " k"], ...] = ()  # for each point of the grid, its columns in `PredictedDesign.rest`
+    columns: tuple[
+        Int[Array, " k"], ...
+    ] = ()  # for each point of the grid, its columns in `PredictedDesign.rest`
     at: int = 0  # which point is the expected one
 
 
@@ -75,9 +80,16 @@ class PredictedDesign:
 
     @classmethod
     def of(
-        cls, gram: Float[Array, "P P"], rank: int, tuned: int, prior: Float[Array, "r r"], effects: Sequence[TrueModel]
+        cls,
+        gram: Float[Array, "P P"],
+        rank: int,
+        tuned: int,
+        prior: Float[Array, "r r"],
+        effects: Sequence[TrueModel],
     ) -> PredictedDesign:
-        """From the sums of all columns, of which the first `rank` are the base's and the first `tuned` are tuned."""
+        """From the sums of all columns, of which the first `rank` are the base's and the first
+        `tuned` are tuned.
+        """
         inner = gram[:tuned, :tuned].copy()
         inner[np.diag_indices(tuned)] += RIDGE * np.diag(inner) + 1e-12
         loss = inner[rank:, rank:]
@@ -87,10 +99,17 @@ class PredictedDesign:
         base = solve_triangular(root, solve_triangular(root, free, lower=True).T, lower=True)
         inner[:rank, :rank] += prior
         across = gram[:tuned, tuned:]
-        return cls(gram[tuned:, tuned:] - across.T @ cho_solve(cho_factor(inner), across), base, tuple(effects))
+        return cls(
+            gram[tuned:, tuned:] - across.T @ cho_solve(cho_factor(inner), across),
+            base,
+            tuple(effects),
+        )
 
     def distance(self, k: int, rival: int | None) -> float:
-        """D(k|l) in nats, the rival at its best inner parameters; against the baseline alone if there is no rival."""
+        """D(k|l) in nats, the rival at its best inner parameters.
+
+        Against the baseline alone if there is no rival.
+        """
         own = self.candidates[k]
         if own.beta is None:
             return 0.0
@@ -98,7 +117,9 @@ class PredictedDesign:
         beta = own.beta
         plain = float(beta @ self.rest[np.ix_(at, at)] @ beta)
         rivals = () if rival is None else self.candidates[rival].columns
-        return 0.5 * max(plain - max((self._absorbed(at, beta, other) for other in rivals), default=0.0), 0.0)
+        return 0.5 * max(
+            plain - max((self._absorbed(at, beta, other) for other in rivals), default=0.0), 0.0
+        )
 
     def _absorbed(self, at: Array, beta: Array, other: Array) -> float:
         """What of an effect's whitened power a rival takes over."""
@@ -106,9 +127,13 @@ class PredictedDesign:
         power = np.maximum(np.diag(inner), 0.0)
         if not power.any():
             return 0.0
-        root = 1.0 / np.sqrt(np.maximum(power, 1e-12 * power.max()))  # columns of unit length: they differ by orders
+        # Columns of unit length: they differ by orders.
+        root = 1.0 / np.sqrt(np.maximum(power, 1e-12 * power.max()))
         cross = root * (self.rest[np.ix_(other, at)] @ beta)
-        return float(cross @ np.linalg.solve(inner * np.outer(root, root) + RIDGE * np.eye(len(power)), cross))
+        return float(
+            cross
+            @ np.linalg.solve(inner * np.outer(root, root) + RIDGE * np.eye(len(power)), cross)
+        )
 
     def between(self) -> dict[tuple[str, str], float]:
         """Distance of every effect from every other [nats]."""
@@ -118,10 +143,15 @@ class PredictedDesign:
 
     def visible(self) -> dict[tuple[str, str], float]:
         """Distance of every effect from the tuned baseline alone [nats]."""
-        return {(one.effect.id, "baseline"): self.distance(k, None) for k, one in enumerate(self.candidates)}
+        return {
+            (one.effect.id, "baseline"): self.distance(k, None)
+            for k, one in enumerate(self.candidates)
+        }
 
     def information(self) -> float:
-        """½ log det (I + F), nats gained: F the Fisher information of the one effect's coefficients in units of their
+        """½ log det (I + F), nats gained.
+
+        F the Fisher information of the one effect's coefficients in units of their
         expected size, or, without effects, of the base parameters in units of the URDF's doubt."""
         fisher = self.base
         if self.candidates:
@@ -134,7 +164,9 @@ class PredictedDesign:
         return 0.5 * float(np.sum(np.log1p(np.maximum(values, 0.0))))
 
     def base_deviations(self) -> Float[Array, " r"]:
-        """Standard deviations of the base parameters by these runs alone, in units of the URDF's doubt."""
+        """Standard deviations of the base parameters by these runs alone, in units of the URDF's
+        doubt.
+        """
         fisher = self.base + RIDGE * np.diag(np.diag(self.base))
         return np.sqrt(np.diag(np.linalg.pinv(fisher, hermitian=True)))
 
@@ -151,7 +183,8 @@ class Predictor:
     def of(cls, arm: ArmModel, noise: Float[Array, " n"] | None = None) -> Predictor:
         """For an arm; noise of half a per cent of the rated torque if none is known.
 
-        The healthy recording has the torque of an arm as its URDF says, with typical friction and noise.
+        The healthy recording has the torque of an arm as its URDF says, with typical friction and
+        noise.
         """
         rated = MotionLimits(arm).torque
         rng = np.random.default_rng(0)
@@ -162,7 +195,11 @@ class Predictor:
             tau += COULOMB_SHARE * rated * (np.tanh(run.dq / 2e-3) + run.dq / VISCOUS_SPEED)
             tau += NOISE_SHARE * rated * rng.standard_normal(tau.shape)
             healthy.append(replace(run, tau=freeze(tau)))
-        return cls(arm, fit_baseline(healthy, arm), freeze(np.array(NOISE_SHARE * rated if noise is None else noise)))
+        return cls(
+            arm,
+            fit_baseline(healthy, arm),
+            freeze(np.array(NOISE_SHARE * rated if noise is None else noise)),
+        )
 
     def look(
         self,
@@ -201,10 +238,13 @@ class Predictor:
             variants = next(points)[2]
             columns = tuple(next(places) for _ in variants)
             stated = (reported or {}).get(effect.id, {})
-            # Of the inner grid the point nearest to what is reported, or to what is typical; else the first.
+            # Of the inner grid the point nearest to what is reported, or to what is typical; else
+            # the first.
             apart = [effect.typical.distance(variant.inner, stated) for variant in variants]
             at = apart.index(min(apart))
-            beta, source = size_effect(effect, session, joint, variants[at], len(columns[at]), stated)
+            beta, source = size_effect(
+                effect, session, joint, variants[at], len(columns[at]), stated
+            )
             found.append(TrueModel(effect, source, beta, columns, at))
         return PredictedDesign.of(gram, layout.rank, layout.tuned, self.baseline.prior, found)
 
@@ -236,9 +276,15 @@ def as_recorded(run: ReferenceMotion, arm: ArmModel, start: float) -> Motion:
 
 
 def size_effect(
-    effect: Effect, session: SessionContext, joint: int, variant: Variant, width: int, reported: Reported
+    effect: Effect,
+    session: SessionContext,
+    joint: int,
+    variant: Variant,
+    width: int,
+    reported: Reported,
 ) -> tuple[Float[Array, " k"], str]:
-    """Coefficients of an effect as large as it is expected to be, and whether that is `typical` or of a `diagnosis`.
+    """Coefficients of an effect as large as it is expected to be, and whether that is `typical` or
+    of a `diagnosis`.
 
     Args:
         effect: The effect.

@@ -1,4 +1,6 @@
-"""May the arm do this? Limits of position, speed and torque, and nothing near another, proven at every instant."""
+"""May the arm do this? Limits of position, speed and torque, and nothing near another, proven at
+every instant.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ from plan.geometry.scene import Scene
 from plan.geometry.tool import hang
 from plan.problem.task_file import Surroundings, floor_box, load_surroundings
 
-# Distances that a proof tries [m]; the first is kept: an arm under test follows its commands by some millimetres only.
+# Distances that a proof tries [m]; the first is kept: an arm under test follows its commands by
+# some millimetres only.
 MARGINS = (0.01, 0.005, 0.001)
 # Largest move of a joint between two looks of the quick check [rad].
 STEP = 0.04
@@ -43,18 +46,22 @@ class Feasibility:
         around: Obstacles, the floor, what is carried, and limits inside the robot's.
 
     Raises:
-        RobotError: A link has no collision geometry and nothing stands in: then nothing can be proven.
-        InputError: What stands around is no scene of this arm.
+        RobotError: A link has no collision geometry and nothing stands in: then nothing can be
+        proven. InputError: What stands around is no scene of this arm.
     """
 
-    def __init__(self, arm: ArmModel, stand_in: str | None = None, around: Surroundings = OPEN) -> None:
+    def __init__(
+        self, arm: ArmModel, stand_in: str | None = None, around: Surroundings = OPEN
+    ) -> None:
         self.limits = limits = MotionLimits(arm)
         limits.lower = np.fmax(limits.lower, around.lower if around.lower is not None else -np.inf)
         limits.upper = np.fmin(limits.upper, around.upper if around.upper is not None else np.inf)
         limits.speed = np.fmin(limits.speed, around.speed if around.speed is not None else np.inf)
         empty = np.flatnonzero(limits.lower >= limits.upper)
         if len(empty):
-            what = f"[limits] leave {arm.joint_names[empty[0]]} no room inside the robot's own limits"
+            what = (
+                f"[limits] leave {arm.joint_names[empty[0]]} no room inside the robot's own limits"
+            )
             raise InputError(around.source, what, "widen lower_deg and upper_deg")
         _, _, self.carried = hang(arm, around.attached, around.payload, around.payload_link)
         self.scene = Scene.build(
@@ -66,18 +73,28 @@ class Feasibility:
         )
 
     def require_room(self) -> None:
-        """Raises RobotError, with the pair, where two shapes are too near one another at whatever position is tried."""
+        """Raises RobotError, with the pair, where two shapes are too near one another at whatever
+        position is tried.
+        """
         limits = self.limits
         bounded = np.isfinite(limits.upper - limits.lower)
-        low, high = (np.where(bounded, one, side) for one, side in ((limits.lower, -np.pi), (limits.upper, np.pi)))
+        low, high = (
+            np.where(bounded, one, side)
+            for one, side in ((limits.lower, -np.pi), (limits.upper, np.pi))
+        )
         gaps = self.scene.gaps(np.random.default_rng(0).uniform(low, high, (POSITIONS, len(low))))
         most = gaps.max(axis=0, initial=-np.inf)
         if len(most) and most.min() <= MARGINS[0]:
             pair = int(most.argmin())
             best = 1e3 * float(most.min())
             reads = f"overlap by {-best:.0f} mm" if best < 0.0 else f"are {best:.0f} mm apart"
-            what = f"{self.scene.pair_name(pair)} {reads} at best, of {POSITIONS} positions within the limits"
-            remedy = "lower the floor (--floor METRES, or none)" if FLOOR in self.scene.names_of(pair) else LEAVE_OUT
+            tried = f"of {POSITIONS} positions within the limits"
+            what = f"{self.scene.pair_name(pair)} {reads} at best, {tried}"
+            remedy = (
+                "lower the floor (--floor METRES, or none)"
+                if FLOOR in self.scene.names_of(pair)
+                else LEAVE_OUT
+            )
             raise RobotError(self.scene.arm.name, what, remedy)
 
     def allows(self, motion: ReferenceMotion) -> bool:
@@ -90,16 +107,20 @@ class Feasibility:
         return bool(self.scene.separation(thin(motion.q, STEP)).min() > MARGINS[0])
 
     def clearance(self, motion: ReferenceMotion) -> float:
-        """A distance that the links keep at every instant, by Coal [m]; 0 where they can't be proven to keep any.
+        """A distance that the links keep at every instant, by Coal [m].
 
-        From a position in which a pair is d apart, it can't be nearer than c before the joints have moved by
-        (d − c) / lever; the walk goes on from the last position before that.
+        0 where they can't be proven to keep any.
+
+        From a position in which a pair is d apart, it can't be nearer than c before the joints have
+        moved by (d − c) / lever; the walk goes on from the last position before that.
         """
         if len(self.scene.pairs) == 0:
             return 1.0
         if self.scene.distances(motion.q[0]).min() <= 0.0:  # inside a closed mesh, too
             return 0.0
-        travel = np.concatenate([np.zeros((1, motion.q.shape[1])), np.cumsum(np.abs(np.diff(motion.q, axis=0)), 0)])
+        travel = np.concatenate(
+            [np.zeros((1, motion.q.shape[1])), np.cumsum(np.abs(np.diff(motion.q, axis=0)), 0)]
+        )
         return next((target for target in MARGINS if self._keeps(motion.q, travel, target)), 0.0)
 
     def _keeps(self, q: Float[Array, "K n"], travel: Float[Array, "K n"], target: float) -> bool:
@@ -117,7 +138,9 @@ class Feasibility:
 
 
 def surroundings_of(arm: ArmModel, options: ExciteOptions) -> Surroundings:
-    """The surroundings that options name; without a word of a floor, nothing goes below the base plane.
+    """The surroundings that options name.
+
+    Without a word of a floor, nothing goes below the base plane.
 
     Raises:
         InputError: The floor's height is no number.
@@ -125,8 +148,14 @@ def surroundings_of(arm: ArmModel, options: ExciteOptions) -> Surroundings:
     """
     around = OPEN if options.scene is None else load_surroundings(options.scene, arm.sliding_joints)
     robot = around.robot
-    if robot is not None and arm.source is not None and find_urdf(robot).resolve() != arm.source.resolve():
-        raise InputError(around.source, f"it is for {robot!r}, the robot is {arm.name!r}", "give its --robot")
+    if (
+        robot is not None
+        and arm.source is not None
+        and find_urdf(robot).resolve() != arm.source.resolve()
+    ):
+        raise InputError(
+            around.source, f"it is for {robot!r}, the robot is {arm.name!r}", "give its --robot"
+        )
     if options.floor != "none" and all(box.name != FLOOR for box in around.obstacles):
         try:
             height = float(options.floor)
@@ -138,5 +167,7 @@ def surroundings_of(arm: ArmModel, options: ExciteOptions) -> Surroundings:
         around = replace(around, obstacles=(*around.obstacles, floor_box(height)))
     if options.top_speed is not None:
         given = np.where(arm.sliding_joints, np.inf, math.radians(options.top_speed))
-        around = replace(around, speed=given if around.speed is None else np.minimum(given, around.speed))
+        around = replace(
+            around, speed=given if around.speed is None else np.minimum(given, around.speed)
+        )
     return around

@@ -1,8 +1,10 @@
-"""What the next motion is to part: which models, which effect at all, or simply what the arm's inertias are.
+"""What the next motion is to part.
 
-Some effects are the same torque in every motion: only another set-up of the arm tells them apart. A payload at the
-flange and a wrong last link are one body; torque readings that are all too large by a share and masses that are all too
-large by it give the same log, since friction is fitted anyway.
+Which models, which effect at all, or simply what the arm's inertias are.
+
+Some effects are the same torque in every motion: only another set-up of the arm tells them apart. A
+payload at the flange and a wrong last link are one body; torque readings that are all too large by
+a share and masses that are all too large by it give the same log, since friction is fitted anyway.
 """
 
 from __future__ import annotations
@@ -41,7 +43,9 @@ class AllMasses(Effect):
     summary = "all links are heavier or lighter by one share"
     set_ups: ClassVar[Mapping[str, str]] = {TorqueGainError.id: KNOWN_MASS}
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
         return [run.rigid[:, :, None] for run in session.runs]
 
 
@@ -53,13 +57,20 @@ class AllGains(Effect):
     rows = "all"
     summary = "all torque readings are too large or small by one share"
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
         return [run.total[:, :, None] for run in session.runs]
 
 
 def widen(ids: Sequence[str], catalogue: Sequence[Effect] = CATALOGUE) -> list[Effect]:
-    """Effects by their ids; beside `all_masses`, which no catalogue names, a gain error is one of all joints."""
-    special: dict[str, Effect] = {one.id: one for one in (AllMasses(), AllGains())} if AllMasses.id in ids else {}
+    """Effects by their ids.
+
+    Beside `all_masses`, which no catalogue names, a gain error is one of all joints.
+    """
+    special: dict[str, Effect] = (
+        {one.id: one for one in (AllMasses(), AllGains())} if AllMasses.id in ids else {}
+    )
     return [special.get(name) or find_effect(name, tuple(catalogue)) for name in ids]
 
 
@@ -76,10 +87,13 @@ MOST_EFFECTS = 4
 class Hypotheses:
     """What is asked of the arm."""
 
-    aim: Aim  # `separate` effects from each other, `show` effects, or `identify` the base parameters
+    aim: (
+        Aim  # `separate` effects from each other, `show` effects, or `identify` the base parameters
+    )
     effects: tuple[tuple[Effect, int], ...]  # effects and their joints (0 for one of the whole arm)
     joint: int  # the joint that moves most
-    reported: Mapping[str, Reported] = field(default_factory=dict)  # what a diagnosis knows of their sizes, by effect
+    # What a diagnosis knows of their sizes, by effect.
+    reported: Mapping[str, Reported] = field(default_factory=dict)
     noise: Array | None = None  # noise of each joint [N m], or None
     # Of the pairs (true, rival) those that motion can part; None for all.
     testable: tuple[tuple[str, str], ...] | None = None
@@ -91,7 +105,9 @@ class Hypotheses:
     @property
     def family(self) -> str:
         """The kind of motion that is known to answer such questions."""
-        return family_for(self.ids, [effect for effect, _ in self.effects]) if self.ids else "fourier"
+        return (
+            family_for(self.ids, [effect for effect, _ in self.effects]) if self.ids else "fourier"
+        )
 
     @property
     def set_up(self) -> str | None:
@@ -106,10 +122,15 @@ class Hypotheses:
 
     def counted(self, distances: Distances) -> list[float]:
         """Those distances that motion can make large; all where it can make none large [nats]."""
-        return [value for pair, value in distances.items() if not self.testable or pair in self.testable]
+        return [
+            value for pair, value in distances.items() if not self.testable or pair in self.testable
+        ]
 
     def score(self, view: PredictedDesign) -> float:
-        """What the search makes large: the smallest distance; the information on a single model's parameters."""
+        """What the search makes large.
+
+        The smallest distance; the information on a single model's parameters.
+        """
         if len(self.effects) < 2:
             return view.information()
         found = self.counted(self.distances(view))
@@ -152,7 +173,11 @@ def ask(
         raise InputError(where, f"its joints are {joints!r}, not a list of names", REMEDY)
     for name in joints:
         if name not in arm.joint_names:
-            raise InputError(where, f"it speaks of {name}, which {arm.name} lacks", "give the robot that it is of")
+            raise InputError(
+                where,
+                f"it speaks of {name}, which {arm.name} lacks",
+                "give the robot that it is of",
+            )
     try:
         return _ask(arm, ids, joint, {**NO_DIAGNOSIS, **record}, catalogue)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
@@ -161,7 +186,11 @@ def ask(
 
 
 def _ask(
-    arm: ArmModel, ids: list[str], joint: str | None, record: Mapping[str, Any], catalogue: Sequence[Effect]
+    arm: ArmModel,
+    ids: list[str],
+    joint: str | None,
+    record: Mapping[str, Any],
+    catalogue: Sequence[Effect],
 ) -> Hypotheses:
     aim: Aim = "separate" if len(ids) > 1 else "show" if ids else "identify"
     places = [one["joints"][0] for one in record["findings"] if set(ids) & set(one["class"])]
@@ -171,7 +200,9 @@ def _ask(
     at = _joint(arm, joint or (str(places[0]) if places else None))
     gap = record["gap"] or {}
     floors = [
-        require_finite(gap[name]["noise_floor_Nm"], f"noise floor of {name}") for name in arm.joint_names if name in gap
+        require_finite(gap[name]["noise_floor_Nm"], f"noise floor of {name}")
+        for name in arm.joint_names
+        if name in gap
     ]
     if min(floors, default=0.0) < 0.0:
         raise ValueError("a noise floor is below zero")
@@ -180,15 +211,23 @@ def _ask(
         effects=tuple((effect, at if effect.scope == "joint" else 0) for effect in effects),
         joint=at,
         reported={
-            one["effect"]: {name: require_finite(figure["value"], name) for name, figure in one["parameters"].items()}
+            one["effect"]: {
+                name: require_finite(figure["value"], name)
+                for name, figure in one["parameters"].items()
+            }
             for one in record["findings"]
         },
         noise=np.array(floors) if len(floors) == arm.n else None,
     )
 
 
-def _open_question(record: Mapping[str, Any], catalogue: Sequence[Effect]) -> tuple[list[str], list[str], Aim]:
-    """The first tied class and its joints; else the effects that one kind of motion would show, and where most lack."""
+def _open_question(
+    record: Mapping[str, Any], catalogue: Sequence[Effect]
+) -> tuple[list[str], list[str], Aim]:
+    """The first tied class and its joints.
+
+    Else the effects that one kind of motion would show, and where most lack.
+    """
     known = {effect.id: effect.shown_by for effect in catalogue}
     for finding in record["findings"]:
         tied = [name for name in finding["class"] if name in known]
@@ -197,7 +236,9 @@ def _open_question(record: Mapping[str, Any], catalogue: Sequence[Effect]) -> tu
     unseen = [one for one in record["not_testable"] if one["effect"] in known]
     if not unseen:
         return [], [], "identify"
-    family = Counter(known[one] for one in {one["effect"]: 0 for one in unseen}).most_common(1)[0][0]
+    family = Counter(known[one] for one in {one["effect"]: 0 for one in unseen}).most_common(1)[0][
+        0
+    ]
     wanted = [one for one in unseen if known[one["effect"]] == family]
     joint = Counter(name for one in wanted for name in one["joints"]).most_common(1)[0][0]
     return list(dict.fromkeys(one["effect"] for one in wanted)), [joint], "show"

@@ -34,7 +34,10 @@ def odds_of(distance: float) -> float:
 
 
 def minutes_to_odds(distance: float, seconds: float) -> float | None:
-    """Minutes until the odds are 20 : 1, at the rate of a motion of so many seconds; None if they never are."""
+    """Minutes until the odds are 20 .
+
+    1, at the rate of a motion of so many seconds; None if they never are.
+    """
     if distance <= 1e-9:
         return None
     return float(np.log(ODDS) / (load_calibration().temper * distance) * seconds / 60.0)
@@ -47,8 +50,8 @@ class Excitation(Result):
     SHOWN_BY = "plan.show.results"
 
     robot: str  # name of the arm
-    # `ready`; `one_sided` where motion shows one effect if it is that, but the other only with another set-up;
-    # `needs_set_up` where no motion tells them apart.
+    # `ready`; `one_sided` where motion shows one effect if it is that, but the other only with
+    # another set-up; `needs_set_up` where no motion tells them apart.
     status: Status
     aim: Aim  # `separate`, `show` or `identify`
     effects: tuple[str, ...]  # their ids
@@ -56,18 +59,21 @@ class Excitation(Result):
     run_set: RunSet  # family and figures
     runs: tuple[ReferenceMotion, ...]
     distances: Distances  # of the proposed motion [nats]
-    testable: tuple[tuple[str, str], ...] | None  # the pairs (true, rival) that motion can part; None for all
+    # The pairs (true, rival) that motion can part; None for all.
+    testable: tuple[tuple[str, str], ...] | None
     random: Distances  # the same of random motion of equal length, the median of some
     # Gained on a single model's parameters by the proposed and by random motion [nats].
     information: tuple[float, float]
-    # Of the textbook's Fourier series of as many runs: what it gains [nats], and the median ratio of the proposal's
-    # intervals of the base parameters to its own; None where no such series fits the arm.
+    # Of the textbook's Fourier series of as many runs: what it gains [nats], and the median ratio
+    # of the proposal's intervals of the base parameters to its own; None where no such series fits
+    # the arm.
     against_textbook: tuple[float, float] | None
     noise: Mapping[str, float]  # of each joint [N m]
     sources: Mapping[str, str]  # where noise and sizes come from
     clearance: float | None  # proven between the links [m]; None where no pair of them is looked at
     scene: Scene  # the arm's shapes and what stands around it
-    carried: tuple[dict[str, object], ...]  # what it carries, and the frame on which each of it hangs
+    # What it carries, and the frame on which each of it hangs.
+    carried: tuple[dict[str, object], ...]
     set_up: str | None  # advice beside the motion, or None
     evaluations: int  # of the search
     seconds: float
@@ -80,15 +86,22 @@ class Excitation(Result):
 
     @property
     def smallest(self) -> tuple[float, float]:
-        """Smallest distance that motion can tell, of the proposed motion and of random motion [nats]."""
+        """Smallest distance that motion can tell, of the proposed motion and of random motion
+        [nats].
+        """
         counted = [pair for pair in self.distances if not self.testable or pair in self.testable]
         if not counted:
             return self.information
-        return min(self.distances[pair] for pair in counted), min(self.random[pair] for pair in counted)
+        return min(self.distances[pair] for pair in counted), min(
+            self.random[pair] for pair in counted
+        )
 
     @property
     def minutes(self) -> tuple[float | None, float | None]:
-        """Minutes until the odds are 20 : 1, by the proposed motion and by random motion; None if they never are."""
+        """Minutes until the odds are 20 .
+
+        1, by the proposed motion and by random motion; None if they never are.
+        """
         if not self.distances:
             return None, None
         proposed, by_chance = self.smallest
@@ -107,7 +120,9 @@ class Excitation(Result):
     def file_names(self) -> list[str]:
         """One file a run, in order."""
         width = max(len(str(len(self.runs))), 2)
-        return [f"{number:0{width}d}_{run.name}.csv" for number, run in enumerate(self.runs, start=1)]
+        return [
+            f"{number:0{width}d}_{run.name}.csv" for number, run in enumerate(self.runs, start=1)
+        ]
 
     def to_dict(self) -> dict[str, Any]:
         (proposed, by_chance) = self.smallest
@@ -136,7 +151,9 @@ class Excitation(Result):
             "carried": list(self.carried),
             **self.scene.to_dict(),
             "distance": {
-                "proposed": {" against ".join(pair): value for pair, value in self.distances.items()},
+                "proposed": {
+                    " against ".join(pair): value for pair, value in self.distances.items()
+                },
                 "random": {" against ".join(pair): value for pair, value in self.random.items()},
                 "smallest": proposed,
                 "smallest_random": by_chance,
@@ -150,7 +167,9 @@ class Excitation(Result):
                 "random": self.information[1],
                 "textbook": None if self.against_textbook is None else self.against_textbook[0],
             },
-            "interval_against_textbook": None if self.against_textbook is None else self.against_textbook[1],
+            "interval_against_textbook": None
+            if self.against_textbook is None
+            else self.against_textbook[1],
             "noise_Nm": dict(self.noise),
             "sources": dict(self.sources),
             "temper": load_calibration().temper,
@@ -161,7 +180,10 @@ class Excitation(Result):
         }
 
     def write(self, folder: str | Path) -> None:
-        """The runs as command files at 250 Hz in native columns, and `excite.json`; whole or not at all."""
+        """The runs as command files at 250 Hz in native columns, and `excite.json`.
+
+        Whole or not at all.
+        """
         with atomic_folder(folder, MOTION_KIND) as part:
             self.write_into(part)
 

@@ -1,4 +1,5 @@
-"""Sets of runs made to fit an arm, of families of motions that an experimenter knows, and random ones.
+"""Sets of runs made to fit an arm, of families of motions that an experimenter knows, and random
+ones.
 
 Each family has a few figures, for one joint of an arm in some pose.
 """
@@ -40,12 +41,17 @@ FADE_S = 1.5
 ATTEMPTS = 40
 
 SPREAD = "pose_spread"
-"""The figure of all families that says how far a run's pose lies from home, as a share of the usual span."""
+"""The figure of all families that says how far a run's pose lies from home.
+
+As a share of the usual span.
+"""
 FAMILIES: dict[str, dict[str, tuple[float, float]]] = {
     family: {name: (low, high) for name, (low, high) in ranges.items()}
-    for family, ranges in tomllib.loads(Path(__file__).with_name("families.toml").read_text(encoding="utf-8")).items()
+    for family, ranges in tomllib.loads(
+        Path(__file__).with_name("families.toml").read_text(encoding="utf-8")
+    ).items()
 }
-"""Each family, as in `ident.effects.effect_info`, with the ranges of the numbers that a search may choose."""
+"""Each family, as in `ident.effects.effect_info`, with ranges of the numbers that are searched."""
 # Ends of the names of figures that are searched on a logarithmic scale.
 LOGARITHMIC = ("_rad", "_rad_s", "_hz", "leg_s", "period_s", "speed_share")
 
@@ -61,7 +67,10 @@ def figure_at(name: str, bounds: tuple[float, float], share: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Where a run takes place; a method for each family gives its positions at the controller's ticks, rest to rest."""
+    """Where a run takes place.
+
+    A method for each family gives its positions at the controller's ticks, rest to rest.
+    """
 
     limits: MotionLimits  # of the arm
     joint: int  # the joint that is asked about
@@ -87,14 +96,19 @@ class Stage:
         return float(self.pose[self.joint])
 
     def _alone(self, moves: list[tuple[float, float]], dwell: float = DWELL) -> Float[Array, "K n"]:
-        """The joint by moves (goal [rad], steady speed [rad/s]), with standstill after each [s]; the others stand."""
+        """The joint by moves (goal [rad], steady speed [rad/s]), with standstill after each [s].
+
+        The others stand.
+        """
         path = ramps(self.middle, moves, CORNER, dwell)
         q = np.repeat(self.pose[None], len(path), axis=0)
         q[:, self.joint] = path
         return q
 
     def _there_and_back(self, speeds: Float[Array, " k"]) -> Float[Array, "K n"]:
-        """At steady speeds, among which the time is dealt out evenly; back to the middle after each.
+        """At steady speeds, among which the time is dealt out evenly.
+
+        Back to the middle after each.
 
         A slow one must not begin with a fast one's long way.
         """
@@ -108,22 +122,32 @@ class Stage:
     def ladder(self, slowest_rad_s: float, fastest_share: float) -> Float[Array, "K n"]:
         """There and back at five steady speeds, in an order of chance."""
         top = fastest_share * float(self.limits.speed[self.joint])
-        return self._there_and_back(self.rng.permutation(np.geomspace(min(slowest_rad_s, top), top, 5)))
+        return self._there_and_back(
+            self.rng.permutation(np.geomspace(min(slowest_rad_s, top), top, 5))
+        )
 
     def slow(self, slowest_rad_s: float, ratio: float) -> Float[Array, "K n"]:
         """There and back at two slow steady speeds."""
         return self._there_and_back(slowest_rad_s * np.array([1.0, ratio]))
 
     def poses(self, speed_share: float, reach: float) -> Float[Array, "K n"]:
-        """One path, both ways, at one speed, as often as the time allows: the pose of the others is what differs."""
+        """One path, both ways, at one speed, as often as the time allows.
+
+        The pose of the others is what differs.
+        """
         speed = speed_share * float(self.limits.speed[self.joint])
         half = self.reach * reach
         count = max(1, int(self.duration * speed / max(4.0 * half, 1e-6)))
         moves = [(self.middle + half, speed), (self.middle - half, speed)] * count
         return self._alone([*moves, (self.middle, speed)])
 
-    def reversals(self, first_rad: float, last_rad: float, ratio: float, speed_rad_s: float) -> Float[Array, "K n"]:
-        """Nested reversals: to and fro between turning points that draw together by a ratio, then anew."""
+    def reversals(
+        self, first_rad: float, last_rad: float, ratio: float, speed_rad_s: float
+    ) -> Float[Array, "K n"]:
+        """Nested reversals.
+
+        To and fro between turning points that draw together by a ratio, then anew.
+        """
         speed = speed_rad_s
         middle = self.middle
         first = min(first_rad, self.reach, 0.25 * speed * self.duration)
@@ -143,7 +167,9 @@ class Stage:
                 half = first
         return self._alone([*moves, (middle, speed)])
 
-    def chirp(self, lowest_hz: float, highest_hz: float, swing_rad: float, neighbours: float) -> Float[Array, "K n"]:
+    def chirp(
+        self, lowest_hz: float, highest_hz: float, swing_rad: float, neighbours: float
+    ) -> Float[Array, "K n"]:
         """The joint, and to a share its neighbours, swept in frequency about the pose."""
         n = len(self.pose)
         j = self.joint
@@ -154,7 +180,9 @@ class Stage:
         return chirp("", self.pose, swing, (lowest_hz, highest_hz), phase, self.duration).q
 
     def holds(self, dwell_s: float, speed_rad_s: float) -> Float[Array, "K n"]:
-        """Stops on the way there and back, each approached from both sides, with standstill after each approach."""
+        """Stops on the way there and back, each approached from both sides, with standstill after
+        each approach.
+        """
         middle = self.middle
         speed = speed_rad_s
         aside = min(0.12, 0.3 * self.reach)
@@ -162,22 +190,37 @@ class Stage:
         stops = max(1, round(self.duration / (each + 1.0)))
         moves = []
         for stop in middle + 0.8 * self.reach * self.rng.uniform(-1.0, 1.0, stops):
-            moves += [(stop - aside, 3.0 * speed), (stop, speed), (stop + aside, speed), (stop, speed)]
+            moves += [
+                (stop - aside, 3.0 * speed),
+                (stop, speed),
+                (stop + aside, speed),
+                (stop, speed),
+            ]
         return self._alone([*moves, (middle, 3.0 * speed)], dwell_s)
 
     def wide(self, base_hz: float, swing: float) -> Float[Array, "K n"]:
         """All joints by a Fourier series about the pose."""
-        weight = self.rng.uniform(0.4, 1.0, (HARMONICS, len(self.pose))) / np.arange(1, HARMONICS + 1)[:, None]
+        weight = (
+            self.rng.uniform(0.4, 1.0, (HARMONICS, len(self.pose)))
+            / np.arange(1, HARMONICS + 1)[:, None]
+        )
         phase = self.rng.uniform(0.0, 2.0 * np.pi, weight.shape)
         far = self.size * swing * self.room * weight / weight.sum(axis=0)
-        return fourier("", self.pose, far * np.sin(phase), far * np.cos(phase), base_hz, self.duration).q
+        return fourier(
+            "", self.pose, far * np.sin(phase), far * np.cos(phase), base_hz, self.duration
+        ).q
 
-    def fourier(self, period_s: float, slope: float, swing: float, draw: float) -> Float[Array, "K n"]:
-        """All joints by a Fourier series about the pose, each as far as its room and its speed let it go.
+    def fourier(
+        self, period_s: float, slope: float, swing: float, draw: float
+    ) -> Float[Array, "K n"]:
+        """All joints by a Fourier series about the pose, each as far as its room and its speed let
+        it go.
 
-        The harmonics are weighed by their number to the power of minus the slope. Which phases is a figure, too.
+        The harmonics are weighed by their number to the power of minus the slope. Which phases is a
+        figure, too.
 
-        Source: Swevers et al., Optimal robot excitation and identification, IEEE Trans. Rob. Autom. 13 (1997) 730.
+        Source: Swevers et al., Optimal robot excitation and identification, IEEE Trans. Rob. Autom.
+        13 (1997) 730.
         """
         rng = np.random.default_rng([int(draw), int(self.rng.integers(2**31))])
         order = np.arange(1, HARMONICS + 1)
@@ -192,17 +235,28 @@ class Stage:
         return np.asarray(self.pose + self.size * swing * np.minimum(far, fast) * wave)
 
     def vias(self, swing: float, leg_s: float, draw: float) -> Float[Array, "K n"]:
-        """All joints by a clamped spline through via points of chance, at equal times; which points is a figure too."""
+        """All joints by a clamped spline through via points of chance, at equal times.
+
+        Which points is a figure too.
+        """
         rng = np.random.default_rng([int(draw), int(self.rng.integers(2**31))])
         count = max(2, round(self.duration / leg_s) - 1)
-        points = self.pose + self.size * swing * self.room * rng.uniform(-1.0, 1.0, (count, len(self.pose)))
+        points = self.pose + self.size * swing * self.room * rng.uniform(
+            -1.0, 1.0, (count, len(self.pose))
+        )
         points = np.clip(points, self.limits.lower, self.limits.upper)
-        return via_spline("", np.concatenate([self.pose[None], points, self.pose[None]]), self.duration).q
+        return via_spline(
+            "", np.concatenate([self.pose[None], points, self.pose[None]]), self.duration
+        ).q
 
-    def random(self, swing: float, leg_s: float, fast_share: float, draw: float) -> Float[Array, "K n"]:
-        """All joints through random points anywhere and the same way back, slower where the limits need it.
+    def random(
+        self, swing: float, leg_s: float, fast_share: float, draw: float
+    ) -> Float[Array, "K n"]:
+        """All joints through random points anywhere and the same way back, slower where the limits
+        need it.
 
-        The simulator's usual motion, with which every proposal is compared; here it is a start like any other.
+        The simulator's usual motion, with which every proposal is compared; here it is a start like
+        any other.
         """
         limits = self.limits
         rng = np.random.default_rng([int(draw), int(self.rng.integers(2**31))])
@@ -217,7 +271,9 @@ class Stage:
             if inside and not limits.touches(path.q):
                 break
         # In one second the path has the speeds that it has in any other time, times that.
-        there = timed_spline(limits, "", points, max(half, float((np.abs(path.dq) / limits.speed).max())))
+        there = timed_spline(
+            limits, "", points, max(half, float((np.abs(path.dq) / limits.speed).max()))
+        )
         return np.concatenate([there.q, there.q[::-1]])
 
 
@@ -228,24 +284,30 @@ STILL_S = 0.3
 TRANSFER_SHARE = 0.3
 # Sizes that are tried until a run fits.
 SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
-# Every so many runs all joints move, if they don't in all: that keeps the inertias known, and rivals elsewhere at bay.
-# The diagnosis leaves out run by run, so that no joint may move in a single one.
+# Every so many runs all joints move, if they don't in all: that keeps the inertias known, and
+# rivals elsewhere at bay. The diagnosis leaves out run by run, so that no joint may move in a
+# single one.
 WIDE_EVERY = 2
 WIDE_FAMILIES = ("wide", "vias", "random", "fourier")
 WIDE_FIGURES = {"base_hz": 0.12, "swing": 0.9, SPREAD: 0.0}
-# What the textbook proposes where nothing is optimised: a Fourier series of eight seconds about the arm's middle.
+# What the textbook proposes where nothing is optimised: a Fourier series of eight seconds about the
+# arm's middle.
 TEXTBOOK = {"period_s": 8.0, "slope": 1.0, "swing": 1.0, "draw": 0.0, SPREAD: 0.0}
 # Homes, and at most the poses of runs about them, lie within this share of the usual span.
 HOME_SHARE = 0.8
-# For arms whose limits leave little room: half of the span at the least, two seconds from point to point.
+# For arms whose limits leave little room: half of the span at the least, two seconds from point to
+# point.
 CAREFUL = {"swing": 0.5, "leg_s": 2.0, "draw": 0.0, SPREAD: 0.0}
 
 
 @dataclass(frozen=True, eq=False)
 class RunSet:
-    """Runs of one family; each starts and ends at home, so that they can be run one after the other.
+    """Runs of one family.
 
-    The other joints stand in a pose of each run's own, which changes what the joint in question carries.
+    Each starts and ends at home, so that they can be run one after the other.
+
+    The other joints stand in a pose of each run's own, which changes what the joint in question
+    carries.
     """
 
     family: str  # name of the family
@@ -255,12 +317,22 @@ class RunSet:
     seed: int  # of poses, phases and orders
 
     @classmethod
-    def decode(cls, family: str, shares: Float[Array, " d"], joint: int, limits: MotionLimits, seed: int) -> RunSet:
+    def decode(
+        cls, family: str, shares: Float[Array, " d"], joint: int, limits: MotionLimits, seed: int
+    ) -> RunSet:
         """A set from shares in [0, 1]: first of the home pose, then of the figures."""
         n = limits.arm.n
-        home = limits.centre + HOME_SHARE * limits.span * (2.0 * np.clip(shares[:n], 0.0, 1.0) - 1.0)
+        home = limits.centre + HOME_SHARE * limits.span * (
+            2.0 * np.clip(shares[:n], 0.0, 1.0) - 1.0
+        )
         ranges = zip(FAMILIES[family].items(), shares[n:], strict=True)
-        return cls(family, {name: figure_at(name, ends, share) for (name, ends), share in ranges}, home, joint, seed)
+        return cls(
+            family,
+            {name: figure_at(name, ends, share) for (name, ends), share in ranges},
+            home,
+            joint,
+            seed,
+        )
 
     @staticmethod
     def freedom(family: str, n: int) -> int:
@@ -287,14 +359,19 @@ class RunSet:
             limits: Of the arm.
         """
         wide = self.family not in WIDE_FAMILIES and number % WIDE_EVERY == WIDE_EVERY - 1
-        family, figures = ("wide", dict(WIDE_FIGURES)) if wide else (self.family, dict(self.figures))
+        family, figures = (
+            ("wide", dict(WIDE_FIGURES)) if wide else (self.family, dict(self.figures))
+        )
         rng = np.random.default_rng([self.seed, number])
         home = self.home
         spread = size * figures.pop(SPREAD) * HOME_SHARE * limits.span
         own = np.clip(home + spread * rng.uniform(-1.0, 1.0, len(home)), limits.lower, limits.upper)
-        duration = max(0.2, 1.9 * float(np.max(np.abs(own - home) / (TRANSFER_SHARE * limits.speed))))
+        duration = max(
+            0.2, 1.9 * float(np.max(np.abs(own - home) / (TRANSFER_SHARE * limits.speed)))
+        )
         s = ticks(duration)[:, None] / duration
-        there = home + (own - home) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)  # its acceleration is continuous
+        # Its acceleration is continuous.
+        there = home + (own - home) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
         left = max(RUN_S - 2.0 * len(there) * TICK_S - 2.0 * STILL_S, 4.0)
         path = getattr(Stage(limits, self.joint, own, size, left, rng), family)(**figures)
         return sampled(family, np.concatenate([there, path, there[::-1]])).held(STILL_S, STILL_S)
@@ -315,8 +392,12 @@ def duration_of(runs: Sequence[ReferenceMotion]) -> float:
     return float(sum(run.duration for run in runs))
 
 
-def random_runs(arm: ArmModel, count: int, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
-    """Runs through random via points, there and back at several speeds; careful ones where these don't fit the arm.
+def random_runs(
+    arm: ArmModel, count: int, duration: float, rng: np.random.Generator
+) -> list[ReferenceMotion]:
+    """Runs through random via points, there and back at several speeds.
+
+    Careful ones where these don't fit the arm.
 
     Args:
         arm: The arm.
@@ -331,7 +412,9 @@ def random_runs(arm: ArmModel, count: int, duration: float, rng: np.random.Gener
         return list(plan_motions(arm, ("spline",), count, duration, rng))
     except RobotError:
         feasible = Feasibility(arm, "capsules")  # to compare with, never to be run
-        careful = RunSet("vias", CAREFUL, np.array(feasible.limits.centre), 0, int(rng.integers(2**31)))
+        careful = RunSet(
+            "vias", CAREFUL, np.array(feasible.limits.centre), 0, int(rng.integers(2**31))
+        )
         runs = careful.runs(count, feasible)
         if not runs:
             raise

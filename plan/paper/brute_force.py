@@ -1,4 +1,7 @@
-"""Every trajectory of a grid, the paper's 11⁶: costs first, which are cheap, then limits in the order of cost."""
+"""Every trajectory of a grid, the paper's 11⁶.
+
+Costs first, which are cheap, then limits in the order of cost.
+"""
 
 from __future__ import annotations
 
@@ -28,16 +31,19 @@ LARGEST = 20_000_000  # grid that is taken on
 class BruteForce(Planner):
     """The grid's optimum.
 
-    Via i may lie anywhere from (i − 1)/V to i/V of the way from start to goal, joint by joint, as in the paper
-    (its 11⁶ is levels^(joints · vias); every printed value lies on that grid), and a duration from a third of the
-    initial one to three times that. The costs of all grid points are computed first; then the limits and the clearance
-    are checked in the order of cost until one point keeps all.
+    Via i may lie anywhere from (i − 1)/V to i/V of the way from start to goal, joint by joint, as
+    in the paper (its 11⁶ is levels^(joints · vias); every printed value lies on that grid), and a
+    duration from a third of the initial one to three times that. The costs of all grid points are
+    computed first; then the limits and the clearance are checked in the order of cost until one
+    point keeps all.
     """
 
     levels: int = 11  # values of each variable
     name: ClassVar[str] = "brute"
 
-    def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
+    def search(
+        self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator
+    ) -> None:
         """Goes through the grid of the first problem.
 
         Raises:
@@ -58,13 +64,17 @@ class BruteForce(Planner):
         for i in range(0, len(order), CHECKED):
             rows = order[i : i + CHECKED]
             best = ledger.best
-            if not np.isfinite(costs[rows[0]]) or (best is not None and best.feasible and costs[rows[0]] > best.cost):
+            if not np.isfinite(costs[rows[0]]) or (
+                best is not None and best.feasible and costs[rows[0]] > best.cost
+            ):
                 return
             ledger.count(-len(rows))  # they were counted with their costs
             ledger.evaluate(problem, grid_points(axes, rows))
 
 
-def _costs_of_grid(problem: PlanningProblem, axes: Float[Array, "d L"], points: int, ledger: Ledger) -> Array:
+def _costs_of_grid(
+    problem: PlanningProblem, axes: Float[Array, "d L"], points: int, ledger: Ledger
+) -> Array:
     """Cost of every grid point, on all cores; infinite where the budget ended before."""
     costs = np.full(points, np.inf)
     workers = count_cores()
@@ -102,7 +112,9 @@ def _pieces(first: int, last: int) -> Iterator[Array]:
 def grid_axes(problem: PlanningProblem, levels: int) -> Float[Array, "d L"]:
     """Values of every decision variable on the grid."""
     vias = problem.via_count
-    ends = np.array([problem.start + (problem.goal - problem.start) * k / max(vias, 1) for k in range(vias + 1)])
+    ends = np.array(
+        [problem.start + (problem.goal - problem.start) * k / max(vias, 1) for k in range(vias + 1)]
+    )
     low = problem.encode(ends[:-1], problem.durations / 3)
     high = problem.encode(ends[1:], problem.durations * 3)
     return np.linspace(low, high, levels, axis=1)

@@ -18,9 +18,10 @@ from plan.problem.problem import PlanningProblem
 class Genetic(Planner):
     """Binary genes, roulette, uniform exchange (paper, section 3.4 and Fig. 7).
 
-    Each variable is a line of bits over its range. Parents are drawn with a probability that falls with cost; each
-    exchanges random bits with another. The paper prints neither mutation nor how cost becomes probability: here
-    exponential in the rank of cost, and a small flip rate. The best is carried over.
+    Each variable is a line of bits over its range. Parents are drawn with a probability that falls
+    with cost; each exchanges random bits with another. The paper prints neither mutation nor how
+    cost becomes probability: here exponential in the rank of cost, and a small flip rate. The best
+    is carried over.
     """
 
     bits: int = 10  # bits of a gene
@@ -30,8 +31,13 @@ class Genetic(Planner):
     flip: float = 0.004  # probability that a bit flips
     name: ClassVar[str] = "ga"
 
-    def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
-        """Runs all generations on the first problem; the initial trajectory is one of the first children."""
+    def search(
+        self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator
+    ) -> None:
+        """Runs all generations on the first problem.
+
+        The initial trajectory is one of the first children.
+        """
         problem = problems[0]
         ledger.expected = self.population * self.generations
         genes = rng.integers(0, 2, (self.population, problem.dimension, self.bits))
@@ -43,7 +49,9 @@ class Genetic(Planner):
             genes[0] = best
             cost = self._cost(problem, genes, ledger)
 
-    def _cost(self, problem: PlanningProblem, genes: Int[Array, "P d b"], ledger: Ledger) -> Float[Array, " P"]:
+    def _cost(
+        self, problem: PlanningProblem, genes: Int[Array, "P d b"], ledger: Ledger
+    ) -> Float[Array, " P"]:
         number = genes @ (1 << np.arange(self.bits)[::-1])
         x = problem.lower + number / (2**self.bits - 1) * (problem.upper - problem.lower)
         found = ledger.penalised(problem, x)
@@ -55,7 +63,9 @@ class Genetic(Planner):
         chosen = rng.choice(len(cost), (2, len(cost)), p=weight / weight.sum())
         first = genes[chosen[0]]
         second = genes[chosen[1]]
-        exchange = (rng.random(len(cost)) < self.crossover)[:, None, None] & (rng.random(genes.shape) < 0.5)
+        exchange = (rng.random(len(cost)) < self.crossover)[:, None, None] & (
+            rng.random(genes.shape) < 0.5
+        )
         children = np.where(exchange, second, first)
         return children ^ (rng.random(genes.shape) < self.flip)
 

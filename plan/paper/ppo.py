@@ -1,9 +1,11 @@
 """Proximal policy optimisation of a bandit: the paper's method.
 
-There is no state, so actor and critic have no input layer: the first hidden layer is its bias alone. The policy is a
-Gaussian over offsets from the initial trajectory, the critic one number, the baseline of the advantage.
+There is no state, so actor and critic have no input layer: the first hidden layer is its bias
+alone. The policy is a Gaussian over offsets from the initial trajectory, the critic one number, the
+baseline of the advantage.
 
-Source: paper, section 3 and Fig. 5, 6, 10; Schulman et al., "Proximal policy optimization algorithms", 2017.
+Source: paper, section 3 and Fig. 5, 6, 10; Schulman et al., "Proximal policy optimization
+algorithms", 2017.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ from plan.problem.problem import PlanningProblem
 
 @dataclass(frozen=True)
 class Ppo(Planner):
-    """PPO with the schedule of Fig. 10: 100 epochs for every seed, then rounds of 100 for one drawn by its learning.
+    """PPO with the schedule of Fig.
+
+    10: 100 epochs for every seed, then rounds of 100 for one drawn by its learning.
 
     An epoch is one trajectory, as in the paper; they are evaluated in batches.
     """
@@ -38,15 +42,21 @@ class Ppo(Planner):
     name: ClassVar[str] = "ppo"
 
     @torch_threads(1)
-    def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
+    def search(
+        self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator
+    ) -> None:
         """Trains one agent a seed, by turns."""
         agents = [_Agent(problem, self, rng) for problem in problems]
         ledger.expected = max(self.epochs, self.round * len(agents))
         spent = 0
         for agent in agents:
             spent += agent.learn(self.round, ledger)
-        while spent < self.epochs:  # whose turn it is is drawn by the level reached, and by what the last round gained
-            level, gain = (np.array([getattr(agent, name) for agent in agents]) for name in ("best", "gain"))
+        while (
+            spent < self.epochs
+        ):  # whose turn it is is drawn by the level reached, and by what the last round gained
+            level, gain = (
+                np.array([getattr(agent, name) for agent in agents]) for name in ("best", "gain")
+            )
             score = (level - level.max()) / 0.05 + gain / max(gain.max(), 1e-9)
             weight = np.exp(np.clip(score, -50.0, None))
             agent = agents[rng.choice(len(agents), p=weight / weight.sum())]
@@ -56,18 +66,29 @@ class Ppo(Planner):
 class _Net(torch.nn.Module):
     """Two hidden layers of rectifiers without an input, and linear heads."""
 
-    def __init__(self, hidden: tuple[int, int], heads: Sequence[int], generator: torch.Generator) -> None:
+    def __init__(
+        self, hidden: tuple[int, int], heads: Sequence[int], generator: torch.Generator
+    ) -> None:
         super().__init__()
         first, second = hidden
         self.first = torch.nn.Parameter(torch.rand(first, generator=generator) * 0.1)
-        self.second = torch.nn.Parameter(torch.randn(second, first, generator=generator) * (2.0 / first) ** 0.5)
+        self.second = torch.nn.Parameter(
+            torch.randn(second, first, generator=generator) * (2.0 / first) ** 0.5
+        )
         self.bias = torch.nn.Parameter(torch.zeros(second))
-        self.heads = torch.nn.ParameterList([torch.nn.Parameter(torch.zeros(size, second)) for size in heads])
-        self.offsets = torch.nn.ParameterList([torch.nn.Parameter(torch.zeros(size)) for size in heads])
+        self.heads = torch.nn.ParameterList(
+            [torch.nn.Parameter(torch.zeros(size, second)) for size in heads]
+        )
+        self.offsets = torch.nn.ParameterList(
+            [torch.nn.Parameter(torch.zeros(size)) for size in heads]
+        )
 
     def forward(self) -> list[torch.Tensor]:
         hidden = torch.relu(self.second @ torch.relu(self.first) + self.bias)
-        return [weight @ hidden + offset for weight, offset in zip(self.heads, self.offsets, strict=True)]
+        return [
+            weight @ hidden + offset
+            for weight, offset in zip(self.heads, self.offsets, strict=True)
+        ]
 
 
 class _Agent:
@@ -82,7 +103,9 @@ class _Agent:
         self.learned = 0
         generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
         d = problem.dimension
-        self.actor, self.critic = (_Net(options.hidden, heads, generator) for heads in ((d, d), (1,)))
+        self.actor, self.critic = (
+            _Net(options.hidden, heads, generator) for heads in ((d, d), (1,))
+        )
         parameters = [*self.actor.parameters(), *self.critic.parameters()]
         self.adam = torch.optim.Adam(parameters, lr=options.learning_rate, fused=True)
         self.unit = options.spread * (problem.upper - problem.lower)
@@ -102,11 +125,13 @@ class _Agent:
         with torch.no_grad():
             mean, spread = (part.numpy() for part in self.actor())
         noise = self.rng.normal(size=(size, len(mean)))
-        noise[size // 2 : 2 * (size // 2)] = -noise[: size // 2]  # antithetic pairs: the mean is felt with less noise
+        # Antithetic pairs: the mean is felt with less noise.
+        noise[size // 2 : 2 * (size // 2)] = -noise[: size // 2]
         action = mean + np.exp(spread) * noise
         found = ledger.evaluate(self.problem, self.problem.initial + action * self.unit)
         penalised = self.problem.penalised(found)
-        # The paper's reward, eq. 7 and 9, is singular at contact and unknown under penetration: this one is bounded.
+        # The paper's reward, eq. 7 and 9, is singular at contact and unknown under penetration:
+        # this one is bounded.
         reward = -np.clip(penalised, -10.0, 10.0)
         self.best = max(self.best, float(-penalised.min()))
         self.learned += len(reward)

@@ -1,4 +1,6 @@
-"""The paper's planning experiments run again, Tables 3 to 7 and Figs. 10, 11 and 13, and one page of both side by side.
+"""The paper's planning experiments run again, Tables 3 to 7 and Figs.
+
+10, 11 and 13, and one page of both side by side.
 
 Source: paper (Machines 2023, 11, 350), sections 4.2 to 4.4; its figures stand in `printed.toml`.
 """
@@ -39,15 +41,21 @@ from plan.solving.solve import Starts, find_starts, solve
 
 START = np.radians([50.0, 0.0, -120.0])
 GOAL = np.radians([80.0, 30.0, -90.0])
-# The paper does not print where its obstacle stands; this one blocks the straight line as the paper says of its own.
-OBSTACLE = Box("monitor", 0, np.eye(3), np.array([0.04, -0.47, 0.56]), Solid.simple("box", 0.06, 0.06, 0.06))
-# How far a drawn tester's via points lie from a tree's [rad], and the longest search of any method [s].
+# The paper does not print where its obstacle stands; this one blocks the straight line as the paper
+# says of its own.
+OBSTACLE = Box(
+    "monitor", 0, np.eye(3), np.array([0.04, -0.47, 0.56]), Solid.simple("box", 0.06, 0.06, 0.06)
+)
+# How far a drawn tester's via points lie from a tree's [rad], and the longest search of any method
+# [s].
 SPREAD = np.radians(12.0)
 LONGEST = 3600.0
 _PRINTED = tomllib.loads(Path(__file__).with_name("printed.toml").read_text(encoding="utf-8"))
 # Via points [deg], seconds, and gain over the initial motion as a share.
 Details = tuple[list[list[float]], float | None, float]
-PAPER: dict[str, tuple[float, ...]] = {name: tuple(values) for name, values in _PRINTED["values"].items()}
+PAPER: dict[str, tuple[float, ...]] = {
+    name: tuple(values) for name, values in _PRINTED["values"].items()
+}
 
 
 @dataclass(frozen=True)
@@ -90,7 +98,9 @@ class Repeat:
     tables: dict[str, list[Line]] = field(default_factory=dict)  # rows of each table or figure
     # Problem and plan of what Figs. 11 and 13 show, by the name of the picture.
     motions: dict[str, tuple[PlanningProblem, PlanResult]] = field(default_factory=dict)
-    search: Comparison | None = None  # costs of PPO and the genetic algorithm on the obstacle task, for Fig. 10
+    search: Comparison | None = (
+        None  # costs of PPO and the genetic algorithm on the obstacle task, for Fig. 10
+    )
 
     def __post_init__(self) -> None:
         self.progress = SearchProgress(all_searches(self.effort))
@@ -98,8 +108,17 @@ class Repeat:
     def problem(self, duration: float, obstacles: tuple[Box, ...] = ()) -> PlanningProblem:
         """The paper's task in a duration [s], among obstacles or without."""
         place = Path("the paper's task")
-        task = Task(source=place, robot="tm5-900", start=START, goal=GOAL, duration=duration, obstacles=obstacles)
-        return set_up(task, self.model, TaskOptions(metric="absolute" if obstacles else "signed", beyond=True))
+        task = Task(
+            source=place,
+            robot="tm5-900",
+            start=START,
+            goal=GOAL,
+            duration=duration,
+            obstacles=obstacles,
+        )
+        return set_up(
+            task, self.model, TaskOptions(metric="absolute" if obstacles else "signed", beyond=True)
+        )
 
     def ppo(self, times: float = 1.0) -> Ppo:
         """The paper's learner, with so many times the usual effort."""
@@ -126,7 +145,14 @@ class Repeat:
         """Table 3: three methods on the grid's range, and ours beyond it."""
         problem = self.problem(0.65)
         start = float(problem.initial_evaluation.cost[0])
-        first = Line("initial", "J", PAPER["initial"], (start,), 0.0, _details("initial", problem.vias, None, 0.0))
+        first = Line(
+            "initial",
+            "J",
+            PAPER["initial"],
+            (start,),
+            0.0,
+            _details("initial", problem.vias, None, 0.0),
+        )
         self.enter("Table 3", first)
         planners: dict[str, tuple[str, Planner]] = {
             "brute": ("brute force", BruteForce(levels=self.effort.levels)),
@@ -152,41 +178,69 @@ class Repeat:
         }
         for name, (planner, begin) in planners.items():
             runs.append(self.run("Fig. 10", problem, planner, starts=begin))
-            self.enter("Fig. 10", _line(name, "J", PAPER.get(f"Fig. 10 {planner.name}", ()), runs[-1]))
+            self.enter(
+                "Fig. 10", _line(name, "J", PAPER.get(f"Fig. 10 {planner.name}", ()), runs[-1])
+            )
         self.search = Comparison("fig. 10", "energy", 2100, 1.0, tuple(runs))
 
     def shorten_from_the_task(self, problem: PlanningProblem) -> None:
         """Fig. 11: the shortest motion, via points and stamps free."""
         timed = replace(problem, objective="time", free="both")
         fast = [self.run("Fig. 11", timed, self.ppo(MORE), t) for t in FASTEST]
-        self.enter("Fig. 11", _line("RL (PPO), stamps and via points", "s", PAPER["Fig. 11"], *fast))
+        self.enter(
+            "Fig. 11", _line("RL (PPO), stamps and via points", "s", PAPER["Fig. 11"], *fast)
+        )
         ours = self.run("Fig. 11", timed, Sequential())
         self.enter("Fig. 11", _line("default (sqp)", "s", (), ours))
         self.motions["figure_11"] = (problem, fast[0])
 
-    def improve_the_taught(self, problem: PlanningProblem) -> tuple[list[PlanResult], list[PlanResult]]:
-        """Tables 4 and 5: what testers teach, what is learned from the task, and what from the first tester's."""
+    def improve_the_taught(
+        self, problem: PlanningProblem
+    ) -> tuple[list[PlanResult], list[PlanResult]]:
+        """Tables 4 and 5: what testers teach, what is learned from the task, and what from the
+        first tester's.
+        """
         trials = range(self.effort.trials)
         taught = {tester: [_teach(problem, tester, t) for t in trials] for tester in (1, 2, 3)}
         learned = [self.run("Table 4", problem, self.ppo(MORE), t) for t in trials]
-        improved = [self.run("Table 5", start, self.ppo(), t, ([start], [])) for t, start in enumerate(taught[1])]
+        improved = [
+            self.run("Table 5", start, self.ppo(), t, ([start], []))
+            for t, start in enumerate(taught[1])
+        ]
         for tester, starts in taught.items():
             ours = tuple(float(start.initial_evaluation.cost[0]) for start in starts)
             name = f"tester {tester}"
-            self.enter("Table 4", Line(f"{name}, Mo. (by the model; drawn here)", "J", PAPER[name], ours))
+            self.enter(
+                "Table 4", Line(f"{name}, Mo. (by the model; drawn here)", "J", PAPER[name], ours)
+            )
             self.enter("Table 4", Line(f"{name}, Act. (on the arm)", "J", PAPER[f"{name}, Act."]))
             if tester == 1:
                 name = "tester 1, Act. (ours drawn here, by the model)"
                 self.enter("Table 5", Line(name, "J", PAPER["taught"], ours))
-        self.enter("Table 4", _line("RL (PPO), Mo. (by the model)", "J", PAPER["learned"], *learned))
+        self.enter(
+            "Table 4", _line("RL (PPO), Mo. (by the model)", "J", PAPER["learned"], *learned)
+        )
         self.enter("Table 4", Line("RL (PPO), Act. (on the arm)", "J", PAPER["learned, Act."]))
         self.enter("Table 5", _line("RL (PPO) from tester 1's", "J", PAPER["improved"], *improved))
         return learned, improved
 
-    def shorten_from_energy_optima(self, table: str, problem: PlanningProblem, plans: Sequence[PlanResult]) -> None:
-        """Tables 6 and 7, and Fig. 13: time compression against learning, each from an energy optimum."""
-        start = {"objective": "time", "free": "times", "label": "the energy optimum that was learned"}
-        slow = [problem.with_initial(p.splines, **start) for p in plans if p.splines is not None and p.solved]
+    def shorten_from_energy_optima(
+        self, table: str, problem: PlanningProblem, plans: Sequence[PlanResult]
+    ) -> None:
+        """Tables 6 and 7, and Fig.
+
+        13: time compression against learning, each from an energy optimum.
+        """
+        start = {
+            "objective": "time",
+            "free": "times",
+            "label": "the energy optimum that was learned",
+        }
+        slow = [
+            problem.with_initial(p.splines, **start)
+            for p in plans
+            if p.splines is not None and p.solved
+        ]
         timed = map(start_compressed, slow)
         both = [start_compressed(replace(one, free="both")) for one in slow]
         planners: dict[str, tuple[list[PlanningProblem], Planner]] = {
@@ -196,7 +250,10 @@ class Repeat:
         }
         for number, (name, (starts, planner)) in enumerate(planners.items()):
             last = [self.run(table, one, planner, t, ([one], [])) for t, one in enumerate(starts)]
-            self.enter(table, _line(name, "s", PAPER[f"{table} {'learned' if number else 'compressed'}"], *last))
+            self.enter(
+                table,
+                _line(name, "s", PAPER[f"{table} {'learned' if number else 'compressed'}"], *last),
+            )
         free = self.run(table, replace(problem, objective="time", free="both"), Sequential())
         self.enter(table, _line("default (sqp), from the task", "s", (), free))
         if last:
@@ -204,23 +261,45 @@ class Repeat:
 
 
 def _line(name: str, unit: str, paper: Sequence[float], *runs: PlanResult) -> Line:
-    return Line(name, unit, tuple(paper), tuple(run.cost for run in runs), sum(run.cpu_seconds for run in runs))
+    return Line(
+        name,
+        unit,
+        tuple(paper),
+        tuple(run.cost for run in runs),
+        sum(run.cpu_seconds for run in runs),
+    )
 
 
 def _details(key: str, vias: Array, seconds: float | None, gain: float) -> tuple[Details, Details]:
     printed = _PRINTED["table3"][key]
     theirs = 1.0 - PAPER[key][0] / PAPER["initial"][0]
-    return (printed["vias_deg"], printed.get("seconds"), theirs), (np.degrees(vias).tolist(), seconds, gain)
+    return (printed["vias_deg"], printed.get("seconds"), theirs), (
+        np.degrees(vias).tolist(),
+        seconds,
+        gain,
+    )
 
 
 def _teach(problem: PlanningProblem, tester: int, trial: int) -> PlanningProblem:
-    """Via points as a person might teach them: clear of the box, not the shortest way. The paper's are not printed."""
+    """Via points as a person might teach them: clear of the box, not the shortest way.
+
+    The paper's are not printed.
+    """
     rng = np.random.default_rng([tester, trial])
-    ways = [seed.vias for seed in find_seeds(problem, rng) if not seed.reason and 1 <= len(seed.vias) <= 2]
+    ways = [
+        seed.vias
+        for seed in find_seeds(problem, rng)
+        if not seed.reason and 1 <= len(seed.vias) <= 2
+    ]
     while True:
         vias = ways[rng.integers(len(ways))]
-        start = from_vias(problem, vias + rng.uniform(-SPREAD, SPREAD, vias.shape), f"tester {tester}", 2)
-        if start.initial_evaluation.feasible[0] and not certify(start, start.decode(start.initial)).broken:
+        start = from_vias(
+            problem, vias + rng.uniform(-SPREAD, SPREAD, vias.shape), f"tester {tester}", 2
+        )
+        if (
+            start.initial_evaluation.feasible[0]
+            and not certify(start, start.decode(start.initial)).broken
+        ):
             return start
 
 

@@ -1,4 +1,7 @@
-"""Time-optimal parameterisation of a given path by toppra: every time law on the path, not only splines' ones."""
+"""Time-optimal parameterisation of a given path by toppra.
+
+Every time law on the path, not only splines' ones.
+"""
 
 from __future__ import annotations
 
@@ -39,40 +42,55 @@ SLOWEST = 2.0
 class Toppra(Planner):
     """toppra on the path of every initial trajectory, iterated until its model is the whole model.
 
-    toppra takes a torque that is linear in the path's acceleration and squared speed. Viscous friction, the sign of
-    friction and the net are not of that form: they enter as torques along the path, taken from the motion of the round
-    before. The time it gives is a bound for that path under that model; the returned motion is a spline through it,
-    stretched until all limits hold.
+    toppra takes a torque that is linear in the path's acceleration and squared speed. Viscous
+    friction, the sign of friction and the net are not of that form: they enter as torques along the
+    path, taken from the motion of the round before. The time it gives is a bound for that path
+    under that model; the returned motion is a spline through it, stretched until all limits hold.
     """
 
     name: ClassVar[str] = "toppra"
 
-    def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
+    def search(
+        self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator
+    ) -> None:
         """Times every initial path; uses no randomness."""
         for problem in problems:
             model = problem.model
             linear = replace(LossParameters.zero(model.n), motor_inertia=model.losses.motor_inertia)
             motion = self._iterate(problem, ChainTorque(model.chain, linear), ledger)
             if motion is None:
-                ledger.notes.append(f"toppra ({problem.label}): no time law keeps the limits on this path")
+                ledger.notes.append(
+                    f"toppra ({problem.label}): no time law keeps the limits on this path"
+                )
                 continue
-            note = f"toppra ({problem.label}): {motion.duration:.4f} s, a bound for its model on this path"
-            ledger.notes.append(note)
+            bound = f"{motion.duration:.4f} s, a bound for its model on this path"
+            ledger.notes.append(f"toppra ({problem.label}): {bound}")
             # The spline through the motion is slowed down until every limit holds.
             times = np.linspace(0.0, motion.duration, KNOTS)
             found = Splines(motion(times)[None], SLOWEST * np.diff(times)[None])
             carrier = problem.with_initial(found, free="times", label=f"{problem.label}, retimed")
-            shortest(carrier, ledger, np.array(carrier.durations), np.arange(len(carrier.durations)), 1.0 / SLOWEST)
+            shortest(
+                carrier,
+                ledger,
+                np.array(carrier.durations),
+                np.arange(len(carrier.durations)),
+                1.0 / SLOWEST,
+            )
 
-    def _iterate(self, problem: PlanningProblem, linear: ChainTorque, ledger: Ledger) -> ParametrizeConstAccel | None:
+    def _iterate(
+        self, problem: PlanningProblem, linear: ChainTorque, ledger: Ledger
+    ) -> ParametrizeConstAccel | None:
         """The motion; `linear` is as much of the model as is of toppra's form."""
-        # The initial trajectory over its length in joint space. Its own time is no good parameter: it is at rest at its
-        # ends, and where the path's derivative vanishes toppra can't tell what pushes the arm.
+        # The initial trajectory over its length in joint space. Its own time is no good parameter:
+        # it is at rest at its ends, and where the path's derivative vanishes toppra can't tell what
+        # pushes the arm.
         splines = problem.decode(problem.initial)
         q = splines.at(np.linspace(0.0, float(splines.total[0]), SAMPLES))[0]
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
         even = np.linspace(0.0, length[-1], PATH_KNOTS)
-        path = SplineInterpolator(even, np.stack([np.interp(even, length, column) for column in q.T], axis=1))
+        path = SplineInterpolator(
+            even, np.stack([np.interp(even, length, column) for column in q.T], axis=1)
+        )
         grid = np.linspace(0.0, path.duration, GRID + 1)
         rest = np.zeros((GRID + 1, problem.n))
         last = np.inf
@@ -97,9 +115,16 @@ class Toppra(Planner):
         return motion
 
     def _solve(
-        self, problem: PlanningProblem, linear: ChainTorque, path: SplineInterpolator, grid: Array, rest: Array
+        self,
+        problem: PlanningProblem,
+        linear: ChainTorque,
+        path: SplineInterpolator,
+        grid: Array,
+        rest: Array,
     ) -> tuple[Array | None, Array]:
-        """Speed and acceleration of the path's parameter on the grid, with given torques beyond toppra's model."""
+        """Speed and acceleration of the path's parameter on the grid, with given torques beyond
+        toppra's model.
+        """
         limit = SHARE * problem.limits.torque
         eye = np.vstack([np.eye(problem.n), -np.eye(problem.n)])
 

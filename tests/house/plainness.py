@@ -117,15 +117,20 @@ def has_late_constants(source: Source) -> bool:
     return any(statement.lineno > first for statement, _ in source.constants())
 
 
-def any_annotations(source: Source) -> int:
-    """How often an annotation says `Any`."""
-    annotations: list[ast.expr] = []
+def annotations(source: Source) -> list[ast.expr]:
+    """All annotations of parameters, results and names."""
+    expressions: list[ast.expr] = []
     for node in source.nodes:
         given = node.returns if isinstance(node, Function) else getattr(node, "annotation", None)
         if given is not None:
-            annotations.append(given)
+            expressions.append(given)
+    return expressions
+
+
+def any_annotations(source: Source) -> int:
+    """How often an annotation says `Any`."""
     count = 0
-    for annotation in annotations:
+    for annotation in annotations(source):
         for node in ast.walk(annotation):
             count += isinstance(node, ast.Name) and node.id == "Any"
     return count

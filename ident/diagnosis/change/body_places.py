@@ -40,7 +40,10 @@ def place_bodies(
             places[group.effect.id][link] = place
     payload = places[UnknownPayload.id]
     link_error = places[LinkInertialError.id]
-    placed = {UnknownPayload.id: UnknownPayload(payload), LinkInertialError.id: LinkInertialError(link_error)}
+    placed = {
+        UnknownPayload.id: UnknownPayload(payload),
+        LinkInertialError.id: LinkInertialError(link_error),
+    }
     return tuple(placed.get(effect.id, effect) for effect in effects)
 
 

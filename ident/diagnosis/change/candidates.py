@@ -1,7 +1,8 @@
 """Effects as changes: what may have come, gone, grown or shrunk between two sets of recordings.
 
-Each effect of the catalogue becomes a `ChangeOf` that acts in the later set alone, so that its parameters are after
-minus before. To these are added a change of plain friction, and a change that follows no law of the catalogue.
+Each effect of the catalogue becomes a `ChangeOf` that acts in the later set alone, so that its
+parameters are after minus before. To these are added a change of plain friction, and a change that
+follows no law of the catalogue.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ from ident.regression.design import Grid, Group
 MANY_LINES = 1e9
 # Any effect of the catalogue may have changed.
 CHANGEABLE = sorted(
-    (replace(one, chance=MANY_LINES) if isinstance(one, TorqueRipple) else one for one in CATALOGUE),
+    (
+        replace(one, chance=MANY_LINES) if isinstance(one, TorqueRipple) else one
+        for one in CATALOGUE
+    ),
     key=lambda one: one.as_change.order,
 )
 CHANGES: tuple[Effect, ...] = (*CHANGEABLE, FrictionChange(), UnlistedChange())
@@ -37,7 +41,9 @@ def ids(flag: str) -> frozenset[str]:
 
 
 # Effects whose columns, shared by all runs, are in the span of the tuned baseline.
-IN_THE_BASELINE = ids("body") | {one.id for one in CHANGES if one.event or one.remembers} | {FrictionChange.id}
+IN_THE_BASELINE = (
+    ids("body") | {one.id for one in CHANGES if one.event or one.remembers} | {FrictionChange.id}
+)
 # Laws of friction, which varies between runs: one run a side does not show a change.
 OF_FRICTION = ids("friction")
 # The change of what the arm carries.
@@ -51,18 +57,27 @@ COPIED = (
 
 
 def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Variant]:
-    """An even choice of the points of an effect's grid; of effects with a second joint, those of adjacent joints."""
+    """An even choice of the points of an effect's grid.
+
+    Of effects with a second joint, those of adjacent joints.
+    """
     grid = effect.variants(session, joint)
     if effect.partner:
-        return [point for point in grid if point.other is not None and abs(point.other - joint) == 1]
+        return [
+            point for point in grid if point.other is not None and abs(point.other - joint) == 1
+        ]
     if len(grid) <= CHANGE.grid_points or effect.as_change.later_alone or effect.as_change.body:
         return grid
     inner = np.linspace(0, len(grid) - 1, CHANGE.grid_points + 2)[1:-1]
     return [grid[k] for k in sorted({round(float(at)) for at in inner})]
 
 
-def finer_grids(changes: Sequence[Group], session: SessionContext, later: SessionContext) -> list[Grid]:
-    """Finer grids about the points of some changes; bodies have none, for they are laid out anew about their place.
+def finer_grids(
+    changes: Sequence[Group], session: SessionContext, later: SessionContext
+) -> list[Grid]:
+    """Finer grids about the points of some changes.
+
+    Bodies have none, for they are laid out anew about their place.
 
     Args:
         changes: Changes at their points of the usual grid.
@@ -80,7 +95,10 @@ def finer_grids(changes: Sequence[Group], session: SessionContext, later: Sessio
 
 @dataclass(eq=False)
 class ChangeOf(Effect):
-    """An effect that acts in the later set alone: its parameters are after minus before, and may have either sign."""
+    """An effect that acts in the later set alone.
+
+    Its parameters are after minus before, and may have either sign.
+    """
 
     effect: Effect  # the effect
 
@@ -88,24 +106,39 @@ class ChangeOf(Effect):
         for name in COPIED:
             setattr(self, name, getattr(self.effect, name))
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
         return self.effect.columns(session, joint, variant)
 
     def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Array,
+        covariance: Array,
     ) -> dict[str, Interval]:
         gone = self.as_change.taken_off and coefficients[0] < 0.0
-        estimates = self.effect.parameters(session, joint, variant, -coefficients if gone else coefficients, covariance)
+        estimates = self.effect.parameters(
+            session, joint, variant, -coefficients if gone else coefficients, covariance
+        )
         return self._negated(estimates) if gone else estimates
 
     def _negated(self, estimates: Mapping[str, Interval]) -> dict[str, Interval]:
         """The parameters of an amount that was taken off, with its sign reversed."""
         name = self.as_change.taken_off
-        return {**estimates, name: Interval(-estimates[name].value, -estimates[name].high, -estimates[name].low)}
+        return {
+            **estimates,
+            name: Interval(-estimates[name].value, -estimates[name].high, -estimates[name].low),
+        }
 
-    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(
+        self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]
+    ) -> dict[str, Range]:
         if self.as_change.friction and self.id != FrictionChange.id:
-            return {}  # the effect's bounds follow from the friction before, which a change may exceed
+            # The effect's bounds follow from the friction before, which a change may exceed.
+            return {}
         if self.as_change.taken_off and estimates[self.as_change.taken_off].value < 0.0:
             estimates = self._negated(estimates)
         found = {
@@ -114,13 +147,23 @@ class ChangeOf(Effect):
             for name, one in self.effect.physical(session, joint, estimates).items()
         }
         # A parameter is outside its bounds only if its whole interval is.
-        outside = {n for n, one in found.items() if estimates[n].high < one.low or estimates[n].low > one.high}
-        return {name: one for name, one in found.items() if name in outside or not np.isfinite(estimates[name].value)}
+        outside = {
+            n
+            for n, one in found.items()
+            if estimates[n].high < one.low or estimates[n].low > one.high
+        }
+        return {
+            name: one
+            for name, one in found.items()
+            if name in outside or not np.isfinite(estimates[name].value)
+        }
 
     def parts(self, variant: Variant) -> Sequence[tuple[Variant, Sequence[int]]]:
         return optional.parts(self.effect, variant)
 
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"] | None:
+    def prior_scale(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> Float[Array, " k"] | None:
         return self.effect.prior_scale(session, joint, variant)
 
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:

@@ -33,7 +33,12 @@ class LaterHeldOut(HeldOut):
     def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
         whole = super().score(groups)
         later = self.later
-        return replace(whole, misfit=whole.misfit[later], squares=whole.squares[later], weights=whole.weights[later])
+        return replace(
+            whole,
+            misfit=whole.misfit[later],
+            squares=whole.squares[later],
+            weights=whole.weights[later],
+        )
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,9 @@ def describe_changes(likely: ChangeSet, scorers: Scorers) -> list[Described]:
     solution = Solution(likely.search, likely.search, likely.chosen)
     for group in likely.chosen:
         others = rest_of(likely.chosen, group)
-        view = HeldOutView(scorers.tuned.score(others), scorers.tuned.score(likely.chosen), fixed=False)
+        view = HeldOutView(
+            scorers.tuned.score(others), scorers.tuned.score(likely.chosen), fixed=False
+        )
         joints = shows_at(group, view, likely.evidence.layout.n)
         rivals = find_rivals(likely.search, likely.chosen, group)
         features = {

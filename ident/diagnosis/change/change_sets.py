@@ -60,7 +60,9 @@ class ChangeModel:
         """The prior of the baseline that both sets share."""
         return self.given
 
-    def information(self, chosen: Sequence[Group], prior: Prior) -> tuple[Int[Array, " z"], Float[Array, "z z"]]:
+    def information(
+        self, chosen: Sequence[Group], prior: Prior
+    ) -> tuple[Int[Array, " z"], Float[Array, "z z"]]:
         """Columns of the baseline, and the information on their coefficients."""
         assert not chosen
         tuned = np.arange(self.evidence.layout.tuned)
@@ -77,7 +79,8 @@ class ChangeSet:
     design: PairedDesign
     search: SetSearch
     evidence: Evidence
-    ratio: Float[Array, " n"]  # by how much laws gain more between permuted sets than noise lets them, joint by joint
+    # By how much laws gain more between permuted sets than noise lets them, joint by joint.
+    ratio: Float[Array, " n"]
     chosen: tuple[Group, ...]
 
     @property
@@ -86,7 +89,9 @@ class ChangeSet:
         return {group.key: odds for group, odds in self.search.names.log_odds.items()}
 
 
-def choose_set(design: PairedDesign, excluded: frozenset[Key], odds: Mapping[Key, float] | None = None) -> ChangeSet:
+def choose_set(
+    design: PairedDesign, excluded: frozenset[Key], odds: Mapping[Key, float] | None = None
+) -> ChangeSet:
     """The likeliest set of changes.
 
     Args:

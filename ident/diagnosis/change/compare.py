@@ -1,8 +1,11 @@
-"""What changed between two sets of recordings of one arm: from motions to changes with their evidence.
+"""What changed between two sets of recordings of one arm.
 
-Both sets share one baseline: the arm's inertias with a loose prior, its losses, and every law in all runs alike. Errors
-of the model that are the same before and after cancel in it. The candidates are the same laws in the later set alone,
-and what changed is inferred from them as a session's causes are.
+From motions to changes with their evidence.
+
+Both sets share one baseline: the arm's inertias with a loose prior, its losses, and every law in
+all runs alike. Errors of the model that are the same before and after cancel in it. The candidates
+are the same laws in the later set alone, and what changed is inferred from them as a session's
+causes are.
 """
 
 from __future__ import annotations
@@ -36,7 +39,16 @@ from ident.regression.run_spread import squares_left
 from ident.regression.settings import USUAL_REGRESSION
 from ident.robot.arm import ArmModel
 
-TOO_FEW = "both sets together have fewer samples in the encoders' band than the model has parameters"
+TOO_FEW = (
+    "both sets together have fewer samples in the encoders' band than the model has parameters"
+)
+# Why a change at a joint can't be tested.
+ONE_RUN_A_SIDE = (
+    "it moves in one run a side at most: how much friction differs from run to run is not known"
+)
+TOO_DIFFERENT = (
+    "the two sets move too differently for a URDF that may be wrong; a correct one would show it"
+)
 
 
 def compare(
@@ -54,7 +66,8 @@ def compare(
         arm: The user's arm, without payload.
         sides: Description of the sets, for the record.
         seed: Seed of the permutations of runs.
-        gain_uncertainty: Uncertainty of the gains of the torque readings, which limits that of a body's size.
+        gain_uncertainty: Uncertainty of the gains of the torque readings, which limits that of a
+            body's size.
     """
     stage("torques of every law", 0.1, 0.5)
     still = find_static_joints(before, after)
@@ -76,7 +89,10 @@ def _too_few(
     design: PairedDesign, arm: ArmModel, sides: tuple[Side, Side], used: tuple[SamplesUsed, ...]
 ) -> ArmComparison:
     """The record of sets with fewer samples than the baseline has columns."""
-    few = [NotTestable(group.effect, group.joint, TOO_FEW) for group in design.sums.evidence.layout.groups]
+    few = [
+        NotTestable(group.effect, group.joint, TOO_FEW)
+        for group in design.sums.evidence.layout.groups
+    ]
     hidden = {(one.effect.id, one.joint): one for one in (*design.untestable, *few)}.values()
     return ArmComparison(
         robot=arm.name,
@@ -95,31 +111,38 @@ def _find_untestable(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[
     found = list(design.untestable)
     gram = design.sums.evidence.gram()
     loose = project(gram, evidence, design.prior)
-    right = project(gram, evidence, design.prior.tightened(CHANGE.urdf_share / USUAL_REGRESSION.inertia_share))
+    right = project(
+        gram, evidence, design.prior.tightened(CHANGE.urdf_share / USUAL_REGRESSION.inertia_share)
+    )
     first = {group.key: group for group in reversed(evidence.layout.groups)}
     for group in reversed(first.values()):
         seen = [float(one.visibility(group.columns).max()) for one in (loose, right)]
         if group.effect.id in OF_FRICTION and design.moves_once[group.joint]:
-            reason = "it moves in one run a side at most: how much friction differs from run to run is not known"
+            reason = ONE_RUN_A_SIDE
         elif seen[0] >= CHANGE.least_seen:
             continue
         elif seen[1] >= 2.0 * CHANGE.least_seen:
-            reason = "the two sets move too differently for a URDF that may be wrong; a correct one would show it"
+            reason = TOO_DIFFERENT
         elif group.effect.rows == "own" and used[group.joint].in_motion < 0.5:
             share = 100.0 * used[group.joint].in_motion
-            reason = f"in {share:.0f} % of its samples the joint moves far from stops and turns; the rest can't show it"
+            moves = f"in {share:.0f} % of its samples the joint moves far from stops and turns"
+            reason = f"{moves}; the rest can't show it"
         else:
             reason = "the two sets have too little motion in common to show it"
         found.append(NotTestable(group.effect, group.joint, reason))
     return found
 
 
-def _result(told: ToldChanges, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]) -> ArmComparison:
+def _result(
+    told: ToldChanges, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]
+) -> ArmComparison:
     """The comparison's record from the changes."""
     design = told.likely.design
     joints = arm.joint_names
     evidence = design.sums.evidence
-    changes = sorted((_change(name, told, arm) for name in told.names), key=lambda change: -change.closed)
+    changes = sorted(
+        (_change(name, told, arm) for name in told.names), key=lambda change: -change.closed
+    )
     with_rows = design.joints_with_rows
 
     def by_joint(values: Float[Array, " n"]) -> dict[str, float]:
@@ -176,5 +199,7 @@ def _change(name: Named, told: ToldChanges, arm: ArmModel) -> ArmChange:
         log_score=name.log_score,
         evidence=name.log_evidence,
         run_spread=against.run_deviation(likely.design.sides.counts),
-        elsewhere=tuple((effect, "" if joint < 0 else joints[joint]) for effect, joint in elsewhere),
+        elsewhere=tuple(
+            (effect, "" if joint < 0 else joints[joint]) for effect, joint in elsewhere
+        ),
     )

@@ -1,23 +1,29 @@
-"""Whether the model of one set foretells the other: the verdict rests on it, whatever law is named or none.
+"""Whether the model of one set foretells the other.
 
-With the model solved on one set alone, let m_p be the mean square that it leaves of part p of the other set, in units
-of its noise, what its coefficients are unsure of, and friction as it varies from run to run: rᵀV⁻¹r a row.
-Three such means are compared, as logarithms: a_p across the sets, b_p of the same rows by the model of the other parts
-of their own set, and c_q of the parts of the first set by the others of that. If nothing changed, then neither
+The verdict rests on it, whatever law is named or none.
+
+With the model solved on one set alone, let m_p be the mean square that it leaves of part p of the
+other set, in units of its noise, what its coefficients are unsure of, and friction as it varies
+from run to run: rᵀV⁻¹r a row. Three such means are compared, as logarithms: a_p across the sets,
+b_p of the same rows by the model of the other parts of their own set, and c_q of the parts of the
+first set by the others of that. If nothing changed, then neither
 
     mean(a) − mean(c)    nor    mean(a − b)
 
-is more than the scatter between parts makes it: the first fails where the arm changed, or moves where its model is
-worse; the second where the arm changed, or its own parts are more alike. So a change is where both are beyond chance,
-and the less certain of them decides. Both directions are tested at each joint, for a set that moves little may foretell
-nothing and yet be foretold. Friction of another day differs; what that may do by chance counts as expected.
+is more than the scatter between parts makes it: the first fails where the arm changed, or moves
+where its model is worse; the second where the arm changed, or its own parts are more alike. So a
+change is where both are beyond chance, and the less certain of them decides. Both directions are
+tested at each joint, for a set that moves little may foretell nothing and yet be foretold. Friction
+of another day differs; what that may do by chance counts as expected.
 
-Parts of one arm differ by more than noise does, and a model of few of them foretells others badly though nothing
-changed. How much the first difference is then is told by sets of permuted parts (`permuted_sets`), half of either side
-each, beside the likeliest set of changes: it counts from their mean on, and is at least as uncertain as they scatter.
+Parts of one arm differ by more than noise does, and a model of few of them foretells others badly
+though nothing changed. How much the first difference is then is told by sets of permuted parts
+(`permuted_sets`), half of either side each, beside the likeliest set of changes: it counts from
+their mean on, and is at least as uncertain as they scatter.
 
-Source: Fisher 1935 (permutations); Chow 1960 (a model of one sample tested by its predictions of another); Bartlett and
-Kendall 1946 (log variances compared as means); Berger 1982 (a claim that needs two tests has the larger p-value).
+Source: Fisher 1935 (permutations); Chow 1960 (a model of one sample tested by its predictions of
+another); Bartlett and Kendall 1946 (log variances compared as means); Berger 1982 (a claim that
+needs two tests has the larger p-value).
 """
 
 from __future__ import annotations
@@ -38,7 +44,8 @@ from ident.diagnosis.change.settings import CHANGE
 from ident.regression.design import Group
 from ident.regression.least_squares import factorise, positive, ridge_of
 
-# Tests of each joint: two directions, with friction free within its usual variation and the same in all runs.
+# Tests of each joint: two directions, with friction free within its usual variation and the same in
+# all runs.
 WAYS = 4
 
 
@@ -49,11 +56,14 @@ class ForetoldJoint:
     joint: str  # its name
     error: float  # error of one set by the model of the other [N m]
     usual: float  # what of that the sets' own runs leave, foretold by each other [N m]
-    ratio: float  # root mean square of the error across the sets over that within them, each over what it should be
+    # Root mean square of the error across the sets over that within them, each over what it should
+    # be.
+    ratio: float
     low: float  # 95 % interval of that
     high: float
     p_value: float  # corrected for the number of joints and directions
-    forwards: bool  # whether the later set is not foretold by the earlier one; else the earlier by the later
+    # Whether the later set is not foretold by the earlier one; else the earlier by the later.
+    forwards: bool
 
     def to_dict(self) -> dict[str, Any]:
         """The record, with units in its keys."""
@@ -72,7 +82,8 @@ class ForetoldJoint:
 class _Model(NamedTuple):
     """The baseline solved on some parts."""
 
-    weights: Float[Array, " z"]  # −coefficients of the scaled columns and 1: their product with a row is what is left
+    # −coefficients of the scaled columns and 1: their product with a row is what is left.
+    weights: Float[Array, " z"]
     covariance: Float[Array, "k k"]  # of the coefficients
 
 
@@ -96,13 +107,17 @@ class _Sums:
     @cached_property
     def later(self) -> Bool[Array, " K"]:
         """Set of each part."""
-        return np.array([bool(self.design.sides.later_blocks[blocks[0]]) for blocks in self.members])
+        return np.array(
+            [bool(self.design.sides.later_blocks[blocks[0]]) for blocks in self.members]
+        )
 
     @cached_property
     def columns(self) -> Int[Array, " z"]:
         """Columns of the baseline and of the changes and, last, the torque."""
         layout = self.design.sums.evidence.layout
-        changes = np.unique([column for group in self.changes for column in group.columns]).astype(int)
+        changes = np.unique([column for group in self.changes for column in group.columns]).astype(
+            int
+        )
         return np.concatenate([np.arange(layout.tuned), changes, [layout.size]])
 
     @cached_property
@@ -141,7 +156,8 @@ class _Models:
     """Models of some parts, solved where each run has a friction level of its own."""
 
     sums: _Sums
-    spread: Float[Array, " n"]  # standard deviation of each joint's friction from run to run, as a share
+    # Standard deviation of each joint's friction from run to run, as a share.
+    spread: Float[Array, " n"]
 
     @cached_property
     def varied(self) -> list[Float[Array, "K k k"]]:
@@ -167,7 +183,8 @@ class _Models:
 
         Args:
             parts: The parts.
-            free: Whether nothing is believed beforehand, of the URDF or of the laws that both sets share.
+            free: Whether nothing is believed beforehand, of the URDF or of the laws that both sets
+                share.
         """
         design = self.sums.design
         evidence = design.sums.evidence
@@ -181,13 +198,17 @@ class _Models:
         covariance = factor.solve(np.eye(len(information)))
         return _Model(np.append(-factor.solve(sums[:-1, -1]), 1.0), covariance)
 
-    def left(self, model: _Model, parts: Bool[Array, " K"], daily: Float[Array, " n"] | None) -> Float[Array, "k n"]:
-        """Logarithm of the mean square that a model leaves of some parts, over what it should leave.
+    def left(
+        self, model: _Model, parts: Bool[Array, " K"], daily: Float[Array, " n"] | None
+    ) -> Float[Array, "k n"]:
+        """Logarithm of the mean square that a model leaves of some parts, over what it should
+        leave.
 
         Args:
             model, parts: The model, and the parts.
-            daily: Variance of each joint's friction between these parts and the model's, as a share of its square,
-                where friction is the same in all runs; None where it is free within the share.
+            daily: Variance of each joint's friction between these parts and the model's, as a share
+                of its square, where friction is the same in all runs; None where it is free within
+                the share.
         """
         found = np.zeros((int(parts.sum()), len(self.sums.places)))
         every = self.varied if daily is None else self.sums.alike
@@ -220,7 +241,9 @@ class _Models:
         return np.array(found)
 
     def permuted_rises(self, daily: Float[Array, " n"] | None) -> Float[Array, "h n"]:
-        """By how much more the model of one half of permuted parts leaves of the other than of its own parts."""
+        """By how much more the model of one half of permuted parts leaves of the other than of its
+        own parts.
+        """
         found = []
         for later in self.sums.design.permuted.permutations:
             half = np.isin(np.arange(len(self.sums.members)), later)
@@ -234,7 +257,9 @@ class _Models:
 def _unexplained(
     sums: Float[Array, "k k"], weights: Float[Array, "w k"], root: Float[Array, "q q"]
 ) -> Float[Array, " w"]:
-    """Squares rᵀV⁻¹r of some combinations of a joint's columns: V = I + XΣXᵀ holds what coefficients are unsure of too.
+    """Squares rᵀV⁻¹r of some combinations of a joint's columns.
+
+    V = I + XΣXᵀ holds what coefficients are unsure of too.
 
     Args:
         sums, weights: Sums of the columns, the torque last, and weights of each combination r.
@@ -243,7 +268,9 @@ def _unexplained(
     scores = sums @ weights.T
     turned = root.T @ scores[:-1]
     inner = np.eye(len(root)) + root.T @ sums[:-1, :-1] @ root
-    return np.asarray((weights.T * scores).sum(axis=0) - (turned * factorise(inner).solve(turned)).sum(axis=0))
+    return np.asarray(
+        (weights.T * scores).sum(axis=0) - (turned * factorise(inner).solve(turned)).sum(axis=0)
+    )
 
 
 class _Logs(NamedTuple):
@@ -254,8 +281,12 @@ class _Logs(NamedTuple):
     home: Float[Array, "m n"]  # of the model's own set, each part by the others
 
 
-def find_unforetold(design: PairedDesign, changes: Sequence[Group] = ()) -> tuple[ForetoldJoint, ...]:
-    """The joints of which one set's model does not foretell the other; none where a set has one part only.
+def find_unforetold(
+    design: PairedDesign, changes: Sequence[Group] = ()
+) -> tuple[ForetoldJoint, ...]:
+    """The joints of which one set's model does not foretell the other.
+
+    None where a set has one part only.
 
     Args:
         design: Both sets of runs.
@@ -267,7 +298,8 @@ def find_unforetold(design: PairedDesign, changes: Sequence[Group] = ()) -> tupl
     sums = _Sums(design)
     if min(int(sums.later.sum()), int((~sums.later).sum())) < 2:
         return ()
-    # What friction of another day may do by chance; its two levels have a χ² of two degrees of freedom.
+    # What friction of another day may do by chance; its two levels have a χ² of two degrees of
+    # freedom.
     most = spread**2 - 2.0 * np.log(CHANGE.risen_by_chance) * between
     found: dict[int, ForetoldJoint] = {}
     free = _Models(sums, np.sqrt(spread**2 + between)), None, None
@@ -281,23 +313,33 @@ def find_unforetold(design: PairedDesign, changes: Sequence[Group] = ()) -> tupl
 
 
 def _unforetold_of(
-    models: _Models, permuted: _Models, within: Float[Array, " n"] | None, across: Float[Array, " n"] | None
+    models: _Models,
+    permuted: _Models,
+    within: Float[Array, " n"] | None,
+    across: Float[Array, " n"] | None,
 ) -> list[tuple[int, ForetoldJoint]]:
     """The joints that one of two ways to count friction shows, with their indices.
 
     Args:
         models: Models of parts of both sets.
         permuted: The same with what changed.
-        within, across: Variance of friction within a set, and across the sets; None where it is free in the sums.
+        within, across: Variance of friction within a set, and across the sets; None where it is
+            free in the sums.
     """
     sums = models.sums
     joints = sums.design.baseline.nominal.joint_names
     sets = {side: sums.later == side for side in (False, True)}
     home = {side: models.left_out(sets[side], within) for side in sets}
-    # What changed may be more than both sets' common laws can be: then its own set foretells it by nothing but itself.
-    own = {side: np.minimum(home[side], models.left_out(sets[side], within, free=True)) for side in home}
+    # What changed may be more than both sets' common laws can be: then its own set foretells it by
+    # nothing but itself.
+    own = {
+        side: np.minimum(home[side], models.left_out(sets[side], within, free=True))
+        for side in home
+    }
     seen = sums.seen
-    usual: Float[Array, "h n"] | None = None  # what permuted sets say; only needed where something is beyond chance
+    usual: Float[Array, "h n"] | None = (
+        None  # what permuted sets say; only needed where something is beyond chance
+    )
     found: list[tuple[int, ForetoldJoint]] = []
     for forwards in (True, False):
         model = models.solve(sets[not forwards])
@@ -313,18 +355,24 @@ def _unforetold_of(
             ratio, low, high = np.exp(0.5 * (rise + reach * np.array([0.0, -1.0, 1.0]))).tolist()
             if p_value < CHANGE.risen_by_chance:
                 size = float(error[j])
-                one = ForetoldJoint(joints[j], size, size / ratio, ratio, low, high, p_value, forwards)
+                one = ForetoldJoint(
+                    joints[j], size, size / ratio, ratio, low, high, p_value, forwards
+                )
                 found.append((j, one))
     return found
 
 
 def _test(
-    logs: _Logs, rows: Float[Array, "K n"], seen: Int[Array, " s"], usual: Float[Array, "h n"] | None = None
+    logs: _Logs,
+    rows: Float[Array, "K n"],
+    seen: Int[Array, " s"],
+    usual: Float[Array, "h n"] | None = None,
 ) -> list[tuple[float, float, float]]:
-    """Rise of the logarithm across the sets, its 95 % half-width and its p-value, of each joint seen.
+    """Rise of the logarithm across the sets, its 95 % half-width and its p-value, of each joint
+    seen.
 
-    The variance between parts is that within the sets: the joint's own or the mean of all joints, whichever is more,
-    and at least that of a mean square of so many rows.
+    The variance between parts is that within the sets: the joint's own or the mean of all joints,
+    whichever is more, and at least that of a mean square of so many rows.
 
     Args:
         logs, rows, seen: Logarithms of mean squares, rows of each part and joint, and the joints.
@@ -363,7 +411,9 @@ def _error(design: PairedDesign, model: _Model, later: bool) -> Float[Array, " n
     for j, local in enumerate(layout.local):
         own = np.flatnonzero((local < layout.tuned) | (local == layout.size))
         columns = local[own]
-        weights = np.where(columns == layout.size, 1.0, model.weights[np.minimum(columns, layout.tuned - 1)])
+        weights = np.where(
+            columns == layout.size, 1.0, model.weights[np.minimum(columns, layout.tuned - 1)]
+        )
         square = float(weights @ evidence.plain[j].part(own)[folds].sum(axis=0) @ weights)
         found[j] = np.sqrt(max(square, 0.0) / max(float(evidence.weights[folds, j].sum()), 1e-300))
     return found

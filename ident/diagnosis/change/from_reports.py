@@ -1,4 +1,7 @@
-"""From telemetry reports of two sets to a comparison; sets that the check refuses are not compared."""
+"""From telemetry reports of two sets to a comparison.
+
+Sets that the check refuses are not compared.
+"""
 
 from __future__ import annotations
 
@@ -33,16 +36,19 @@ def compare_reports(
     Args:
         before, after: Telemetry reports of the sessions of each set.
         arm: The robot, as `ArmModel.load` gives it.
-        cutoff: Corner of the common low-pass filter [Hz]; if None, as the encoders' resolution of both sets allows, at
-            most 25 Hz.
+        cutoff: Corner of the common low-pass filter [Hz]; if None, as the encoders' resolution of
+            both sets allows, at most 25 Hz.
         seed: Seed of the permutations of runs.
 
     Raises:
-        RecordingError: The sessions have different joints, no run of a set is long enough, or the corner is too high.
+        RecordingError: The sessions have different joints, no run of a set is long enough, or the
+        corner is too high.
     """
     stage("smoothing", 0.0, 0.1)
     reports = [*before, *after]
-    issues = tuple(as_compared(issue, before, after) for report in reports for issue in report.issues)
+    issues = tuple(
+        as_compared(issue, before, after) for report in reports for issue in report.issues
+    )
     sides = _side(before), _side(after)
     fatal = {issue.issue for issue in issues if issue.severity == "fatal"}
     if fatal:
@@ -52,7 +58,9 @@ def compare_reports(
     for report in reports:
         if report.session.joints != joints:
             where = report.session.path or report.session.name
-            raise RecordingError(where, "its joints differ from those of the first session", "compare it alone")
+            raise RecordingError(
+                where, "its joints differ from those of the first session", "compare it alone"
+            )
     sets = _motions(before, after, arm, cutoff)
     currents = any(run.current is not None for report in reports for run in report.session.runs)
     gain_uncertainty = BY_CURRENT if currents else STATED
@@ -62,12 +70,20 @@ def compare_reports(
 
 
 def _motions(
-    before: Sequence[TelemetryReport], after: Sequence[TelemetryReport], arm: ArmModel, cutoff: float | None
+    before: Sequence[TelemetryReport],
+    after: Sequence[TelemetryReport],
+    arm: ArmModel,
+    cutoff: float | None,
 ) -> tuple[list[Motion], list[Motion]]:
     """The runs of both sets through one filter: different ones would look like a change."""
     reports = [*before, *after]
     joints = before[0].session.joints
-    slowest = min(1.0 / run.sample_interval for report in reports for run in report.session.runs if len(run) > 1)
+    slowest = min(
+        1.0 / run.sample_interval
+        for report in reports
+        for run in report.session.runs
+        if len(run) > 1
+    )
     corner = Lowpass.design(slowest, cutoff, FOR_DIAGNOSIS).cutoff
     motions: Sequence[Motion] = []
     for side in (before, after):
@@ -75,7 +91,10 @@ def _motions(
         if not own:
             raise no_motion(side[0].session.path or side[0].session.name)
         earlier = len(motions)
-        motions = [*motions, *(own[k] for k in choose_runs(len(own), -(-len(own) // CHANGE.most_runs)))]
+        motions = [
+            *motions,
+            *(own[k] for k in choose_runs(len(own), -(-len(own) // CHANGE.most_runs))),
+        ]
     if cutoff is None:
         motions = within_band(motions, moved_inertia(arm.keeping(joints), motions))
     return list(motions[:earlier]), list(motions[earlier:])
@@ -84,31 +103,45 @@ def _motions(
 def as_compared(
     issue: TelemetryIssue, before: Sequence[TelemetryReport], after: Sequence[TelemetryReport]
 ) -> TelemetryIssue:
-    """An issue with its severity for a comparison: a fault that is the same before and after is no change.
+    """An issue with its severity for a comparison.
 
-    Torque that does not follow the model in either set may be due to a URDF of guessed masses; joints that stand still
-    show torque beyond their static friction.
+    A fault that is the same before and after is no change.
+
+    Torque that does not follow the model in either set may be due to a URDF of guessed masses;
+    joints that stand still show torque beyond their static friction.
     """
-    sides = [{i.issue for report in side for i in report.issues if i.severity == "fatal"} for side in (before, after)]
+    sides = [
+        {i.issue for report in side for i in report.issues if i.severity == "fatal"}
+        for side in (before, after)
+    ]
     alike = issue.issue == "effort_not_torque" and all(issue.issue in found for found in sides)
     if issue.severity != "fatal" or not (alike or issue.issue == "insufficient_excitation"):
         return issue
-    remedy = f"{issue.remedy}; before and after alike: sizes in kg are as right as the URDF's masses"
+    remedy = (
+        f"{issue.remedy}; before and after alike: sizes in kg are as right as the URDF's masses"
+    )
     return replace(issue, severity="warning", remedy=remedy if alike else issue.remedy)
 
 
-def as_explained(issue: TelemetryIssue, before: Sequence[TelemetryReport], found: ArmComparison) -> TelemetryIssue:
-    """A torque that is off by a factor in the later set is no warning where a change of load or gain is why.
+def as_explained(
+    issue: TelemetryIssue, before: Sequence[TelemetryReport], found: ArmComparison
+) -> TelemetryIssue:
+    """A torque that is off by a factor in the later set is no warning where a change of load or
+    gain is why.
 
     What the earlier set read stays one: the later reads so much of it, too.
     """
     kinds = [(change, change.estimate.group.effect.as_change) for change in found.changes]
-    explained = {name for change, kind in kinds if kind.body or kind.exact for name in change.rms_before}
+    explained = {
+        name for change, kind in kinds if kind.body or kind.exact for name in change.rms_before
+    }
     earlier = any(issue in report.issues for report in before)
     if issue.issue != MISREAD or earlier or not explained.issuperset(issue.joints):
         return issue
     return replace(
-        issue, severity="note", remedy="none needed: what changed explains it, beyond what the earlier set reads"
+        issue,
+        severity="note",
+        remedy="none needed: what changed explains it, beyond what the earlier set reads",
     )
 
 

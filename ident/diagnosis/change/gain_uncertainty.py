@@ -1,11 +1,13 @@
 """Size of a body when each joint's torque is read with an uncertain gain.
 
-A body's torque at joint j is read as (1 + γ_j) times its value, γ ~ N(0, own² I + common² 11ᵀ). With e_j the body's
-torque at joint j, the columns e_j with that prior stand beside the body's own: joints need not agree on a mass to the
-last per cent. The torque that both sets have in common does not matter, for it is read with the same gains.
+A body's torque at joint j is read as (1 + γ_j) times its value, γ ~ N(0, own² I + common² 11ᵀ).
+With e_j the body's torque at joint j, the columns e_j with that prior stand beside the body's own:
+joints need not agree on a mass to the last per cent. The torque that both sets have in common does
+not matter, for it is read with the same gains.
 
-Source: Gautier and Briot 2011 (drive gains from a known load) for the size of gain errors; data sheets of brushless
-motors state torque constants within ± 10 %; the remanence of neodymium magnets falls by 0.11 % a kelvin.
+Source: Gautier and Briot 2011 (drive gains from a known load) for the size of gain errors; data
+sheets of brushless motors state torque constants within ± 10 %; the remanence of neodymium magnets
+falls by 0.11 % a kelvin.
 """
 
 from __future__ import annotations
@@ -40,13 +42,17 @@ class GainUncertainty:
 
 # Torque by the drive or a sensor: larger errors (2 to 10 %) are an effect of the catalogue.
 STATED = GainUncertainty(own=0.02)
-# Current times a gain: each motor's constant is within ± 10 % (two standard deviations) of its data sheet, and magnets
-# that are 30 K warmer weaken all of them alike.
+# Current times a gain: each motor's constant is within ± 10 % (two standard deviations) of its data
+# sheet, and magnets that are 30 K warmer weaken all of them alike.
 BY_CURRENT = GainUncertainty(own=0.05, common=0.033)
 
 
 def solve_body(
-    evidence: Evidence, model: Projection, group: Group, beta: Float[Array, " k"], uncertainty: GainUncertainty = STATED
+    evidence: Evidence,
+    model: Projection,
+    group: Group,
+    beta: Float[Array, " k"],
+    uncertainty: GainUncertainty = STATED,
 ) -> tuple[Float[Array, " k"], Float[Array, "k k"]]:
     """Scaled coefficients of a body and their covariance, with uncertain gains.
 

@@ -1,4 +1,7 @@
-"""Changes that are no effects of the catalogue: of plain friction, and of torque that follows no known law."""
+"""Changes that are no effects of the catalogue.
+
+Of plain friction, and of torque that follows no known law.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +24,12 @@ PLAIN_FRICTION = "friction_change"
 
 
 class FrictionChange(Effect):
-    """Change of plain friction, τ = f s + c v: f of the Coulomb level, c of the viscous slope, s the direction.
+    """Change of plain friction, τ = f s + c v.
 
-    In one recording these are tuned as losses of the baseline; only between two is their change a finding.
+    F of the Coulomb level, c of the viscous slope, s the direction.
+
+    In one recording these are tuned as losses of the baseline; only between two is their change a
+    finding.
     """
 
     id = PLAIN_FRICTION
@@ -34,15 +40,27 @@ class FrictionChange(Effect):
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         return hardly_moves(session, joint)
 
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+    def prior_scale(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> Float[Array, " k"]:
         """Friction that trebles is the most that is plausible."""
         return 2.0 * np.array(friction_level(session, joint))
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [np.stack([run.direction[:, joint], run.motion.dq[:, joint]], axis=1) for run in session.runs]
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
+        return [
+            np.stack([run.direction[:, joint], run.motion.dq[:, joint]], axis=1)
+            for run in session.runs
+        ]
 
     def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Array,
+        covariance: Array,
     ) -> dict[str, Interval]:
         """The two changes, and their sum as a share of the friction at the joint's mean speed."""
         coulomb, viscous = friction_level(session, joint)
@@ -56,7 +74,9 @@ class FrictionChange(Effect):
             "friction_change": linear_interval(share, coefficients, covariance),
         }
 
-    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(
+        self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]
+    ) -> dict[str, Range]:
         if estimates["friction_change"].high < -1.0:
             return {"friction_change": Range(-1.0, np.inf, "friction would drive the joint")}
         return {}
@@ -71,7 +91,10 @@ class FrictionChange(Effect):
 
 
 class UnlistedChange(Effect):
-    """Torque that follows no law of the catalogue: piecewise linear in the angle, with a part odd in the direction."""
+    """Torque that follows no law of the catalogue.
+
+    Piecewise linear in the angle, with a part odd in the direction.
+    """
 
     id = UNLISTED
     summary = "torque differs over the joint's angle or direction, by no law of the catalogue"
@@ -86,7 +109,9 @@ class UnlistedChange(Effect):
         low, high = travel(session, joint)
         return (Variant(shape={"low_rad": low, "high_rad": high}),)
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+    def columns(
+        self, session: SessionContext, joint: int, variant: Variant
+    ) -> list[Float[Array, "T ..."]]:
         low = variant.shape["low_rad"]
         high = variant.shape["high_rad"]
         columns = []
@@ -97,19 +122,30 @@ class UnlistedChange(Effect):
         return columns
 
     def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Array,
+        covariance: Array,
     ) -> dict[str, Interval]:
         columns = np.concatenate(self.columns(session, joint, variant))
         power = columns.T @ columns / len(columns)
-        size = delta_interval(lambda c: np.sqrt(max(c @ power @ c, self.variance_floor)), coefficients, covariance)
+        size = delta_interval(
+            lambda c: np.sqrt(max(c @ power @ c, self.variance_floor)), coefficients, covariance
+        )
         return {"rms_Nm": size}
 
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
         size = estimates["rms_Nm"].words("N m")
-        return f"look at {where}: its torque differs by {size} (rms), as no law of the catalogue does"
+        return (
+            f"look at {where}: its torque differs by {size} (rms), as no law of the catalogue does"
+        )
 
 
 def _hats(place: Float[Array, " T"], points: int) -> Float[Array, "T p"]:
-    """Piecewise linear basis functions over [0, 1], each one at its own node and zero at all others."""
+    """Piecewise linear basis functions over [0, 1], each one at its own node and zero at all
+    others.
+    """
     at = np.clip(place, 0.0, 1.0)[:, None] * (points - 1)
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(at - np.arange(points))))

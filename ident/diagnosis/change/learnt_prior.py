@@ -1,16 +1,19 @@
-"""Empirical Bayes prior of the shared laws and of the URDF's error, and variance inflation of each joint's blocks.
+"""Empirical Bayes prior of the shared laws and of the URDF's error, and variance inflation of each
+joint's blocks.
 
-The baseline has hundreds of columns. At their largest plausible size they would explain whatever short recordings hold,
-and leave nothing of a change; but most arms have few of these laws. So each law g at each joint has a variance λ_g of
-its own, and the URDF's error has one:
+The baseline has hundreds of columns. At their largest plausible size they would explain whatever
+short recordings hold, and leave nothing of a change; but most arms have few of these laws. So each
+law g at each joint has a variance λ_g of its own, and the URDF's error has one:
 
     β_g ~ N(0, λ_g s_g²),    λ_g ← min(1, |μ_g / s_g|² / γ_g),    γ_g = k_g − tr Σ_gg / (λ_g s_g²),
 
-with s the largest plausible size of its k coefficients, μ and Σ their posterior. Every change, at one point of its
-grid, stands beside them with a variance of its own, so that a change does not enlarge a shared law. The variation of a
-joint's block scores beyond its whitened noise is an error of the noise model.
+with s the largest plausible size of its k coefficients, μ and Σ their posterior. Every change, at
+one point of its grid, stands beside them with a variance of its own, so that a change does not
+enlarge a shared law. The variation of a joint's block scores beyond its whitened noise is an error
+of the noise model.
 
-Source: MacKay 1992 (evidence framework, fixed point of the variances); Tipping 2001 (one variance a term).
+Source: MacKay 1992 (evidence framework, fixed point of the variances); Tipping 2001 (one variance a
+term).
 """
 
 from __future__ import annotations
@@ -36,8 +39,10 @@ def learn_prior(
 
     Args:
         evidence, prior: Block sums, and prior with the largest variances.
-        shared: Number of columns of each shared law, in the order of the baseline's further columns.
-        later: For each change its columns, and the prior information on them at its largest plausible size.
+        shared: Number of columns of each shared law, in the order of the baseline's further
+            columns.
+        later: For each change its columns, and the prior information on them at its largest
+            plausible size.
     """
     layout = evidence.layout
     gram = evidence.gram()
@@ -58,7 +63,9 @@ def learn_prior(
         whole = gram[np.ix_(at, at)].copy()
         whole[:rank, :rank] += prior.base / urdf
         diagonal = np.diag_indices(len(at))
-        ridge = RIDGE * np.diag(whole) + evidence.settings.noise_ridge * evidence.noise_power[at] + 1e-9
+        ridge = (
+            RIDGE * np.diag(whole) + evidence.settings.noise_ridge * evidence.noise_power[at] + 1e-9
+        )
         whole[diagonal] += ridge
         loose = information[kept[first:]]
         whole[np.arange(first, len(at)), np.arange(first, len(at))] += loose / variance[own]
@@ -71,13 +78,20 @@ def learn_prior(
         free = np.clip(np.maximum(square / freedom, PRIOR.shrink * variance), PRIOR.absent, 1.0)
         new = np.where(variance > PRIOR.absent, free, PRIOR.absent)
         links = max(rank - float(np.sum(spread[:rank, :rank] * prior.base)) / urdf, 1e-3 * rank)
-        error = float(np.clip(mean[:rank] @ prior.base @ mean[:rank] / links, PRIOR.least_urdf, 1.0))
-        converged = np.abs(np.log(new / variance)).max() < PRIOR.close and abs(np.log(error / urdf)) < PRIOR.close
+        error = float(
+            np.clip(mean[:rank] @ prior.base @ mean[:rank] / links, PRIOR.least_urdf, 1.0)
+        )
+        converged = (
+            np.abs(np.log(new / variance)).max() < PRIOR.close
+            and abs(np.log(error / urdf)) < PRIOR.close
+        )
         variance = new
         urdf = error
         if converged:
             break
-        kept = np.concatenate([np.arange(first), first + np.flatnonzero(variance[term[first:]] > PRIOR.absent)])
+        kept = np.concatenate(
+            [np.arange(first), first + np.flatnonzero(variance[term[first:]] > PRIOR.absent)]
+        )
     weights = np.zeros(layout.size + 1)
     weights[at] = -mean
     weights[-1] = 1.0
@@ -86,7 +100,9 @@ def learn_prior(
 
 
 def measure_block_dispersion(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:
-    """Variance inflation of each joint's block scores over whitened noise: the median over its columns, at least one.
+    """Variance inflation of each joint's block scores over whitened noise.
+
+    The median over its columns, at least one.
 
     Args:
         evidence: Block sums.

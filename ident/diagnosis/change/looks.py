@@ -43,7 +43,9 @@ class TwoSets:
         one_clock = self.sessions[1] <= 1
         sets = (self.before, self.after, self.arm)
         design = build_design(*sets, still=self.still, one_clock=one_clock, **options)
-        return replace(design, gain_uncertainty=self.gain_uncertainty, seed=self.seed, sessions=self.sessions)
+        return replace(
+            design, gain_uncertainty=self.gain_uncertainty, seed=self.seed, sessions=self.sessions
+        )
 
 
 def look_twice(sets: TwoSets, design: PairedDesign) -> ChangeSet:
@@ -78,5 +80,9 @@ def hidden_changes(design: PairedDesign) -> frozenset[Key]:
     keys = {group.key for group in groups if group.effect.id in OF_FRICTION and once[group.joint]}
     if any(group.effect.id == CARRIED for group in groups):
         last = len(once) - 1
-        keys |= {group.key for group in groups if group.effect.id == LinkInertialError.id and group.joint == last}
+        keys |= {
+            group.key
+            for group in groups
+            if group.effect.id == LinkInertialError.id and group.joint == last
+        }
     return frozenset(keys)

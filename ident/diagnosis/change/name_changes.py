@@ -76,7 +76,8 @@ def _with_gains_uncertain(told: Estimate, likely: ChangeSet) -> Estimate:
     known, _, _ = _body(told, likely, CERTAIN)
     free, coefficients, covariance = _body(told, likely, likely.design.gain_uncertainty)
     parameters = {
-        name: _wider_by_gains(interval, known[name], free[name]) for name, interval in told.parameters.items()
+        name: _wider_by_gains(interval, known[name], free[name])
+        for name, interval in told.parameters.items()
     }
     return replace(told, parameters=parameters, coefficients=coefficients, covariance=covariance)
 
@@ -84,7 +85,7 @@ def _with_gains_uncertain(told: Estimate, likely: ChangeSet) -> Estimate:
 def _body(
     told: Estimate, likely: ChangeSet, uncertainty: GainUncertainty
 ) -> tuple[dict[str, Interval], Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
-    """Parameters of a body, its coefficients and their covariance, gains as uncertain as is said."""
+    """Parameters of a body, its coefficients and their covariance, gains uncertain as is said."""
     group = told.refined
     evidence = likely.evidence
     design = likely.design

@@ -1,8 +1,10 @@
-"""The regression design of two sets of runs: a shared baseline, and the block sums of every candidate change.
+"""The regression design of two sets of runs.
 
-The baseline holds every law in all runs alike: hundreds of columns, of which short or slow recordings determine only
-some. Without a prior the others would fit the noise, and predict unseen runs badly: so each law's coefficients have a
-prior of their largest plausible size.
+A shared baseline, and the block sums of every candidate change.
+
+The baseline holds every law in all runs alike: hundreds of columns, of which short or slow
+recordings determine only some. Without a prior the others would fit the noise, and predict unseen
+runs badly: so each law's coefficients have a prior of their largest plausible size.
 """
 
 from __future__ import annotations
@@ -43,7 +45,8 @@ from ident.robot.arm import ArmModel
 class EarlierEstimates:
     """Variances that an earlier design estimated."""
 
-    spread: Float[Array, " n"]  # between-run standard deviation of each joint's friction, as a share
+    # Between-run standard deviation of each joint's friction, as a share.
+    spread: Float[Array, " n"]
     whitening: Whitening  # noise model
     held: tuple[float, ...]  # each joint's static friction [N m]
     dispersion: Float[Array, " n"]  # variance inflation of each joint's block scores
@@ -74,7 +77,11 @@ class PairedDesign:
     @cached_property
     def later_session(self) -> SessionContext:
         """The runs of the later set, in which changes act."""
-        runs = [run for run, is_later in zip(self.session.runs, self.sides.later, strict=True) if is_later]
+        runs = [
+            run
+            for run, is_later in zip(self.session.runs, self.sides.later, strict=True)
+            if is_later
+        ]
         return replace(self.session, runs=runs)
 
     @property
@@ -84,9 +91,16 @@ class PairedDesign:
 
     @cached_property
     def moves_once(self) -> Bool[Array, " n"]:
-        """Joints that move in one run of either side at most, so that their between-run variance is unknown."""
-        moves = np.array([run.motion.moving.sum(axis=0) >= LEAST_MOVING for run in self.session.runs])
-        return np.maximum(moves[self.sides.later].sum(axis=0), moves[~self.sides.later].sum(axis=0)) <= 1
+        """Joints that move in one run of either side at most, so that their between-run variance is
+        unknown.
+        """
+        moves = np.array(
+            [run.motion.moving.sum(axis=0) >= LEAST_MOVING for run in self.session.runs]
+        )
+        return (
+            np.maximum(moves[self.sides.later].sum(axis=0), moves[~self.sides.later].sum(axis=0))
+            <= 1
+        )
 
     @cached_property
     def permuted(self) -> PermutedSets:
@@ -108,11 +122,19 @@ def loose_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -
     return replace(Prior.of(sums.evidence, baseline.prior), further=1.0 / std**2)
 
 
-def _learnt_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -> tuple[Prior, Float[Array, " P"]]:
-    """The prior with estimated variances, every change beside it, and the residual weights of its model."""
+def _learnt_prior(
+    sums: PairedSums, session: SessionContext, baseline: Baseline
+) -> tuple[Prior, Float[Array, " P"]]:
+    """The prior with estimated variances, every change beside it, and the residual weights of its
+    model.
+    """
     scale = sums.evidence.scale
-    first = {group.key: group for group in reversed(sums.evidence.layout.groups) if not group.borrows}
-    sizes = [CHANGE.shared_laws * _largest(one, session) * scale[one.columns] for one in first.values()]
+    first = {
+        group.key: group for group in reversed(sums.evidence.layout.groups) if not group.borrows
+    }
+    sizes = [
+        CHANGE.shared_laws * _largest(one, session) * scale[one.columns] for one in first.values()
+    ]
     later = [(one.columns, size**-2.0) for one, size in zip(first.values(), sizes, strict=True)]
     widths = [len(group.columns) for group in sums.common]
     return learn_prior(sums.evidence, loose_prior(sums, session, baseline), widths, later)
@@ -141,23 +163,34 @@ def build_design(
     """
     swapped = len(after) > len(before)
     first, second = (after, before) if swapped else (before, after)
-    at_rest = [j for j in range(arm.n) if sum(motion.moving[:, j].sum() for motion in first) < LEAST_MOVING]
+    at_rest = [
+        j for j in range(arm.n) if sum(motion.moving[:, j].sum() for motion in first) < LEAST_MOVING
+    ]
     motions = [replace(motion, state_noise=None) for motion in (*first, *second)]
     later = (np.arange(len(motions)) >= len(first)) ^ swapped
     baseline = fit_baseline(first, arm, CHANGE.urdf_share, still=at_rest)
     session = build_session(baseline, motions, common_clock=False)
-    own = replace(session, runs=[run for run, is_later in zip(session.runs, later, strict=True) if is_later])
+    own = replace(
+        session, runs=[run for run, is_later in zip(session.runs, later, strict=True) if is_later]
+    )
     own = replace(own, common_clock=one_clock)
     if effects is None:
         unusual = unusual_torque(own, leftover_torque(own))
-        effects = tuple(optional.screened(one, own, unusual) if one.as_change.later_alone else one for one in CHANGES)
-    untestable, grids = find_grids(effects, lambda effect: own if effect.as_change.later_alone else session, points)
+        effects = tuple(
+            optional.screened(one, own, unusual) if one.as_change.later_alone else one
+            for one in CHANGES
+        )
+    untestable, grids = find_grids(
+        effects, lambda effect: own if effect.as_change.later_alone else session, points
+    )
     grids += finer
     grids += find_grids((HeldFriction(),), lambda _: session, points)[1]
     layout = layout_of(session, baseline.base.rank, grids, untestable)
     sides = partition_sides(session, later)
     whitening = None if earlier is None else earlier.whitening
-    both = gather(session, baseline, layout, whitening, sides.partition, alike=len(first), rest=True)
+    both = gather(
+        session, baseline, layout, whitening, sides.partition, alike=len(first), rest=True
+    )
     sums = pair_sums(both, sides, [variant for _, _, points in finer for variant in points])
     held = earlier.held if earlier else tuple(one.friction for one in sums.evidence.dwells)
     evidence = sums.evidence.with_held(held)
@@ -172,9 +205,13 @@ def build_design(
     sums = replace(sums, evidence=sums.evidence.with_run_spread(spread))
     dispersion = None if earlier is None else earlier.dispersion
     if dispersion is None:
-        dispersion = measure_block_dispersion(sums.evidence, _learnt_prior(sums, session, baseline)[1])
+        dispersion = measure_block_dispersion(
+            sums.evidence, _learnt_prior(sums, session, baseline)[1]
+        )
     sums = replace(sums, evidence=sums.evidence.with_dispersion(dispersion))
-    return PairedDesign(baseline, session, sides, sums, held, tuple(untestable), effects=effects, still=still)
+    return PairedDesign(
+        baseline, session, sides, sums, held, tuple(untestable), effects=effects, still=still
+    )
 
 
 def _spread(sums: PairedSums, sides: Sides, prior: Prior) -> Float[Array, " n"]:
@@ -194,7 +231,10 @@ def _spread(sums: PairedSums, sides: Sides, prior: Prior) -> Float[Array, " n"]:
 
 
 def _with_all(sums: PairedSums, prior: Prior) -> Projection:
-    """The model with every change that has a law, each at one grid point; friction may vary much."""
+    """The model with every change that has a law, each at one grid point.
+
+    Friction may vary much.
+    """
     evidence = sums.evidence
     evidence = evidence.with_run_spread(np.full(evidence.layout.n, evidence.settings.wide_spread))
     first = {group.key: group for group in reversed(evidence.layout.groups)}
@@ -203,7 +243,10 @@ def _with_all(sums: PairedSums, prior: Prior) -> Projection:
 
 
 def _largest(group: Group, session: SessionContext) -> Float[Array, " k"]:
-    """Largest plausible size of a law's coefficients; the joint's rated torque if the law has no prior."""
+    """Largest plausible size of a law's coefficients.
+
+    The joint's rated torque if the law has no prior.
+    """
     sizes = group.effect.prior_scale(session, group.joint, group.variant)
     if sizes is None:
         return np.full(len(group.columns), rated_torque(session, group.joint))

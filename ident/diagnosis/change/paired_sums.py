@@ -1,7 +1,9 @@
-"""Block sums of every candidate in all runs, and in the later set alone, from one pass over the recordings.
+"""Block sums of every candidate in all runs, and in the later set alone, from one pass over the
+recordings.
 
-A candidate's columns in all runs belong to the shared baseline; its columns in the later set alone are the change. A
-block lies in one set, so the sums of the second kind are those of the first with the earlier set's blocks set to zero.
+A candidate's columns in all runs belong to the shared baseline; its columns in the later set alone
+are the change. A block lies in one set, so the sums of the second kind are those of the first with
+the earlier set's blocks set to zero.
 """
 
 from __future__ import annotations
@@ -39,7 +41,9 @@ class Sides:
     @property
     def later_folds(self) -> Bool[Array, " F"]:
         folds = self.partition.folds
-        return np.array([bool(self.later_blocks[folds == fold].any()) for fold in range(int(folds.max()) + 1)])
+        return np.array(
+            [bool(self.later_blocks[folds == fold].any()) for fold in range(int(folds.max()) + 1)]
+        )
 
     @property
     def too_short(self) -> bool:
@@ -54,7 +58,9 @@ class Sides:
 
 
 def partition_sides(
-    session: SessionContext, later: Bool[Array, " R"], settings: RegressionSettings = USUAL_REGRESSION
+    session: SessionContext,
+    later: Bool[Array, " R"],
+    settings: RegressionSettings = USUAL_REGRESSION,
 ) -> Sides:
     """Cuts the runs of both sets, which follow each other, into blocks and folds.
 
@@ -76,7 +82,11 @@ def _folds(run_of_block: Int[Array, " B"], later: Bool[Array, " R"]) -> Int[Arra
     for side in (False, True):
         here = later[run_of_block] == side
         runs = run_of_block[here] - run_of_block[here].min()
-        dealt = runs % CHANGE.folds if runs.max() + 1 >= CHANGE.pieces else np.arange(len(runs)) % CHANGE.pieces
+        dealt = (
+            runs % CHANGE.folds
+            if runs.max() + 1 >= CHANGE.pieces
+            else np.arange(len(runs)) % CHANGE.pieces
+        )
         folds[here] = first + dealt
         first = int(folds[here].max()) + 1
     return folds
@@ -86,9 +96,11 @@ def _folds(run_of_block: Int[Array, " B"], later: Bool[Array, " R"]) -> Int[Arra
 class PairedSums:
     """Block sums of both kinds of columns."""
 
-    evidence: Evidence  # its layout's groups are the changes; the same effects in all runs are part of the baseline
+    # Its layout's groups are the changes; the same effects in all runs are part of the baseline.
+    evidence: Evidence
     always: Int[Array, " P"]  # for each column of a change, the same effect's column in all runs
-    common: tuple[Group, ...]  # effects whose columns in all runs are the baseline's further ones, in their order
+    # Effects whose columns in all runs are the baseline's further ones, in their order.
+    common: tuple[Group, ...]
 
 
 def pair_sums(evidence: Evidence, sides: Sides, finer: Sequence[Variant] = ()) -> PairedSums:
@@ -137,8 +149,13 @@ def pair_sums(evidence: Evidence, sides: Sides, finer: Sequence[Variant] = ()) -
     return PairedSums(_sums(evidence, layout, origin, split, sides), always, tuple(common))
 
 
-def _sums(evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: int, sides: Sides) -> Evidence:
-    """The sums in the new layout: those of a change's columns are zero in blocks of the earlier set."""
+def _sums(
+    evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: int, sides: Sides
+) -> Evidence:
+    """The sums in the new layout.
+
+    Those of a change's columns are zero in blocks of the earlier set.
+    """
     white: list[SymmetricSums] = []
     plain: list[SymmetricSums] = []
     friction: list[Array] = []

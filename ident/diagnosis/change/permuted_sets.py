@@ -1,17 +1,19 @@
 """Null distribution of a change's gain, by permutation of the recordings' own runs.
 
-No model of a real arm is complete. Its residuals differ with each run's motion, and some law explains that difference
-between two sets of few runs. So the runs are permuted into two other sets that each hold half of either side: any
-change is then the same in both, and a law's gain is due to noise and model error alone. With k columns and noise of the
-modelled size it would be k. A law's mean gain a column, s², estimates its null variance with f degrees of freedom. With
-few permutations that is uncertain, so it is shrunk towards that of all laws at the same joint,
+No model of a real arm is complete. Its residuals differ with each run's motion, and some law
+explains that difference between two sets of few runs. So the runs are permuted into two other sets
+that each hold half of either side: any change is then the same in both, and a law's gain is due to
+noise and model error alone. With k columns and noise of the modelled size it would be k. A law's
+mean gain a column, s², estimates its null variance with f degrees of freedom. With few permutations
+that is uncertain, so it is shrunk towards that of all laws at the same joint,
 
     c = (f₀ s₀² + f s²) / (f₀ + f),
 
-with s₀² and f₀ fitted to them as a scaled inverse χ² distribution. A change's gain is divided by c, with f₀ + f degrees
-of freedom. If the model is right c is near one, and no power is lost.
+with s₀² and f₀ fitted to them as a scaled inverse χ² distribution. A change's gain is divided by c,
+with f₀ + f degrees of freedom. If the model is right c is near one, and no power is lost.
 
-Source: Fisher 1935 (permutation tests); Smyth 2004 (moderated variances, and how their prior is fitted).
+Source: Fisher 1935 (permutation tests); Smyth 2004 (moderated variances, and how their prior is
+fitted).
 """
 
 from __future__ import annotations
@@ -48,7 +50,8 @@ class PermutedSets:
     sums: PairedSums  # the sums of both sides
     parts: tuple[Float[Array, "K p p"], ...]  # for each joint, its whitened sums over each part
     whole: Float[Array, "P P"]  # all joints' sums over all parts
-    permutations: tuple[Int[Array, " h"], ...]  # for each permutation the parts that form the later set
+    # For each permutation the parts that form the later set.
+    permutations: tuple[Int[Array, " h"], ...]
     freedom: int  # number of parts, less the two sides' means
 
     @classmethod
@@ -71,10 +74,14 @@ class PermutedSets:
             whole[np.ix_(local, local)] += parts[j].sum(axis=0)
         return cls(sums, tuple(parts), whole, _draw_permutations(later, seed), len(members) - 2)
 
-    def nulls(self, joint: int, prior: Prior, names: Sequence[Group]) -> dict[Key | None, NullVariance]:
-        """Null variance of each law of one joint's rows, or of several joints' (-1), by the law's key.
+    def nulls(
+        self, joint: int, prior: Prior, names: Sequence[Group]
+    ) -> dict[Key | None, NullVariance]:
+        """Null variance of each law of one joint's rows, or of several joints' (-1), by the law's
+        key.
 
-        The key None has that of a law whose columns are not visible: the prior fitted to all of them.
+        The key None has that of a law whose columns are not visible: the prior fitted to all of
+        them.
 
         Args:
             joint: Index of the joint, or -1.
@@ -83,17 +90,22 @@ class PermutedSets:
         permuted = self._permuted_laws(joint)
         evidence = self.sums.evidence
         layout = self.sums.evidence.layout
-        inside = np.concatenate([np.arange(layout.tuned), *(one.columns for one in names)]).astype(int)
+        inside = np.concatenate([np.arange(layout.tuned), *(one.columns for one in names)]).astype(
+            int
+        )
         information = self.whole[np.ix_(inside, inside)].copy()
         prior.add_to(information, layout)
         information[np.diag_indices(len(inside))] += ridge_of(self.whole, evidence, inside)
         factor = factorise(information)
-        # Another window of a push that is in the model explains what that leaves of the push itself.
+        # Another window of a push that is in the model explains what that leaves of the push
+        # itself.
         events = {one.key: one.variant.shape for one in names if one.effect.event}
         laws = [
             (key, places)
             for key, shape, places in permuted.laws
-            if key not in events or shape["end_s"] < events[key]["start_s"] or shape["start_s"] > events[key]["end_s"]
+            if key not in events
+            or shape["end_s"] < events[key]["start_s"]
+            or shape["start_s"] > events[key]["end_s"]
         ]
         gains: dict[Key, list[tuple[float, int]]] = {}
         for across, own in permuted.sums:
@@ -111,11 +123,17 @@ class PermutedSets:
                     gain = float(rest[at, -1] @ factorise(matrix).solve(rest[at, -1]))
                     gains.setdefault(key, []).append((gain / len(at), len(at)))
         keys = list(gains)
-        squares = np.array([max(float(np.mean([gain for gain, _ in gains[key]])), PERMUTED.least) for key in keys])
+        squares = np.array(
+            [max(float(np.mean([gain for gain, _ in gains[key]])), PERMUTED.least) for key in keys]
+        )
         many = min(len(self.permutations), self.freedom)
-        freedom = many * np.array([float(np.mean([width for _, width in gains[key]])) for key in keys])
+        freedom = many * np.array(
+            [float(np.mean([width for _, width in gains[key]])) for key in keys]
+        )
         usual = fit_scaled_f(squares, freedom)
-        found: dict[Key | None, NullVariance] = {None: NullVariance(max(1.0, usual.ratio), usual.freedom)}
+        found: dict[Key | None, NullVariance] = {
+            None: NullVariance(max(1.0, usual.ratio), usual.freedom)
+        }
         for key, square, own in zip(keys, squares, freedom, strict=True):
             total = usual.freedom + float(own)
             ratio = (usual.freedom * usual.ratio + float(own * square)) / total
@@ -127,7 +145,9 @@ class PermutedSets:
         return {}
 
     def _permuted_laws(self, joint: int) -> _PermutedLaws:
-        """Sums of all laws of a joint's rows alone, or of several joints' rows (-1), in each permutation."""
+        """Sums of all laws of a joint's rows alone, or of several joints' rows (-1), in each
+        permutation.
+        """
         if joint not in self._cache:
             layout = self.sums.evidence.layout
             always = self.sums.always
@@ -138,8 +158,12 @@ class PermutedSets:
             for permutation in self.permutations:
                 across = np.zeros((layout.size + 1, len(columns) + 1))
                 own = np.zeros((len(columns) + 1,) * 2)
-                for parts, local, places in zip(self.parts, layout.local, layout.places, strict=True):
-                    there = np.array([k for k, column in enumerate(columns) if int(column) in places], dtype=int)
+                for parts, local, places in zip(
+                    self.parts, layout.local, layout.places, strict=True
+                ):
+                    there = np.array(
+                        [k for k, column in enumerate(columns) if int(column) in places], dtype=int
+                    )
                     if len(there):
                         source = np.array([places[int(always[columns[k]])] for k in there])
                         here = parts[permutation].sum(axis=0)
@@ -150,7 +174,9 @@ class PermutedSets:
                 own[-1, -1] = self.whole[-1, -1]
                 own[-1, :-1] = own[:-1, -1]
                 found.append((across, own))
-            at = [(one.key, one.variant.shape, np.searchsorted(columns, one.columns)) for one in laws]
+            at = [
+                (one.key, one.variant.shape, np.searchsorted(columns, one.columns)) for one in laws
+            ]
             self._cache[joint] = _PermutedLaws(columns, tuple(at), tuple(found))
         return self._cache[joint]
 
@@ -161,7 +187,8 @@ class _PermutedLaws(NamedTuple):
     columns: Int[Array, " c"]  # columns of all laws
     # For each law its key, the shape of its variant, and the indices of its columns.
     laws: tuple[tuple[Key, Mapping[str, float], Int[Array, " k"]], ...]
-    sums: tuple[tuple[Float[Array, "P c"], Float[Array, "c c"]], ...]  # by permutation: with all columns, with these
+    # By permutation: with all columns, with these.
+    sums: tuple[tuple[Float[Array, "P c"], Float[Array, "c c"]], ...]
 
 
 def joint_of(group: Group) -> int:
@@ -184,9 +211,15 @@ def parts_of(sides: Sides) -> Int[Array, " B"]:
 
 
 def _draw_permutations(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, " h"], ...]:
-    """Sets that hold half of the parts of each side; no set twice, nor the complement of another."""
+    """Sets that hold half of the parts of each side.
+
+    No set twice, nor the complement of another.
+    """
     sides = [np.flatnonzero(later == side) for side in (False, True)]
-    halves = [list(itertools.combinations(some.tolist(), (len(some) + up) // 2)) for up, some in enumerate(sides)]
+    halves = [
+        list(itertools.combinations(some.tolist(), (len(some) + up) // 2))
+        for up, some in enumerate(sides)
+    ]
     rng = np.random.default_rng(seed)
     every = frozenset(range(len(later)))
     found: dict[tuple[int, ...], frozenset[int]] = {}
@@ -199,14 +232,20 @@ def _draw_permutations(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, 
 
 
 def fit_scaled_f(squares: Float[Array, " k"], freedom: Float[Array, " k"]) -> NullVariance:
-    """Scale and degrees of freedom of a scaled inverse χ² prior of variances, by the moments of their logarithms."""
+    """Scale and degrees of freedom of a scaled inverse χ² prior of variances, by the moments of
+    their logarithms.
+    """
     if len(squares) < 3:
-        return NullVariance(max(1.0, float(np.mean(squares)) if len(squares) else 1.0), PERMUTED.prior_freedom)
+        return NullVariance(
+            max(1.0, float(np.mean(squares)) if len(squares) else 1.0), PERMUTED.prior_freedom
+        )
     logs = np.log(squares) - digamma(freedom / 2.0) + np.log(freedom / 2.0)
     mean = float(logs.mean())
     beyond = float(logs.var(ddof=1) - np.mean(polygamma(1, freedom / 2.0)))
     if beyond <= float(polygamma(1, 0.5 * PERMUTED.most_freedom)):
         half = 0.5 * PERMUTED.most_freedom
     else:
-        half = float(brentq(lambda x: float(polygamma(1, x)) - beyond, 1e-3, 0.5 * PERMUTED.most_freedom))
+        half = float(
+            brentq(lambda x: float(polygamma(1, x)) - beyond, 1e-3, 0.5 * PERMUTED.most_freedom)
+        )
     return NullVariance(float(np.exp(mean + digamma(half) - np.log(half))), 2.0 * half)

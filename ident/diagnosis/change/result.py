@@ -1,4 +1,7 @@
-"""Records of a comparison (`ident.comparison/1`): what changed, at which joint, by how much; or why there are none."""
+"""Records of a comparison (`ident.comparison/1`).
+
+What changed, at which joint, by how much; or why there are none.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,10 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class ArmChange(ReportedEffect):
-    """A change with its evidence; parameters are after minus before, errors are those of the later set."""
+    """A change with its evidence.
+
+    Parameters are after minus before, errors are those of the later set.
+    """
 
     p_value: float  # of the change, corrected for the number of tests
     log_score: tuple[float, float]  # gain on held-out runs with its standard error [nats]
@@ -44,9 +50,15 @@ class ArmChange(ReportedEffect):
 
     @property
     def action(self) -> str:
-        """What a person at the cell can do about it, with the other joints where it may be, and a load if it may be."""
+        """What a person at the cell can do about it, with the other joints where it may be, and a
+        load if it may be.
+        """
         carried = self.effect != CARRIED and any(effect == CARRIED for effect, _ in self.elsewhere)
-        return f"{super().action}; or is it the tool? these recordings can't tell" if carried else super().action
+        return (
+            f"{super().action}; or is it the tool? these recordings can't tell"
+            if carried
+            else super().action
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Its record, for JSON."""
@@ -79,19 +91,28 @@ class ArmComparison(Result):
     sides: tuple[Side, Side] = (Side(), Side())  # the earlier and the later set
     telemetry: tuple[TelemetryIssue, ...] = ()  # issues of the telemetry checks of both
     changes: tuple[ArmChange, ...] = ()  # changes, in the order of the torque that they explain
-    rms_before: dict[str, float] = field(default_factory=dict)  # held-out error of the later set, no change [N m]
-    rms_after: dict[str, float] = field(default_factory=dict)  # held-out error of the later set, with changes [N m]
+    # Held-out error of the later set, no change [N m].
+    rms_before: dict[str, float] = field(default_factory=dict)
+    # Held-out error of the later set, with changes [N m].
+    rms_after: dict[str, float] = field(default_factory=dict)
     noise: dict[str, float] = field(default_factory=dict)  # floor of each joint's error [N m]
-    run_spread: dict[str, float] = field(default_factory=dict)  # between-run variation of friction, as a share
-    not_testable: tuple[NotTestable, ...] = ()  # effects that these recordings cannot show, with the reason
+    # Between-run variation of friction, as a share.
+    run_spread: dict[str, float] = field(default_factory=dict)
+    not_testable: tuple[
+        NotTestable, ...
+    ] = ()  # effects that these recordings cannot show, with the reason
     reservations: tuple[Reservation, ...] = ()  # rejected changes, with the reason
     cutoff: float = np.nan  # corner of the common filter [Hz]; NaN where nothing was filtered
     still: tuple[StaticJoint, ...] = ()  # joints that stood still in one of the sets
     risen: tuple[RisenResidual, ...] = ()  # joints whose residual rose by no law
-    unforetold: tuple[ForetoldJoint, ...] = ()  # joints of which one set's model does not foretell the other
+    unforetold: tuple[
+        ForetoldJoint, ...
+    ] = ()  # joints of which one set's model does not foretell the other
     used: tuple[SamplesUsed, ...] = ()  # use of each joint's samples
     slides: tuple[str, ...] = ()  # prismatic joints: units are N and m, whatever a key's name says
-    told: ToldChanges | None = None  # what the changes were told from; None where nothing was compared
+    told: ToldChanges | None = (
+        None  # what the changes were told from; None where nothing was compared
+    )
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -104,7 +125,11 @@ class ArmComparison(Result):
             "telemetry": [issue.to_dict() for issue in self.telemetry],
             "verdict": self.verdict,
             "changes": [change.to_dict() for change in self.changes],
-            "heldout": {"rms_before_Nm": self.rms_before, "rms_after_Nm": self.rms_after, "noise_Nm": self.noise},
+            "heldout": {
+                "rms_before_Nm": self.rms_before,
+                "rms_after_Nm": self.rms_after,
+                "noise_Nm": self.noise,
+            },
             "friction_run_spread": self.run_spread,
             "samples_used": [one.to_dict() for one in self.used],
             "not_testable": [one.to_dict(self.joints) for one in self.not_testable],

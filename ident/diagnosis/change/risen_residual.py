@@ -1,16 +1,18 @@
 """Residuals that rose between two sets, by no law: vibration, a bearing, a loose cable.
 
-A law's test asks whether torque follows a function of the motion; what shakes follows none. Here the mean square of
-what a model leaves of each joint is compared, later set over earlier. With l_p the logarithm of part p's, δ_j the
-difference of their means over the sets' parts and s_j its standard deviation from their scatter within the sets, that
-of the joint or of all, whichever is more,
+A law's test asks whether torque follows a function of the motion; what shakes follows none. Here
+the mean square of what a model leaves of each joint is compared, later set over earlier. With l_p
+the logarithm of part p's, δ_j the difference of their means over the sets' parts and s_j its
+standard deviation from their scatter within the sets, that of the joint or of all, whichever is
+more,
 
     t_j = (δ_j − median δ) / √(s_j² + τ²),
 
-where τ is the robust scatter of the δ of all joints: sets whose motions differ leave different residuals everywhere,
-and no such difference is a joint's own.
+where τ is the robust scatter of the δ of all joints: sets whose motions differ leave different
+residuals everywhere, and no such difference is a joint's own.
 
-Source: Bartlett and Kendall 1946 (log variances are compared as means); Rousseeuw and Croux 1993 (scale by medians).
+Source: Bartlett and Kendall 1946 (log variances are compared as means); Rousseeuw and Croux 1993
+(scale by medians).
 """
 
 from __future__ import annotations
@@ -52,7 +54,8 @@ def find_risen(
     """The joints whose residual rose significantly beside what the others' did.
 
     Args:
-        squares, rows: What a model leaves of each joint's rows in each block, in squares of the noise; their number.
+        squares, rows: What a model leaves of each joint's rows in each block, in squares of the
+            noise; their number.
         part, later: Part of its set and set of each block.
         joints: Names of the joints.
     """
@@ -61,14 +64,17 @@ def find_risen(
         return ()
     total = np.stack([squares[:, part == one].sum(axis=1) for one in range(int(part.max()) + 1)])
     count = np.stack([rows[part == one].sum(axis=0) for one in range(int(part.max()) + 1)])
-    seen = np.flatnonzero((count >= CHANGE.least_rows).all(axis=0) & (total > 0.0).all(axis=0)).tolist()
+    seen = np.flatnonzero(
+        (count >= CHANGE.least_rows).all(axis=0) & (total > 0.0).all(axis=0)
+    ).tolist()
     if not seen:
         return ()
     before, after = (np.log(total[own][:, seen] / count[own][:, seen]) for own in sets)
     freedom = len(before) + len(after) - 2
     rise = after.mean(axis=0) - before.mean(axis=0)
     within = (len(before) * before.var(axis=0) + len(after) * after.var(axis=0)) / freedom
-    within = np.maximum(within, within.mean())  # a few parts alone tell no variance: that of all joints is one
+    # A few parts alone tell no variance: that of all joints is one.
+    within = np.maximum(within, within.mean())
     freedom *= len(seen)
     scatter = np.hypot(median_abs_deviation(rise, scale="normal"), CHANGE.usual_rise)
     error = np.sqrt(within * (1.0 / len(before) + 1.0 / len(after)) + scatter**2)

@@ -1,6 +1,7 @@
 """Use of each joint's samples in a comparison, and joints that stand still in one of two sets.
 
-At rest dry friction balances any torque up to its level: of such a joint only torque beyond that is evidence.
+At rest dry friction balances any torque up to its level: of such a joint only torque beyond that is
+evidence.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ WHEN = {(True, False): "before", (False, True): "after", (True, True): "before a
 
 @dataclass(frozen=True)
 class StaticJoint:
-    """A joint that stands still in one of the sets, so that only torque beyond its static friction is evidence."""
+    """A joint that stands still in one of the sets, so that only torque beyond its static friction
+    is evidence.
+    """
 
     joint: int  # its index
     name: str  # its name
@@ -48,7 +51,9 @@ class SamplesUsed:
     in_motion: float  # samples in steady motion: each is a row
     at_rest: float  # samples in holds: each hold is one observation within static friction
     holds: int  # number of holds
-    turning: float  # samples near a stop or a reversal: each such stretch is one observation within static friction
+    # Samples near a stop or a reversal: each such stretch is one observation within static
+    # friction.
+    turning: float
 
     @property
     def left_out(self) -> float:
@@ -70,19 +75,35 @@ def count_samples(motions: Sequence[Motion]) -> tuple[SamplesUsed, ...]:
     moving = sum(motion.settled.sum(axis=0) for motion in motions) / total
     found = []
     for j, name in enumerate(motions[0].joints):
-        holds, turns = ([one for motion in motions for one in find(motion)[j]] for find in (find_holds, find_turns))
-        rest, turning = (sum(one.stop - one.start for one in some) / total for some in (holds, turns))
+        holds, turns = (
+            [one for motion in motions for one in find(motion)[j]]
+            for find in (find_holds, find_turns)
+        )
+        rest, turning = (
+            sum(one.stop - one.start for one in some) / total for some in (holds, turns)
+        )
         found.append(SamplesUsed(name, float(moving[j]), rest, len(holds), turning))
     return tuple(found)
 
 
-def find_static_joints(before: Sequence[Motion], after: Sequence[Motion]) -> tuple[StaticJoint, ...]:
+def find_static_joints(
+    before: Sequence[Motion], after: Sequence[Motion]
+) -> tuple[StaticJoint, ...]:
     """Joints that hardly move in one of two sets of runs."""
-    still = np.array([sum(motion.moving.sum(axis=0) for motion in side) < LEAST_MOVING for side in (before, after)])
+    still = np.array(
+        [
+            sum(motion.moving.sum(axis=0) for motion in side) < LEAST_MOVING
+            for side in (before, after)
+        ]
+    )
     found = []
     for j in np.flatnonzero(still.any(axis=0)):
-        sides = [side for side, at_rest in zip((before, after), still[:, j], strict=True) if at_rest]
-        travel = min(float(np.ptp(np.concatenate([motion.q[:, j] for motion in side]))) for side in sides)
+        sides = [
+            side for side, at_rest in zip((before, after), still[:, j], strict=True) if at_rest
+        ]
+        travel = min(
+            float(np.ptp(np.concatenate([motion.q[:, j] for motion in side]))) for side in sides
+        )
         when = WHEN[bool(still[0, j]), bool(still[1, j])]
         found.append(StaticJoint(int(j), before[0].joints[j], when, travel >= LEAST_TRAVEL))
     return tuple(found)
