@@ -34,8 +34,9 @@ NARROW = (
     *("ident/model", "ident/monitor", "ident/motion", "ident/recordings", "ident/regression"),
     *("ident/inference", "ident/robot", "ident/simulation"),
     *("ident/trajectories", "tests/house"),
-    *("ident/diagnosis/change", "ident/diagnosis/gap", "ident/schemas"),
+    *("ident/diagnosis/change", "ident/diagnosis/gap", "ident/schemas", "ident/show/timeline"),
     *("plan/dynamics", "plan/experiment", "plan/geometry", "plan/initial", "plan/paper"),
+    *("plan/problem", "plan/show"),
 )
 # Folders of no more syntax nodes a code line than plain code has; the list may only grow.
 PLAIN = (

@@ -1,8 +1,9 @@
 """Controllers: what each is sent, and the curve that it makes of that, which is not the plan's own.
 
-A controller gets points and joins them in its own way. So a plan is first put on the controller's step: a clamped
-cubic spline again, with its knots where the controller takes points. What the controller then does with the rounded
-numbers is a curve of cubic sections, too, and it is that curve of which the certificate speaks.
+A controller gets points and joins them in its own way. So a plan is first put on the controller's
+step: a clamped cubic spline again, with its knots where the controller takes points. What the
+controller then does with the rounded numbers is a curve of cubic sections, too, and it is that
+curve of which the certificate speaks.
 """
 
 from __future__ import annotations
@@ -57,14 +58,16 @@ class Controller:
         return _is_named(self.arms, arm)
 
     def put_on_step(self, splines: Splines, law: TimeLaw) -> Splines:
-        """The first of a batch of plans as it is executed, its knots where the controller takes points.
+        """The first of a batch of plans as it is executed, its knots where the controller takes
+        points.
 
         Args:
             splines: The plan.
             law: Its ramps, and by how much it is slowed down for them.
 
         Returns:
-            A clamped spline through the same positions; longer by less than a step, so that it ends on one.
+            A clamped spline through the same positions; longer by less than a step, so that it ends
+            on one.
         """
         total = law.duration
         whole = self.whole(total)
@@ -75,7 +78,11 @@ class Controller:
             count = max(int(whole / max(RAMPED_S, self.step_s)), 1)
             times = whole * np.arange(count + 1) / count
         else:
-            times = np.concatenate([[0.0], np.cumsum(splines.durations[0])]) * law.stretch * (whole / total)
+            times = (
+                np.concatenate([[0.0], np.cumsum(splines.durations[0])])
+                * law.stretch
+                * (whole / total)
+            )
         more = whole - np.array(self.before_end_s)
         times = np.append(times, more[more > 0.0])
         times = np.unique(np.round(times / self.stamp_s)) * self.stamp_s
@@ -93,7 +100,8 @@ class Controller:
         return max(int(whole / self.step_s + NEARLY), 1)
 
     def knots_on_step(self, knots: Float[Array, " K"], total: float) -> Float[Array, " k"]:
-        """The nearest shares of a duration at which a spline may have its knots, so that the step keeps it as it is.
+        """The nearest shares of a duration at which a spline may have its knots, so that the step
+        keeps it as it is.
 
         Args:
             knots: Shares, from 0 to 1.
@@ -102,8 +110,12 @@ class Controller:
         count = self.sections(total) if self.points == "even" else round(total / self.stamp_s)
         return np.asarray(np.unique(np.round(knots * count)) / count)
 
-    def sent(self, splines: Splines) -> tuple[Float[Array, " K"], Float[Array, "K n"], Float[Array, "K n"]]:
-        """Times, positions and velocities of a plan on this step, as rounded as they are written [s, rad, rad/s]."""
+    def sent(
+        self, splines: Splines
+    ) -> tuple[Float[Array, " K"], Float[Array, "K n"], Float[Array, "K n"]]:
+        """Times, positions and velocities of a plan on this step, as rounded as they are written
+        [s, rad, rad/s].
+        """
         knots = np.concatenate([[0.0], np.cumsum(splines.durations[0])])
         if self.curve == "servo":
             count = round(knots[-1] / self.tick_s)
@@ -121,7 +133,9 @@ class Controller:
         return np.asarray(np.round(values * unit, self.digits) / unit)
 
     def make_curve(self, splines: Splines) -> Splines:
-        """What the controller makes of a plan on its step, as cubic sections with velocities of their own."""
+        """What the controller makes of a plan on its step, as cubic sections with velocities of
+        their own.
+        """
         times, q, dq = self.sent(splines)
         if self.curve == "servo":
             return _smoothed(q, self.tick_s)
@@ -131,9 +145,12 @@ class Controller:
 
 
 def _smoothed(q: Float[Array, "K n"], tick: float) -> Splines:
-    """Positions joined by straight lines, and that averaged over one tick: sections of steady acceleration.
+    """Positions joined by straight lines, and that averaged over one tick.
 
-    Its knots lie in the middle between two positions, where it goes as fast as the line between them.
+    Sections of steady acceleration.
+
+    Its knots lie in the middle between two positions, where it goes as fast as the line between
+    them.
     """
     middles = (q[1:] + q[:-1]) / 2.0
     slopes = np.diff(q, axis=0) / tick
@@ -143,7 +160,9 @@ def _smoothed(q: Float[Array, "K n"], tick: float) -> Splines:
     return Splines(points[None], np.full((1, len(q)), tick), velocities[None])
 
 
-def _stepped_speeds(times: Float[Array, " K"], q: Float[Array, "K n"], dq: Float[Array, "K n"], tick: float) -> Splines:
+def _stepped_speeds(
+    times: Float[Array, " K"], q: Float[Array, "K n"], dq: Float[Array, "K n"], tick: float
+) -> Splines:
     """Velocity on the cubic of each section at its ticks, and a straight line between them.
 
     A section's cubic begins where the arm has come to, so what the lines miss does not add up.
@@ -154,7 +173,9 @@ def _stepped_speeds(times: Float[Array, " K"], q: Float[Array, "K n"], dq: Float
     for k in range(len(times) - 1):
         length = times[k + 1] - times[k]
         steps = round(length / tick)
-        cubic = Splines(np.stack([place, q[k + 1]])[None], np.array([[length]]), dq[None, k : k + 2])
+        cubic = Splines(
+            np.stack([place, q[k + 1]])[None], np.array([[length]]), dq[None, k : k + 2]
+        )
         speed = cubic.at(length * np.arange(1, steps + 1) / steps)[1]
         speed[-1] = dq[k + 1]
         before = np.concatenate([dq[k : k + 1], speed[:-1]])
@@ -176,7 +197,8 @@ def load_controllers() -> tuple[Controller, ...]:
 
 
 def choose_controller(name: str | None, out: Path | None, arm: ArmModel) -> Controller | None:
-    """The controller that is named, or the first of the arm whose file ends as the one that is asked for.
+    """The controller that is named, or the first of the arm whose file ends as the one that is
+    asked for.
 
     Args:
         name: Its name; None where it is not given.
@@ -194,11 +216,19 @@ def choose_controller(name: str | None, out: Path | None, arm: ArmModel) -> Cont
     if name is None:
         if suffix is None or suffix in SAMPLED:
             return None
-        ours = [controller for controller in known if controller.suffix == suffix and controller.fits(arm)]
+        ours = [
+            controller
+            for controller in known
+            if controller.suffix == suffix and controller.fits(arm)
+        ]
         if ours:
             return ours[0]
         named = sorted({controller.name for controller in known if controller.suffix == suffix})
-        what = f"{out.name!r} is a file of {' or '.join(named)}, the robot is {arm.name!r}" if out else ""
+        what = (
+            f"{out.name!r} is a file of {' or '.join(named)}, the robot is {arm.name!r}"
+            if out
+            else ""
+        )
         raise InputError("--out", what, f"end it in one of: {', '.join(_suffixes(arm))}")
     chosen = next((controller for controller in known if controller.name == name), None)
     if chosen is None:

@@ -120,8 +120,14 @@ class CycleResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The record of `plan.cycle/1`."""
-        stops = [{"q_rad": stop.q.tolist(), "dwell_s": stop.dwell, "does": stop.does} for stop in self.stops]
-        motions = [{**leg.plan.to_dict(), "slowed_torque_share": leg.slowed_torque_share} for leg in self.legs]
+        stops = [
+            {"q_rad": stop.q.tolist(), "dwell_s": stop.dwell, "does": stop.does}
+            for stop in self.stops
+        ]
+        motions = [
+            {**leg.plan.to_dict(), "slowed_torque_share": leg.slowed_torque_share}
+            for leg in self.legs
+        ]
         return {
             "schema": SCHEMA,
             "status": self.status,

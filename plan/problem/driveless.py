@@ -1,4 +1,7 @@
-"""Joints without a drive, as a mobile base's in an arm's URDF: they are held, and the task is the other joints'."""
+"""Joints without a drive, as a mobile base's in an arm's URDF.
+
+They are held, and the task is the other joints'.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ def lacks_drive(arm: ArmModel) -> Bool[Array, " n"]:
 
 
 def is_the_driven(count: int, arm: ArmModel) -> bool:
-    """Whether so many angles are those of the joints with a drive, the others being the arm's base."""
+    """Whether so many angles are those of the driven joints, the others being the arm's base."""
     without = lacks_drive(arm)
     base = int(without.sum())
     return base > 0 and count == arm.n - base and bool(without[:base].all())
@@ -32,8 +35,8 @@ def is_the_driven(count: int, arm: ArmModel) -> bool:
 def hold_driveless(task: Task, arm: ArmModel) -> Task:
     """The task of the joints that have a drive, the others held where they stand.
 
-    Joints without a drive are held where the task does not move them, nor says what they may do; or at their neutral
-    position, where it gives as many angles as there are joints with a drive.
+    Joints without a drive are held where the task does not move them, nor says what they may do; or
+    at their neutral position, where it gives as many angles as there are joints with a drive.
     """
     without = lacks_drive(arm)
     if not without.any() or without.all():
@@ -47,9 +50,16 @@ def hold_driveless(task: Task, arm: ArmModel) -> Task:
     if not np.all(ends[:, without] == task.start[without]) or task.taught is not None:
         return task
     driven = ~without
-    changes = {name: values[driven] for name in OF_JOINTS if (values := getattr(task, name)) is not None}
+    changes = {
+        name: values[driven] for name in OF_JOINTS if (values := getattr(task, name)) is not None
+    }
     held = dict(zip(names, task.start[without].tolist(), strict=True))
     others = tuple(goal[driven] for goal in task.others)
     stops = tuple(replace(stop, q=stop.q[driven]) for stop in task.stops)
-    changes |= {"start": task.start[driven], "goal": task.goal[driven], "others": others, "stops": stops}
+    changes |= {
+        "start": task.start[driven],
+        "goal": task.goal[driven],
+        "others": others,
+        "stops": stops,
+    }
     return replace(task, held=held, **changes)

@@ -1,9 +1,10 @@
 """A plan as a controller takes it: points at its step, or sampled at a rate, from rest to rest.
 
-A clamped cubic spline starts with an acceleration, which no drive can have at once. So the plan is begun and ended a
-little slower, on the same path: position, velocity and acceleration start at rest, and the jerk is bounded everywhere.
-Where torque, speed or acceleration would pass a limit on the way, the whole motion is slowed down until none does; the
-certificate looks at the motion as it is executed.
+A clamped cubic spline starts with an acceleration, which no drive can have at once. So the plan is
+begun and ended a little slower, on the same path: position, velocity and acceleration start at
+rest, and the jerk is bounded everywhere. Where torque, speed or acceleration would pass a limit on
+the way, the whole motion is slowed down until none does; the certificate looks at the motion as it
+is executed.
 """
 
 from __future__ import annotations
@@ -75,7 +76,10 @@ class Execution:
         return pa.table(columns).replace_schema_metadata(WRITER)
 
     def yaml(self) -> str:
-        """The message `trajectory_msgs/JointTrajectory` of ROS 2: accelerations stay empty, so that cubics are made."""
+        """The message `trajectory_msgs/JointTrajectory` of ROS 2.
+
+        Accelerations stay empty, so that cubics are made.
+        """
         lines = [
             "# written by armgap",
             *self._says(),
@@ -93,12 +97,19 @@ class Execution:
         return "\n".join(lines) + "\n"
 
     def tmscript(self) -> str:
-        """Techman's PVT commands: angles [deg], speeds [deg/s] and duration [s] of each section; it starts at rest."""
+        """Techman's PVT commands.
+
+        Angles [deg], speeds [deg/s] and duration [s] of each section; it starts at rest.
+        """
         assert self.controller is not None
         digits = self.controller.digits
         lines = ["PVTEnter(0)"]
         for k in range(1, len(self.times)):
-            numbers = [*np.degrees(self.q[k]), *np.degrees(self.dq[k]), self.times[k] - self.times[k - 1]]
+            numbers = [
+                *np.degrees(self.q[k]),
+                *np.degrees(self.dq[k]),
+                self.times[k] - self.times[k - 1],
+            ]
             lines.append(f"PVTPoint({','.join(_fixed(value, digits) for value in numbers)})")
         return "\n".join([*lines, "PVTExit()"]) + "\n"
 
@@ -107,7 +118,8 @@ class Execution:
         controller = self.controller
         assert controller is not None
         lines = ["# written by armgap", *self._says(), "def armgap_motion():"]
-        rest = f"t={controller.tick_s:g}, lookahead_time={controller.lookahead_s:g}, gain={controller.gain}"
+        tick = f"t={controller.tick_s:g}"
+        rest = f"{tick}, lookahead_time={controller.lookahead_s:g}, gain={controller.gain}"
         for q in self.q:
             angles = ", ".join(_fixed(value, controller.digits) for value in q)
             lines.append(f"  servoj([{angles}], {rest})")
@@ -123,7 +135,9 @@ class Execution:
 
 def _row(values: Float[Array, " n"]) -> str:
     """Numbers that readers of YAML 1.1 take for numbers, too: to them -8e-09 is a text."""
-    return f"[{', '.join(np.format_float_positional(round(float(value), 9) + 0.0, trim='0') for value in values)}]"
+    rounded = [round(float(value), 9) + 0.0 for value in values]
+    numbers = [np.format_float_positional(value, trim="0") for value in rounded]
+    return f"[{', '.join(numbers)}]"
 
 
 def _fixed(value: float, digits: int) -> str:
@@ -142,14 +156,21 @@ def require_writable(path: Path, rate: float) -> None:
 
 
 def execute(result: PlanResult, rate: float = DEFAULT_RATE) -> Execution:
-    """The motion of a solved plan at a rate [Hz]; the last sample lies at the end, however short its step."""
+    """The motion of a solved plan at a rate [Hz].
+
+    The last sample lies at the end, however short its step.
+    """
     assert result.splines is not None
     law = result.execution
     curve = result.splines
     if result.certificate is not None and not result.stands:
         curve = result.certificate.curve
     total = law.duration
-    times = np.append(np.arange(0.0, total - 0.5 / rate, 1.0 / rate), total) if total > 0.0 else np.zeros(1)
+    times = (
+        np.append(np.arange(0.0, total - 0.5 / rate, 1.0 / rate), total)
+        if total > 0.0
+        else np.zeros(1)
+    )
     q, dq, ddq = law.states(curve, times)
     return _with_held(result, times, (q, dq, ddq), total - float(result.splines.total[0]), None)
 
@@ -169,7 +190,10 @@ def points_of(result: PlanResult) -> Execution:
 
 
 def write_motion_file(result: PlanResult, path: Path, rate: float = DEFAULT_RATE) -> Execution:
-    """Writes a solved plan: its controller's points, or samples at a rate [Hz], by the path's suffix."""
+    """Writes a solved plan.
+
+    Its controller's points, or samples at a rate [Hz], by the path's suffix.
+    """
     certificate = result.certificate
     sampled = path.suffix in SAMPLED or certificate is None or certificate.controller is None
     motion = execute(result, rate) if sampled else points_of(result)
@@ -185,7 +209,11 @@ def _with_held(
     controller: Controller | None,
 ) -> Execution:
     """Points of all joints, those that are held among them."""
-    held = np.repeat(np.array(list(result.held.values()))[None], len(times), axis=0).reshape(len(times), -1)
+    held = np.repeat(np.array(list(result.held.values()))[None], len(times), axis=0).reshape(
+        len(times), -1
+    )
     still = np.zeros_like(held)
-    q, dq, ddq = (np.concatenate(pair, axis=1) for pair in zip(states, (held, still, still), strict=True))
+    q, dq, ddq = (
+        np.concatenate(pair, axis=1) for pair in zip(states, (held, still, still), strict=True)
+    )
     return Execution((*result.joints, *result.held), times, q, dq, ddq, longer, controller)

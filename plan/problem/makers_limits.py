@@ -1,4 +1,7 @@
-"""Limits that makers publish for their arms: of acceleration and jerk, for which a URDF has no place, and of speed."""
+"""Limits that makers publish for their arms.
+
+Of acceleration and jerk, for which a URDF has no place, and of speed.
+"""
 
 from __future__ import annotations
 
@@ -21,23 +24,33 @@ class MakersLimits:
 
     source: str  # where
     speed: Float[Array, " n"] | None  # of each joint [rad/s]; None where it is the URDF's
-    acceleration: Float[Array, " n"] | None  # of each joint [rad/s²]; None where the maker publishes none
+    # Of each joint [rad/s²]; None where the maker publishes none.
+    acceleration: Float[Array, " n"] | None
     jerk: Float[Array, " n"] | None  # of each joint [rad/s³]; None likewise
-    binding: bool  # whether the arm's controller stops beyond the last two; else they are advice, and limit nothing
+    # Whether the arm's controller stops beyond the last two; else they are advice, and limit
+    # nothing.
+    binding: bool
 
 
 def find_makers_limits(arm: ArmModel) -> MakersLimits | None:
-    """The row of the table for an arm, by name or file, and number of joints; None for one unknown there."""
+    """The row of the table for an arm, by name or file, and number of joints.
+
+    None for one unknown there.
+    """
     names = (arm.name, "" if arm.source is None else arm.source.stem)
     for row in tomllib.loads(TABLE.read_text(encoding="utf-8"))["arm"]:
-        if row["joints"] == arm.n and any(re.fullmatch(row["name"], name.lower()) for name in names):
+        if row["joints"] == arm.n and any(
+            re.fullmatch(row["name"], name.lower()) for name in names
+        ):
             parts = (row.get(key) for key in ("speed_rad_s", "acceleration_rad_s2", "jerk_rad_s3"))
             speed, acceleration, jerk = (None if part is None else np.array(part) for part in parts)
             return MakersLimits(row["source"], speed, acceleration, jerk, row["binding"])
     return None
 
 
-def say_limits(makers: MakersLimits | None, asked: bool, acceleration: bool, jerk: bool) -> tuple[str, ...]:
+def say_limits(
+    makers: MakersLimits | None, asked: bool, acceleration: bool, jerk: bool
+) -> tuple[str, ...]:
     """What results say of the limits that no URDF has: whose they are, or that they are missing.
 
     Args:
@@ -49,7 +62,9 @@ def say_limits(makers: MakersLimits | None, asked: bool, acceleration: bool, jer
     if makers is not None and (makers.binding or makers.speed is not None):
         taken = "kept where the task gives none" if asked else "not kept, as the task asks"
         said.append(f"limits by the maker ({makers.source}): {taken}")
-    missing = [name for name, known in (("acceleration", acceleration), ("jerk", jerk)) if not known]
+    missing = [
+        name for name, known in (("acceleration", acceleration), ("jerk", jerk)) if not known
+    ]
     if missing:
         advice = "" if makers is None or said or makers.binding else f"; {makers.source}"
         keys = ", ".join(f"limits.{name}_deg_s{3 if name == 'jerk' else 2}" for name in missing)

@@ -22,17 +22,20 @@ Free = Literal["vias", "times", "both"]
 OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 FREE: tuple[Free, ...] = get_args(Free)
 
-# Limits are kept to this share during the search: torque is sampled there, and checked densely afterwards.
+# Limits are kept to this share during the search: torque is sampled there, and checked densely
+# afterwards.
 SHARE = 0.998
 # A sum of broken limits up to this counts as none: a millionth of a limit, or 20 nm.
 TOLERANCE = 1e-6
-# The search stays this far inside the position limits [rad], so that what the tolerance lets pass is inside too.
+# The search stays this far inside the position limits [rad], so that what the tolerance lets pass
+# is inside too.
 INSIDE = 0.999 * TOLERANCE
 # Section durations may shrink to this share of the initial ones, or grow to its inverse.
 SQUEEZE = 0.05
 # Local times at which torque is looked at where time is the objective, and torque the limit.
 TIME_NODES = np.linspace(0.0, 1.0, 25)
-# A motion with a jerk limit may start with the acceleration that the limit builds within this time, a controller's [s].
+# A motion with a jerk limit may start with the acceleration that the limit builds within this time,
+# a controller's [s].
 TICK = 1e-3
 NO_RULES = WayRules()
 # What limits of speed and acceleration may keep a motion inside of.
@@ -51,11 +54,12 @@ class Limits:
     speed: Float[Array, " n"]  # speed limits [rad/s]
     torque: Float[Array, " n"]  # torque that may be used [N m]
     clearance: float  # smallest distance to keep [m]
-    # Limits of acceleration [rad/s²] and jerk [rad/s³]; None where there is none. A motion with a jerk limit starts and
-    # ends without acceleration.
+    # Limits of acceleration [rad/s²] and jerk [rad/s³]; None where there is none. A motion with a
+    # jerk limit starts and ends without acceleration.
     acceleration: Float[Array, " n"] | None = None
     jerk: Float[Array, " n"] | None = None
-    # What was set aside of the torque limits because the model's torque is no better known [N m]; None for nothing.
+    # What was set aside of the torque limits because the model's torque is no better known [N m];
+    # None for nothing.
     reserve: Float[Array, " n"] | None = None
 
     def __post_init__(self) -> None:
@@ -69,13 +73,15 @@ class BatchEvaluation:
     """What a batch of candidates costs and breaks."""
 
     cost: Float[Array, " B"]  # energy by the metric [J] or duration [s]
-    collision: Float[Array, " B"]  # shortfall of the clearance, in units of 2 cm (mean over time) and 5 cm (worst)
-    # Worst excess over the limit, as a share of it; speed's holds that of acceleration and jerk too, and of the way's
-    # rules.
+    # Shortfall of the clearance, in units of 2 cm (mean over time) and 5 cm (worst).
+    collision: Float[Array, " B"]
+    # Worst excess over the limit, as a share of it; speed's holds that of acceleration and jerk
+    # too, and of the way's rules.
     speed: Float[Array, " B"]
     torque: Float[Array, " B"]
     position: Float[Array, " B"]  # worst excess over the position limits [rad]
-    # Smallest separation seen; of a pair that may be nearer than others, counted as more by that [m].
+    # Smallest separation seen; of a pair that may be nearer than others, counted as more by that
+    # [m].
     gap: Float[Array, " B"]
     peak: Float[Array, "B n"]  # peak torque of each joint [N m]
 
@@ -94,8 +100,9 @@ class BatchEvaluation:
 class PlanningProblem:
     """One search: from one initial trajectory, over its via points, its section durations, or both.
 
-    The decision vector holds the V·n via angles [rad], if free, then V + 1 numbers for the durations, if free: their
-    logarithms for the time objective, and logarithms of shares of the fixed whole for the energy objective.
+    The decision vector holds the V·n via angles [rad], if free, then V + 1 numbers for the
+    durations, if free: their logarithms for the time objective, and logarithms of shares of the
+    fixed whole for the energy objective.
     """
 
     scene: Scene  # boxes and pairs
@@ -110,16 +117,19 @@ class PlanningProblem:
     free: Free = "vias"  # what is searched
     radius: float = np.pi / 2  # how far a via angle may go from the initial one [rad]
     label: str = STRAIGHT  # where the initial trajectory comes from
-    grows: bool = True  # whether a planner may insert via points and move stamps beyond what is named free
+    # Whether a planner may insert via points and move stamps beyond what is named free.
+    grows: bool = True
     trained: TrainingRange | None = None  # where the model was fitted; None where that is not known
     # What the arm carries, and the frame on which each of it hangs, for results.
     carried: tuple[dict[str, object], ...] = ()
     way: WayRules = NO_RULES  # what the motion has to keep on its way beside limits and clearance
     notes: tuple[str, ...] = ()  # what is to be said of the task in its result
-    # Longest duration where it is free and energy is the objective [s]; None where it is fixed, or time the objective.
+    # Longest duration where it is free and energy is the objective [s]; None where it is fixed, or
+    # time the objective.
     longest: float | None = None
     standby: float = 0.0  # power that the cell takes all the while [W]
-    known: str = ""  # what its limits keep it inside of, in words; nothing where they are the arm's own
+    # What its limits keep it inside of, in words; nothing where they are the arm's own.
+    known: str = ""
     # Joints that the robot itself locks, such as a gripper's: no controller of the arm has them.
     not_the_arms: frozenset[str] = frozenset()
 
@@ -169,7 +179,9 @@ class PlanningProblem:
         vias = np.minimum(self.vias + self.radius, self.limits.upper)
         return freeze(self._join(vias, np.log(self.durations / SQUEEZE)))
 
-    def encode(self, vias: Float[Array, "V n"], durations: Float[Array, " S"]) -> Float[Array, " d"]:
+    def encode(
+        self, vias: Float[Array, "V n"], durations: Float[Array, " S"]
+    ) -> Float[Array, " d"]:
         """Decision vector of a trajectory."""
         return self._join(np.asarray(vias), np.log(durations))
 
@@ -178,9 +190,17 @@ class PlanningProblem:
         x = np.clip(np.atleast_2d(x), self.lower, self.upper)
         batch = len(x)
         split = self.via_count * self.n if self.searches_vias else 0
-        vias = x[:, :split].reshape(batch, -1, self.n) if self.searches_vias else np.repeat(self.vias[None], batch, 0)
+        vias = (
+            x[:, :split].reshape(batch, -1, self.n)
+            if self.searches_vias
+            else np.repeat(self.vias[None], batch, 0)
+        )
         ends = [np.broadcast_to(end, (batch, 1, self.n)) for end in (self.start, self.goal)]
-        durations = np.exp(x[:, split:]) if self.searches_times else np.repeat(self.durations[None], batch, 0)
+        durations = (
+            np.exp(x[:, split:])
+            if self.searches_times
+            else np.repeat(self.durations[None], batch, 0)
+        )
         if self.objective == "energy":
             durations = durations * (self.durations.sum() / durations.sum(axis=1, keepdims=True))
         return Splines(np.concatenate([ends[0], vias, ends[1]], axis=1), durations)
@@ -189,22 +209,39 @@ class PlanningProblem:
         """Cost and broken limits of a batch of decision vectors."""
         splines = self.decode(x)
         limits = self.limits
-        s, w = section_nodes() if self.objective == "energy" else (TIME_NODES, np.zeros(len(TIME_NODES)))
+        s, w = (
+            section_nodes()
+            if self.objective == "energy"
+            else (TIME_NODES, np.zeros(len(TIME_NODES)))
+        )
         q, dq, ddq = splines.states(s)
         tau = self.model.torque(q, dq, ddq)
         weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
-        cost = splines.total if self.objective == "time" else power_integral(tau, dq, weights, self.metric)
+        cost = (
+            splines.total
+            if self.objective == "time"
+            else power_integral(tau, dq, weights, self.metric)
+        )
         peak = np.abs(tau).max(axis=1)
         clearance, shortfall = self.scene.sweep(splines, self.margins)
-        over = np.maximum(splines.highest - limits.upper, limits.lower - splines.lowest).max(axis=1) + INSIDE
+        over = (
+            np.maximum(splines.highest - limits.upper, limits.lower - splines.lowest).max(axis=1)
+            + INSIDE
+        )
         rates = _excess(splines.top_speed / (SHARE * limits.speed))
         if limits.acceleration is not None:  # exact: a cubic's acceleration is linear
-            rates = np.maximum(rates, _excess(splines.top_acceleration / (SHARE * limits.acceleration)))
+            rates = np.maximum(
+                rates, _excess(splines.top_acceleration / (SHARE * limits.acceleration))
+            )
         if limits.jerk is not None:
             ends = splines.end_acceleration / (TICK * limits.jerk)
-            rates = np.maximum(rates, _excess(np.maximum(splines.top_jerk / (SHARE * limits.jerk), ends)))
+            rates = np.maximum(
+                rates, _excess(np.maximum(splines.top_jerk / (SHARE * limits.jerk), ends))
+            )
         if self.rules is not None:
-            rates = rates + [self.rules.excess(*way, aimed=False) for way in zip(q, dq, strict=True)]
+            rates = rates + [
+                self.rules.excess(*way, aimed=False) for way in zip(q, dq, strict=True)
+            ]
         return BatchEvaluation(
             cost=cost,
             collision=shortfall / 0.02 + np.maximum(-clearance, 0.0) / 0.05,
@@ -252,9 +289,16 @@ class PlanningProblem:
         return max(float(np.abs(self.initial_evaluation.cost[0])), 1e-9)
 
     def penalised(self, evaluation: BatchEvaluation) -> Float[Array, " B"]:
-        """One number to minimise: cost as a share of the initial one, and a penalty for what is broken."""
+        """One number to minimise.
+
+        Cost as a share of the initial one, and a penalty for what is broken.
+        """
         broken = evaluation.violation
-        return evaluation.cost / self.scale + np.minimum(3.0 * broken, 20.0) + 0.3 * (broken > TOLERANCE)
+        return (
+            evaluation.cost / self.scale
+            + np.minimum(3.0 * broken, 20.0)
+            + 0.3 * (broken > TOLERANCE)
+        )
 
     def with_initial(self, splines: Splines, **changes: object) -> PlanningProblem:
         """The same problem started from another trajectory (the first of a batch)."""

@@ -1,4 +1,7 @@
-"""When an executed plan is where: its ramps, by how much it is slowed down for them, and the limits checked on it."""
+"""When an executed plan is where.
+
+Its ramps, by how much it is slowed down for them, and the limits checked on it.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,8 @@ from plan.dynamics.power import Metric, power_integrals
 from plan.problem.problem import PlanningProblem
 from plan.spline import Splines
 
-# Time in which an executed motion gets going, and comes to rest: at most this [s]. A motion with less acceleration at
-# its ends needs none [rad/s²].
+# Time in which an executed motion gets going, and comes to rest: at most this [s]. A motion with
+# less acceleration at its ends needs none [rad/s²].
 RAMP_S = 0.05
 AT_REST = 0.5
 # Places at which an executed motion is looked at.
@@ -30,8 +33,10 @@ class TimeLaw:
 
     planned: float  # duration of the plan [s]
     ramp: float = 0.0  # time in which acceleration gets going, and ends [s]
-    stretch: float = 1.0  # factor by which the plan is slowed down, so that its ramps keep the limits
-    # Largest torque, speed and acceleration as shares of their limits; acceleration 0 where there is none.
+    # Factor by which the plan is slowed down, so that its ramps keep the limits.
+    stretch: float = 1.0
+    # Largest torque, speed and acceleration as shares of their limits; acceleration 0 where there
+    # is none.
     shares: tuple[float, float, float] = (0.0, 0.0, 0.0)
     # Energy of the execution by every metric, as a plan's own [J]; empty for a plan of zero length.
     energy: tuple[tuple[Metric, float], ...] = ()
@@ -47,7 +52,9 @@ class TimeLaw:
         return GentleEnds(self.planned * self.stretch, self.ramp)
 
     def states(self, splines: Splines, times: Float[Array, " T"]) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration of the first of a batch of plans at times of its execution."""
+        """Position, velocity and acceleration of the first of a batch of plans at times of its
+        execution.
+        """
         if self.planned <= 0.0:
             q = np.repeat(splines.points[0, :1], len(times), axis=0)
             return q, np.zeros_like(q), np.zeros_like(q)
@@ -60,7 +67,13 @@ class TimeLaw:
         names = ("torque", "speed", "acceleration")
         shares = {f"{name}_share": share for name, share in zip(names, self.shares, strict=True)}
         energy = {f"{metric}_J": value for metric, value in self.energy if metric != "copper"}
-        return {"ramp_s": self.ramp, "stretch": self.stretch, "duration_s": self.duration, **shares, **energy}
+        return {
+            "ramp_s": self.ramp,
+            "stretch": self.stretch,
+            "duration_s": self.duration,
+            **shares,
+            **energy,
+        }
 
 
 # Of a plan of zero length.
@@ -68,7 +81,10 @@ STANDING = TimeLaw(0.0)
 
 
 def find_time_law(problem: PlanningProblem, splines: Splines) -> TimeLaw:
-    """The quickest execution of a plan that keeps the limits; a plan that breaks them itself is not mended here."""
+    """The quickest execution of a plan that keeps the limits.
+
+    A plan that breaks them itself is not mended here.
+    """
     total = float(splines.total[0])
     eager = float(splines.end_acceleration.max()) > AT_REST
     law = TimeLaw(total, min(RAMP_S, RAMP_SHARE * total) if eager else 0.0)
@@ -92,8 +108,11 @@ def measure(problem: PlanningProblem, splines: Splines, law: TimeLaw) -> TimeLaw
     q, dq, ddq = law.states(splines, np.linspace(0.0, law.duration, PLACES))
     tau = problem.model.torque(q[None], dq[None], ddq[None])
     torque = float((np.abs(tau[0]) / limits.torque).max())
-    acceleration = 0.0 if limits.acceleration is None else float((np.abs(ddq) / limits.acceleration).max())
-    weights = np.full((1, PLACES), law.duration / (PLACES - 1))  # at rest at both ends: their halves are nought
+    acceleration = (
+        0.0 if limits.acceleration is None else float((np.abs(ddq) / limits.acceleration).max())
+    )
+    # At rest at both ends: their halves are nought.
+    weights = np.full((1, PLACES), law.duration / (PLACES - 1))
     energy = tuple(power_integrals(tau, dq[None], weights).items())
     travel = tuple((weights[0] @ np.abs(dq)).tolist())
     shares = (torque, float((np.abs(dq) / limits.speed).max()), acceleration)

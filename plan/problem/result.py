@@ -25,21 +25,34 @@ SCHEMA = "plan.result/1"
 Status = Literal["solved", "infeasible", "budget_spent"]
 # A limit counts as kept up to this excess, as a share: rounding, not engineering.
 ROUNDING = 1e-9
-# Quadrature points a section of the certificate: friction that turns round inside a section needs many.
+# Quadrature points a section of the certificate: friction that turns round inside a section needs
+# many.
 FINE = 200
-# Places a section at which the certificate looks for peaks of torque; and, between two of them of which one passes a
-# share of the limit, how many more: where a joint turns round, friction jumps within a millisecond.
+# Places a section at which the certificate looks for peaks of torque; and, between two of them of
+# which one passes a share of the limit, how many more: where a joint turns round, friction jumps
+# within a millisecond.
 DENSE = 400
 NEAR_LIMIT = 0.96
 CLOSER = 20
-# Sections beyond which each has fewer of both, down to the least: those of a controller's ticks are as short as that.
+# Sections beyond which each has fewer of both, down to the least: those of a controller's ticks are
+# as short as that.
 MANY_SECTIONS = 48
 LEAST_PLACES = (4, 12)
 # What of a result stands in its record as it is, before and behind what the motion is.
 HEAD = ("status", "reason", "robot", "joints", "held", "carried", "method", "objective", "metric")
-REST = ("evaluations", "seconds", "cpu_seconds", "seed", "bound", "reference_gap", "starts", "notes", "provenance")
-# Places of a section at which speeds are looked at for what is beyond the model's training; less than this share of the
-# range beyond it is rounding.
+REST = (
+    "evaluations",
+    "seconds",
+    "cpu_seconds",
+    "seed",
+    "bound",
+    "reference_gap",
+    "starts",
+    "notes",
+    "provenance",
+)
+# Places of a section at which speeds are looked at for what is beyond the model's training; less
+# than this share of the range beyond it is rounding.
 PLACES = 65
 NOTHING = 1e-6
 
@@ -61,8 +74,13 @@ class Extrapolation(Record):
         return f"{self.quantity} of {self.joint} reaches {self.reached:.3g} {self.unit}, {bounds}"
 
 
-def find_extrapolation(problem: PlanningProblem, splines: Splines) -> tuple[Extrapolation, ...] | None:
-    """What the first of a batch of plans takes beyond the training, the worst first; None where no range is known."""
+def find_extrapolation(
+    problem: PlanningProblem, splines: Splines
+) -> tuple[Extrapolation, ...] | None:
+    """What the first of a batch of plans takes beyond the training, the worst first.
+
+    None where no range is known.
+    """
     known = problem.trained
     if known is None:
         return None
@@ -83,7 +101,9 @@ def find_extrapolation(problem: PlanningProblem, splines: Splines) -> tuple[Extr
         reached = low[k, j] if below > above else high[k, j]
         bounds = float(known.low[k, j]), float(known.high[k, j])
         share = float(beyond[k, j])
-        found.append(Extrapolation(known.joints[j], QUANTITIES[k], UNITS[k], *bounds, float(reached), share))
+        found.append(
+            Extrapolation(known.joints[j], QUANTITIES[k], UNITS[k], *bounds, float(reached), share)
+        )
     return tuple(sorted(found, key=lambda one: -one.share))
 
 
@@ -92,14 +112,17 @@ class Certificate:
     """What a motion is, computed afresh and densely, not as the search saw it."""
 
     energy: dict[Metric, float]  # energy by every metric [J], and N² m² s for copper
-    # Peak speed, acceleration, jerk and torque of each joint as a share of its limit; None without a limit.
+    # Peak speed, acceleration, jerk and torque of each joint as a share of its limit; None without
+    # a limit.
     shares: dict[str, Float[Array, " n"] | None]
     position_margin: float  # smallest distance to a position limit [rad]
     clearance: Clearance  # proven clearance, of all pairs but those that were cut
     asked_clearance: float  # clearance that the task asks for [m]
-    # Pairs of links that are nearer to each other than that at an end, and the proven clearance of each.
+    # Pairs of links that are nearer to each other than that at an end, and the proven clearance of
+    # each.
     cuts: tuple[tuple[Cut, Clearance], ...]
-    scene: Scene  # the shapes that were looked at, and the pairs of links of whose clearance nothing is said
+    # The shapes that were looked at, and the pairs of links of whose clearance nothing is said.
+    scene: Scene
     time_law: TimeLaw  # how the motion is executed from rest to rest, and the limits on that
     # What goes beyond the model's training, the worst first; None where no range is known.
     extrapolation: tuple[Extrapolation, ...] | None
@@ -108,8 +131,9 @@ class Certificate:
     controller: Controller | None  # that controller; None where the plan is looked at by itself
     # Torque that was set aside because the model's is no better known [N m]; None for none.
     reserve: Float[Array, " n"] | None
-    # Half of the 95 % interval of the executed motion's energy, from that of the model's torque [J]; None where the
-    # model tells none, and for a motion beyond its training, of which it says nothing.
+    # Half of the 95 % interval of the executed motion's energy, from that of the model's torque
+    # [J]; None where the model tells none, and for a motion beyond its training, of which it says
+    # nothing.
     energy_half_width: float | None
     rules: tuple[RuleCheck, ...]  # what the way had to keep, and did
 
@@ -131,32 +155,48 @@ class Certificate:
         for name, share in self.shares.items():
             for joint, value in enumerate([] if share is None else share, start=1):
                 if value > 1.0 + ROUNDING:
-                    found.append(f"joint {joint} reaches {100 * value:.1f} % of its {name} limit{how}")
+                    found.append(
+                        f"joint {joint} reaches {100 * value:.1f} % of its {name} limit{how}"
+                    )
         if not found and max(self.time_law.shares) > 1.0 + ROUNDING:
-            found.append(f"started from rest it reaches {100 * max(self.time_law.shares):.1f} % of a limit{how}")
+            share = 100 * max(self.time_law.shares)
+            found.append(f"started from rest it reaches {share:.1f} % of a limit{how}")
         if self.position_margin < -ROUNDING:
-            found.append(f"a joint passes its position limit by {np.degrees(-self.position_margin):.2f} deg")
+            found.append(
+                f"a joint passes its position limit by {np.degrees(-self.position_margin):.2f} deg"
+            )
         return [*found, *(str(one) for one in self.rules if not one.kept), *self.too_near]
 
     @property
     def too_near(self) -> list[str]:
         """Pairs that come nearer to each other than they may, in words."""
         found = []
-        for asked, one in [(self.asked_clearance, self.clearance), *((cut.kept, one) for cut, one in self.cuts)]:
+        for asked, one in [
+            (self.asked_clearance, self.clearance),
+            *((cut.kept, one) for cut, one in self.cuts),
+        ]:
             if not one.collision_free:
                 found.append(f"{one.pair} collide at {one.time:.3f} s")
             elif one.proven < asked - SHORT:
-                found.append(f"{one.pair} come within {1000 * one.proven:.1f} mm at {one.time:.3f} s")
+                found.append(
+                    f"{one.pair} come within {1000 * one.proven:.1f} mm at {one.time:.3f} s"
+                )
         return found
 
     @property
     def closest(self) -> Clearance:
         """The smallest proven clearance of any pair."""
-        return min((self.clearance, *(clearance for _, clearance in self.cuts)), key=lambda one: one.proven)
+        return min(
+            (self.clearance, *(clearance for _, clearance in self.cuts)), key=lambda one: one.proven
+        )
 
 
-def certify(problem: PlanningProblem, splines: Splines, controller: Controller | None = None) -> Certificate:
-    """Checks the first of a batch of motions: energy, limits on a dense grid, clearance at every instant.
+def certify(
+    problem: PlanningProblem, splines: Splines, controller: Controller | None = None
+) -> Certificate:
+    """Checks the first of a batch of motions.
+
+    Energy, limits on a dense grid, clearance at every instant.
 
     Args:
         problem: The task.
@@ -180,16 +220,26 @@ def certify(problem: PlanningProblem, splines: Splines, controller: Controller |
     half_width = None
     uncut = ~np.isin(np.arange(len(scene.pairs)), [cut.pair for cut in cuts])
     if trained is not None and not beyond:
-        # A joint's estimates are off the same way all along a motion, those of different joints independently.
-        half_width = float(np.linalg.norm(trained.torque_half_width[: problem.n] * np.array(law.travel)))
+        # A joint's estimates are off the same way all along a motion, those of different joints
+        # independently.
+        half_width = float(
+            np.linalg.norm(trained.torque_half_width[: problem.n] * np.array(law.travel))
+        )
     return Certificate(
         energy=power_integrals(tau, dq, weights),
         shares=_shares(problem, curve, controller),
-        position_margin=float(np.minimum(curve.lowest - limits.lower, limits.upper - curve.highest).min()),
+        position_margin=float(
+            np.minimum(curve.lowest - limits.lower, limits.upper - curve.highest).min()
+        ),
         clearance=prove_clearance(scene, curve, uncut, asked=limits.clearance - SHORT),
         asked_clearance=limits.clearance,
         cuts=tuple(
-            (cut, prove_clearance(scene, curve, np.arange(len(scene.pairs)) == cut.pair, asked=cut.kept - SHORT))
+            (
+                cut,
+                prove_clearance(
+                    scene, curve, np.arange(len(scene.pairs)) == cut.pair, asked=cut.kept - SHORT
+                ),
+            )
             for cut in cuts
         ),
         scene=scene,
@@ -206,7 +256,10 @@ def certify(problem: PlanningProblem, splines: Splines, controller: Controller |
 def _shares(
     problem: PlanningProblem, curve: Splines, controller: Controller | None
 ) -> dict[str, Float[Array, " n"] | None]:
-    """Peak speed, acceleration, jerk and torque of each joint as a share of its limit; None without a limit."""
+    """Peak speed, acceleration, jerk and torque of each joint as a share of its limit.
+
+    None without a limit.
+    """
     limits = problem.limits
     tick = TICK if controller is None else controller.tick_s
     shares: dict[str, Float[Array, " n"] | None] = {
@@ -218,7 +271,8 @@ def _shares(
     if limits.acceleration is not None:
         shares["acceleration"] = curve.top_acceleration[0] / limits.acceleration
     if limits.jerk is not None:
-        # That of getting going within a controller's tick, and of a step of the acceleration at a knot, too.
+        # That of getting going within a controller's tick, and of a step of the acceleration at a
+        # knot, too.
         steps = np.maximum(curve.end_acceleration[0], curve.acceleration_jumps[0]) / tick
         shares["jerk"] = np.maximum(curve.top_jerk[0], steps) / limits.jerk
     return shares
@@ -230,8 +284,13 @@ def _places(curve: Splines, most: int, least: int) -> int:
     return max(most * MANY_SECTIONS // max(sections, MANY_SECTIONS), least)
 
 
-def certify_standing(problem: PlanningProblem, controller: Controller | None = None) -> tuple[Splines, Certificate]:
-    """The plan of zero length for a start that is the goal: what standing there for a second is, but for its time."""
+def certify_standing(
+    problem: PlanningProblem, controller: Controller | None = None
+) -> tuple[Splines, Certificate]:
+    """The plan of zero length for a start that is the goal.
+
+    What standing there for a second is, but for its time.
+    """
     ends = np.stack([problem.start, problem.start])[None]
     found = certify(problem, Splines(ends, np.ones((1, 1))))
     still = dict.fromkeys(METRICS, 0.0)
@@ -241,7 +300,10 @@ def certify_standing(problem: PlanningProblem, controller: Controller | None = N
 
 
 def _torque_share(problem: PlanningProblem, splines: Splines) -> Float[Array, " n"]:
-    """Peak torque of each joint as a share of its limit: densely everywhere, closer beside peaks near the limit."""
+    """Peak torque of each joint as a share of its limit.
+
+    Densely everywhere, closer beside peaks near the limit.
+    """
     dense = _places(splines, DENSE, LEAST_PLACES[1])
     s = np.linspace(0.0, 1.0, dense)
     share = np.abs(problem.model.torque(*splines.states(s))[0]) / problem.limits.torque
@@ -276,8 +338,10 @@ class PlanResult(Result):
     evaluations: int = 0  # what was spent; processor time is that of the process alone
     seconds: float = 0.0
     cpu_seconds: float = 0.0
-    bound: float | None = None  # what no motion's cost can undercut, whatever its path; None where none is known
-    reference_gap: float | None = None  # cost above the default method's, as a share; None if that was not computed
+    # What no motion's cost can undercut, whatever its path; None where none is known.
+    bound: float | None = None
+    # Cost above the default method's, as a share; None if that was not computed.
+    reference_gap: float | None = None
     # One record an initial trajectory: label, via points, cost reached, reason where it failed.
     starts: tuple[dict[str, Any], ...] = ()
     # Evaluations, processor seconds and best cost, each time it fell.
@@ -285,10 +349,13 @@ class PlanResult(Result):
     notes: tuple[str, ...] = ()  # remarks of the planner
     robot: str = ""  # name of the arm and of the joints that move
     joints: tuple[str, ...] = ()
-    held: Mapping[str, float] = field(default_factory=dict)  # positions of the joints that stand still [rad or m]
-    carried: tuple[dict[str, object], ...] = ()  # what the arm carries, and the frame on which each of it hangs
+    # Positions of the joints that stand still [rad or m].
+    held: Mapping[str, float] = field(default_factory=dict)
+    # What the arm carries, and the frame on which each of it hangs.
+    carried: tuple[dict[str, object], ...] = ()
     standby: float = 0.0  # power that the cell takes all the while [W]
-    # Where the duration was free: durations that were looked at [s], and the least energy found for each [J].
+    # Where the duration was free: durations that were looked at [s], and the least energy found for
+    # each [J].
     energy_curve: tuple[tuple[float, float], ...] = ()
 
     @property
@@ -308,7 +375,10 @@ class PlanResult(Result):
 
     @property
     def cost(self) -> float:
-        """Energy by the metric, and of the cell's standby [J], or duration [s]; infinite without a plan."""
+        """Energy by the metric, and of the cell's standby [J], or duration [s].
+
+        Infinite without a plan.
+        """
         if self.certificate is None or self.splines is None or not self.solved:
             return float("inf")
         duration = float(self.splines.total[0])
@@ -318,7 +388,10 @@ class PlanResult(Result):
 
     @property
     def executed_cost(self) -> float:
-        """As `cost`, of the motion as a controller executes it, from rest to rest; infinite without a plan."""
+        """As `cost`, of the motion as a controller executes it, from rest to rest.
+
+        Infinite without a plan.
+        """
         if self.objective == "time" and self.solved:
             return self.execution.duration
         if not self.solved:
@@ -330,7 +403,9 @@ class PlanResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The record of `plan.result/1`; lengths in m, angles in rad."""
-        head, tail = ({name: as_record(getattr(self, name)) for name in names} for names in (HEAD, REST))
+        head, tail = (
+            {name: as_record(getattr(self, name)) for name in names} for names in (HEAD, REST)
+        )
         history = [list(row) for row in self.history if np.isfinite(row[2])]
         names = ("duration_s", "energy_J")
         curve = [dict(zip(names, row, strict=True)) for row in self.energy_curve]
@@ -355,13 +430,18 @@ class PlanResult(Result):
             "peak_torque_share": certificate.torque_share.tolist(),
             "peak_speed_share": certificate.speed_share.tolist(),
             "limits": {
-                name: None if share is None else float(share.max()) for name, share in certificate.shares.items()
+                name: None if share is None else float(share.max())
+                for name, share in certificate.shares.items()
             },
-            "peak_acceleration_rad_s2": rest if self.stands else splines.top_acceleration[0].tolist(),
+            "peak_acceleration_rad_s2": rest
+            if self.stands
+            else splines.top_acceleration[0].tolist(),
             "peak_jerk_rad_s3": rest if self.stands else splines.top_jerk[0].tolist(),
             "execution": certificate.time_law.to_dict(),
             "controller": None if certificate.controller is None else certificate.controller.name,
-            "extrapolation": None if beyond is None else max((one.share for one in beyond), default=0.0),
+            "extrapolation": None
+            if beyond is None
+            else max((one.share for one in beyond), default=0.0),
             "beyond_training": as_record(beyond or ()),
             "torque_reserve_Nm": None if reserve is None else reserve.tolist(),
             "energy_half_width_J": certificate.energy_half_width,
@@ -369,7 +449,9 @@ class PlanResult(Result):
             "clearance_m": closest.proven if closest.checks else None,
             "closest": {"pair": closest.pair, "time_s": closest.time},
             "asked_clearance_m": certificate.asked_clearance,
-            "clearance_cuts": [{**cut.to_dict(), "proven_m": one.proven} for cut, one in certificate.cuts],
+            "clearance_cuts": [
+                {**cut.to_dict(), "proven_m": one.proven} for cut, one in certificate.cuts
+            ],
             "rules": as_record(certificate.rules),
             "coarser_obstacles": list(certificate.scene.coarser),
             **certificate.scene.to_dict(),

@@ -1,4 +1,7 @@
-"""How far a motion is from what its way has to keep, and how that changes with position and speed."""
+"""How far a motion is from what its way has to keep.
+
+And how that changes with position and speed.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,11 @@ from plan.geometry.tool import find_frame
 from plan.problem.rules import ViaPoint, WayRules
 from plan.spline import Splines
 
-# Units in which excesses count: a decimetre, a tenth of a radian; others are shares of their limits.
+# Units in which excesses count: a decimetre, a tenth of a radian; others are shares of their
+# limits.
 UNIT = 0.1
-# Share of a limit at which a search aims: what happens between the places at which it looks has the rest.
+# Share of a limit at which a search aims: what happens between the places at which it looks has the
+# rest.
 AIM = 0.9
 # The same of the square of the tool's speed, which changes little between two places.
 AIM_OF_SPEED = 0.996
@@ -37,7 +42,8 @@ class RuleRow:
     limit: float
     unit: float  # what counts as one
     aim: float  # the limit that a search aims at
-    by_position: Float[Array, "T n"]  # derivatives of the value, shape (T, n); None where they are nought
+    # Derivatives of the value, shape (T, n); None where they are nought.
+    by_position: Float[Array, "T n"]
     by_speed: Float[Array, "T n"] | None = None
     sparse: bool = False  # whether every other node is enough
 
@@ -59,7 +65,9 @@ class RuleCheck(Record):
     kept: bool  # whether it is kept
 
     def __str__(self) -> str:
-        return f"{self.rule}: {self.worst:.4g} of {self.limit:.4g} {self.unit} at {self.time_s:.3f} s"
+        return (
+            f"{self.rule}: {self.worst:.4g} of {self.limit:.4g} {self.unit} at {self.time_s:.3f} s"
+        )
 
 
 class Rules:
@@ -70,7 +78,10 @@ class Rules:
         self.rules = rules
         self._chain = arm.chain
         self.frame = str(frame.name)
-        turn, place = (np.ascontiguousarray(part) for part in (frame.placement.rotation, frame.placement.translation))
+        turn, place = (
+            np.ascontiguousarray(part)
+            for part in (frame.placement.rotation, frame.placement.translation)
+        )
         self._tool = int(frame.parentJoint), turn, place
         ends = self.tool(np.stack([start, goal]))
         self.first, self.last = ((freeze(ends[0][k]), freeze(ends[1][k])) for k in (0, 1))
@@ -96,7 +107,11 @@ class Rules:
         found += [] if rules.straight is None else self._straight_rows(states, rules.straight)
         for cone in rules.cones:
             pointing = states[1] @ cone.axis
-            sign, rest = (-1.0, 1.0 - np.cos(cone.angle)) if cone.allowed else (1.0, 1.0 + np.cos(cone.angle))
+            sign, rest = (
+                (-1.0, 1.0 - np.cos(cone.angle))
+                if cone.allowed
+                else (1.0, 1.0 + np.cos(cone.angle))
+            )
             limit = sign * float(np.cos(cone.angle))
             slope = np.cross(pointing, cone.towards)
             by_position = sign * np.einsum("tnk,tk->tn", states[3], slope)
@@ -105,7 +120,9 @@ class Rules:
             found.append(RuleRow("cone", value, limit, float(rest), float(aim), by_position))
         return found
 
-    def _speed_row(self, states: tuple[Array, Array, Array, Array], dq: Array, limit: float) -> RuleRow:
+    def _speed_row(
+        self, states: tuple[Array, Array, Array, Array], dq: Array, limit: float
+    ) -> RuleRow:
         """Square of the tool's speed, as a share of its limit's."""
         linear, angular = states[2:]
         speed = np.einsum("tni,tn->ti", linear, dq)
@@ -119,7 +136,9 @@ class Rules:
         share = (speed * speed).sum(axis=1) / limit**2
         return RuleRow("speed", share, 1.0, 1.0, AIM_OF_SPEED, by_position, by_speed)
 
-    def _straight_rows(self, states: tuple[Array, Array, Array, Array], within: float) -> list[RuleRow]:
+    def _straight_rows(
+        self, states: tuple[Array, Array, Array, Array], within: float
+    ) -> list[RuleRow]:
         """Off the line to either side and beyond its ends, and off the even turn."""
         place, axes, linear, angular = states
         away = (place - self.first[0]) @ self._axes.T
@@ -130,7 +149,16 @@ class Rules:
             for sign in (1.0, -1.0):
                 row = sign * away[:, k], side, UNIT, AIM * side, sign * slopes[:, :, k]
                 found.append(RuleRow("line", *row, sparse=True))
-        found.append(RuleRow("line", away[:, 0], self.length + within, UNIT, self.length + within / 2, slopes[:, :, 0]))
+        found.append(
+            RuleRow(
+                "line",
+                away[:, 0],
+                self.length + within,
+                UNIT,
+                self.length + within / 2,
+                slopes[:, :, 0],
+            )
+        )
         found.append(RuleRow("line", -away[:, 0], within, UNIT, within / 2, -slopes[:, :, 0]))
         if linear.shape[1] < TURNING:
             return found
@@ -144,19 +172,29 @@ class Rules:
                 found.append(RuleRow("turn", *row, sparse=True))
         return found
 
-    def _turned(self, axes: Float[Array, "T 3 3"], along: Float[Array, " T"]) -> tuple[Array, Array]:
-        """How far the tool is turned from where it should be at its place on the line [rad], and that reference."""
+    def _turned(
+        self, axes: Float[Array, "T 3 3"], along: Float[Array, " T"]
+    ) -> tuple[Array, Array]:
+        """How far the tool is turned from where it should be at its place on the line [rad], and
+        that reference.
+        """
         shares = np.clip(along / max(self.length, 1e-9), 0.0, 1.0)
         reference = np.array([self.first[1] @ pin.exp3(share * self._turn) for share in shares])
-        return np.array([pin.log3(a.T @ b) for a, b in zip(reference, axes, strict=True)]), reference
+        return np.array(
+            [pin.log3(a.T @ b) for a, b in zip(reference, axes, strict=True)]
+        ), reference
 
     def missed(self, via: ViaPoint, q: Float[Array, "T n"]) -> Float[Array, "T k"]:
         """How far each joint, or the tool's place, is off a via point [rad or m]."""
         return (self.tool(q)[0] if via.of_tool else q) - via.target
 
     def when_passed(self, q: Float[Array, "T n"]) -> Int[Array, " K"]:
-        """Which of T positions are nearest to the via points, in their order, the sum of what is missed least."""
-        cost = np.array([np.abs(self.missed(via, q)).max(axis=1) / via.within for via in self.rules.vias])
+        """Which of T positions are nearest to the via points, in their order, the sum of what is
+        missed least.
+        """
+        cost = np.array(
+            [np.abs(self.missed(via, q)).max(axis=1) / via.within for via in self.rules.vias]
+        )
         so_far = cost[0]
         for k in range(1, len(cost)):
             so_far = cost[k] + np.minimum.accumulate(so_far)
@@ -169,7 +207,8 @@ class Rules:
     def via_rows(
         self, number: int, q: Float[Array, " n"], dq: Float[Array, " n"]
     ) -> tuple[Float[Array, " r"], Float[Array, "r n"]]:
-        """What a position near a via point misses across the motion there, beyond what may be, in units; its slopes.
+        """What a position near a via point misses across the motion there, beyond what may be, in
+        units; its slopes.
 
         Along the motion nothing is missed to first order: it passes a little sooner or later.
         """
@@ -185,8 +224,14 @@ class Rules:
         return excess / UNIT, np.concatenate([slopes, -slopes]) / UNIT
 
     def excess(self, q: Float[Array, "T n"], dq: Float[Array, "T n"], aimed: bool = True) -> float:
-        """Largest excess of any rule along a motion, in units; against the limits themselves if not aimed."""
-        found = [float((row.value - (row.aim if aimed else row.limit)).max()) / row.unit for row in self.rows(q, dq)]
+        """Largest excess of any rule along a motion, in units.
+
+        Against the limits themselves if not aimed.
+        """
+        found = [
+            float((row.value - (row.aim if aimed else row.limit)).max()) / row.unit
+            for row in self.rows(q, dq)
+        ]
         if self.rules.vias:
             for number, t in enumerate(self.when_passed(q)):
                 slack = 0.0 if aimed else (1.0 - AIM) * self.rules.vias[number].within / UNIT
@@ -194,12 +239,15 @@ class Rules:
         return max(0.0, *found) if found else 0.0
 
     def check(self, splines: Splines) -> tuple[RuleCheck, ...]:
-        """Every rule along the first of a batch of motions, looked at densely, in the scene file's own units."""
+        """Every rule along the first of a batch of motions, looked at densely, in the scene file's
+        own units.
+        """
         times = np.linspace(0.0, float(splines.total[0]), DENSE)
         rules = self.rules
         q, dq, _ = splines.at(times)
         place, axes, linear, _ = self.tool(q)
-        seen: list[tuple[str, Array, float, str, float]] = []  # name, values, limit, unit, and -1 where it is the least
+        # Name, values, limit, unit, and -1 where it is the least.
+        seen: list[tuple[str, Array, float, str, float]] = []
         if rules.speed is not None:
             speed = np.linalg.norm(np.einsum("tni,tn->ti", linear, dq), axis=1)
             seen.append(("speed of the tool", speed, rules.speed, "m/s", 1.0))
@@ -210,7 +258,9 @@ class Rules:
             seen.append(("tool off its straight line", off, rules.straight, "m", 1.0))
             if q.shape[1] >= TURNING:
                 turned = np.degrees(np.linalg.norm(self._turned(axes, away[:, 0])[0], axis=1))
-                seen.append(("tool off its even turn", turned, np.degrees(rules.turning), "deg", 1.0))
+                seen.append(
+                    ("tool off its even turn", turned, np.degrees(rules.turning), "deg", 1.0)
+                )
         for number, cone in enumerate(rules.cones, start=1):
             angle = np.degrees(np.arccos(np.clip(axes @ cone.axis @ cone.towards, -1.0, 1.0)))
             name = f"tool's axis {'inside' if cone.allowed else 'outside'} cone {number}"
@@ -219,7 +269,9 @@ class Rules:
         for name, values, limit, unit, sign in seen:
             worst = int(np.argmax(sign * values))
             kept = bool(sign * values[worst] <= sign * limit)
-            found.append(RuleCheck(name, float(values[worst]), float(limit), unit, float(times[worst]), kept))
+            found.append(
+                RuleCheck(name, float(values[worst]), float(limit), unit, float(times[worst]), kept)
+            )
         step = times[1] - times[0]
         for number, t in enumerate(self.when_passed(q) if rules.vias else ()):
             via = rules.vias[number]
@@ -230,5 +282,7 @@ class Rules:
             reached = scale * float(missed[best])
             kept = bool(missed[best] <= via.within)
             name = f"via point {number + 1} passed within"
-            found.append(RuleCheck(name, reached, scale * via.within, unit, float(near[best]), kept))
+            found.append(
+                RuleCheck(name, reached, scale * via.within, unit, float(near[best]), kept)
+            )
         return tuple(found)

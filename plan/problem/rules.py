@@ -1,4 +1,4 @@
-"""What a scene file asks of a motion's way beside limits and clearance, and of its end as a pose."""
+"""What a scene file asks of a motion's way beside limits, and of its end as a pose."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ class Pose:
 
     frame: str | None  # its name; the arm's last link if None
     place: Float[Array, " 3"]  # in the base frame [m]
-    rotation: Float[Array, "3 3"] | None = None  # its axes in the base frame; None where any will do
+    # Its axes in the base frame; None where any will do.
+    rotation: Float[Array, "3 3"] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class ViaPoint:
     """A via point that must be passed."""
 
-    target: Float[Array, " k"]  # angles of the joints [rad], or the tool's place in the base frame [m]
+    # Angles of the joints [rad], or the tool's place in the base frame [m].
+    target: Float[Array, " k"]
     of_tool: bool  # whether it is the tool's place
     within: float  # how far each joint, or each coordinate of the place, may be off [rad or m]
 
@@ -42,7 +44,8 @@ class WayRules:
 
     frame: str | None = None  # the tool's frame; the arm's tip frame if None
     speed: float | None = None  # largest speed of its origin [m/s]; None for any
-    # How far it may be off the straight line from start to goal [m]; None where it need not be straight.
+    # How far it may be off the straight line from start to goal [m]; None where it need not be
+    # straight.
     straight: float | None = None
     turning: float = math.radians(0.5)  # how far its turn may be off an even one on that line [rad]
     cones: tuple[Cone, ...] = ()  # where its axes may point

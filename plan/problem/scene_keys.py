@@ -1,4 +1,7 @@
-"""Tables and keys of a scene file: `scene_keys.toml` says what each means and may hold; all else is refused here."""
+"""Tables and keys of a scene file.
+
+`scene_keys.toml` says what each means and may hold; all else is refused here.
+"""
 
 from __future__ import annotations
 
@@ -25,10 +28,10 @@ class SceneKey:
     """A key of a scene file."""
 
     says: str  # its meaning, for people
-    # What it holds: one number or several, degrees that become radians (`angle`; `angles`, `rows` of them, one a joint;
-    # of joints that slide metres), one number
-    # for three (`scale`), a unit vector (`direction`), a rotation matrix (`turn`, `quaternion`), `text`, a `flag`, a
-    # `whole` number; what is `any` is looked at by whoever reads it.
+    # What it holds: one number or several, degrees that become radians (`angle`; `angles`, `rows`
+    # of them, one a joint; of joints that slide metres), one number for three (`scale`), a unit
+    # vector (`direction`), a rotation matrix (`turn`, `quaternion`), `text`, a `flag`, a `whole`
+    # number; what is `any` is looked at by whoever reads it.
     kind: str = "any"
     default: Any = None  # its value where it is left out; None for none
     needed: bool = False  # whether it may not be left out
@@ -42,8 +45,13 @@ class SceneKey:
 
 Keys = Mapping[str, SceneKey]
 KEYS: dict[str, Keys] = {
-    table: {name: SceneKey(**row | {"without": tuple(row.get("without", ()))}) for name, row in rows.items()}
-    for table, rows in tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")).items()
+    table: {
+        name: SceneKey(**row | {"without": tuple(row.get("without", ()))})
+        for name, row in rows.items()
+    }
+    for table, rows in tomllib.loads(
+        Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
+    ).items()
 }
 
 
@@ -60,11 +68,17 @@ class SceneTable:
         name: What the table is called in messages; nothing for the top of the file.
         entry: Its keys and values.
         keys: Keys that it may have; those of `KEYS` under its name if None.
-        joints: Whether each joint that moves slides, where that is known: its numbers are metres, not degrees.
+        joints: Whether each joint that moves slides, where that is known: its numbers are metres,
+            not degrees.
     """
 
     def __init__(
-        self, file: Path, name: str, entry: Any, keys: Keys | None = None, joints: Bool[Array, " n"] | None = None
+        self,
+        file: Path,
+        name: str,
+        entry: Any,
+        keys: Keys | None = None,
+        joints: Bool[Array, " n"] | None = None,
     ) -> None:
         if not isinstance(entry, dict):
             raise InputError(file, f"{name} is not a table", f"write [{name}] and its keys")
@@ -97,14 +111,20 @@ class SceneTable:
         """A key's value, which may not be left out here."""
         if key in self:
             return self[key]
-        text = f'add {key} = "…"' if self.keys[key].kind == "text" else "add it, in metres" * key.endswith("_m")
+        text = (
+            f'add {key} = "…"'
+            if self.keys[key].kind == "text"
+            else "add it, in metres" * key.endswith("_m")
+        )
         raise self.fault(key, "is missing", text or "add it")
 
     def one_of(self, *keys: str) -> str:
         """The key that is given, of some that exclude each other."""
         given = [key for key in keys if key in self]
         if not given:
-            raise InputError(self.file, f"{self.name} has neither {' nor '.join(keys)}", "give one of them")
+            raise InputError(
+                self.file, f"{self.name} has neither {' nor '.join(keys)}", "give one of them"
+            )
         return given[0]
 
     def path(self, key: str) -> str:
@@ -124,13 +144,17 @@ class SceneTable:
         found = self.entry.get(key, [])
         name = self.path(key)
         if not isinstance(found, list) or not all(isinstance(one, dict) for one in found):
-            raise InputError(self.file, f"{name} is not a list of tables", f"write [[{name}]], with two brackets")
+            raise InputError(
+                self.file, f"{name} is not a list of tables", f"write [[{name}]], with two brackets"
+            )
         return [(f"{name} {number}", one) for number, one in enumerate(found, start=1)]
 
     def tables(self, key: str) -> list[SceneTable]:
         """The tables of a list; each refuses keys that a scene file does not know."""
         keys = KEYS[self.path(key)]
-        return [SceneTable(self.file, name, entry, keys, self.joints) for name, entry in self.items(key)]
+        return [
+            SceneTable(self.file, name, entry, keys, self.joints) for name, entry in self.items(key)
+        ]
 
     def _checked(self, key: str, found: Any, known: SceneKey) -> Any:
         """A value of the kind that the key asks for."""
@@ -145,15 +169,21 @@ class SceneTable:
         if known.kind in ("numbers", "angles"):
             values = self._numbers(key, found, count, known.positive)
             if np.abs(values).max() > known.most:
-                raise self.fault(key, f"has {np.abs(values).max():.3g}, beyond {known.most:g}", "give metres")
-            return np.where(slides, values, np.radians(values)) if known.kind == "angles" else values
+                raise self.fault(
+                    key, f"has {np.abs(values).max():.3g}, beyond {known.most:g}", "give metres"
+                )
+            return (
+                np.where(slides, values, np.radians(values)) if known.kind == "angles" else values
+            )
         if known.kind in ("direction", "turn", "quaternion"):
             return self._turned(key, self._numbers(key, found, count), known.kind)
         if known.kind == "scale":
             return self._numbers(key, found if isinstance(found, list) else [found] * 3, 3, True)
         if known.kind == "rows":
             if not isinstance(found, list) or not found:
-                raise self.fault(key, "is not a list of rows", "give rows of joint angles in degrees")
+                raise self.fault(
+                    key, "is not a list of rows", "give rows of joint angles in degrees"
+                )
             rows = [self._numbers(f"{key} {k}", row, count) for k, row in enumerate(found, start=1)]
             return [np.where(slides, row, np.radians(row)) for row in rows]
         if known.kind == "text" and (not isinstance(found, str) or not found):
@@ -166,8 +196,14 @@ class SceneTable:
         return found
 
     def _number(self, key: str, found: Any, known: SceneKey) -> float:
-        right = not isinstance(found, bool) and isinstance(found, int | float) and math.isfinite(found)
-        if not right or not known.least <= found <= known.most or (known.above and found == known.least):
+        right = (
+            not isinstance(found, bool) and isinstance(found, int | float) and math.isfinite(found)
+        )
+        if (
+            not right
+            or not known.least <= found <= known.most
+            or (known.above and found == known.least)
+        ):
             top = "or more" if known.most == math.inf else f"to {known.most:g}"
             wanted = "above zero" if known.above else f"of {known.least:g} {top}"
             raise self.fault(key, f"is {found!r}, not a number {wanted}", "give a number")
@@ -180,13 +216,19 @@ class SceneTable:
             return freeze(rpy_to_matrix(values))
         if kind == "quaternion":
             if abs(length - 1.0) > ROUNDED:
-                raise self.fault(key, f"has length {length:.3g}, not 1", "give x, y, z, w of a unit quaternion")
+                raise self.fault(
+                    key, f"has length {length:.3g}, not 1", "give x, y, z, w of a unit quaternion"
+                )
             return freeze(pin.Quaternion(values / length).toRotationMatrix())
         if length < 1e-6:
-            raise self.fault(key, f"is {values.tolist()}, no direction", "give a vector that is not nought")
+            raise self.fault(
+                key, f"is {values.tolist()}, no direction", "give a vector that is not nought"
+            )
         return freeze(values / length)
 
-    def _numbers(self, key: str, found: Any, count: Any, positive: bool = False) -> Float[Array, " k"]:
+    def _numbers(
+        self, key: str, found: Any, count: Any, positive: bool = False
+    ) -> Float[Array, " k"]:
         try:
             values = np.array(found, dtype=float)
         except (TypeError, ValueError):

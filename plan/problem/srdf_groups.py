@@ -23,7 +23,11 @@ class SrdfGroups:
     states: Mapping[tuple[str, str], Mapping[str, float]]
 
     def __str__(self) -> str:
-        words = [f"{name} ({len(joints)}: {', '.join(joints)})" for name, joints in self.joints.items() if joints]
+        words = [
+            f"{name} ({len(joints)}: {', '.join(joints)})"
+            for name, joints in self.joints.items()
+            if joints
+        ]
         return "; ".join(words) or "none"
 
 
@@ -80,10 +84,12 @@ def _joints_of(
 
 
 def give_states(top: SceneTable, arm: ArmModel) -> None:
-    """Puts the angles of named states in place of their names, and looks at how many joints of which group move.
+    """Puts the angles of named states in place of their names, and looks at how many joints of
+    which group move.
 
     Raises:
-        InputError: There is no SRDF, it has no such group or state, or a group's joints are not as many as angles.
+        InputError: There is no SRDF, it has no such group or state, or a group's joints are not as
+        many as angles.
     """
     task = top.table("task")
     if "srdf" not in top:
@@ -117,11 +123,16 @@ def _state(
     named = task[key]
     fitting = [pair for pair in groups.states if pair[1] == named and group in (None, pair[0])]
     if not fitting:
-        names = ", ".join(sorted({state for of, state in groups.states if group in (None, of)})) or "none"
+        names = (
+            ", ".join(sorted({state for of, state in groups.states if group in (None, of)}))
+            or "none"
+        )
         raise task.fault(key, f"is {named!r}, which the SRDF does not have", f"use one of: {names}")
     if len(fitting) > 1:
         owners = ", ".join(of for of, _ in fitting)
-        raise task.fault(key, f"{named!r} is a state of several groups ({owners})", "name task.group")
+        raise task.fault(
+            key, f"{named!r} is a state of several groups ({owners})", "name task.group"
+        )
     values = groups.states[fitting[0]]
     joints = groups.joints.get(fitting[0][0], ())
     missing = [joint for joint in joints if joint not in values]
@@ -142,18 +153,30 @@ def _group_of(joints: tuple[str, ...], groups: SrdfGroups) -> str | None:
     return next((name for name, members in groups.joints.items() if members == joints), None)
 
 
-def _require_group(task: SceneTable, name: str | None, count: int, groups: SrdfGroups, arm: ArmModel) -> None:
-    """Raises InputError where the angles are not those of a group; or, if none is named, of the arm or of any group."""
+def _require_group(
+    task: SceneTable, name: str | None, count: int, groups: SrdfGroups, arm: ArmModel
+) -> None:
+    """Raises InputError where the angles are not those of a group.
+
+    Or, if none is named, of the arm or of any group.
+    """
     if name is not None:
         joints = groups.joints[name]
         if joints != arm.joint_names[: len(joints)]:
-            what = f"{name!r} has the joints {', '.join(joints)}, the arm begins with {arm.joint_names[0]}"
+            first = arm.joint_names[0]
+            what = f"{name!r} has the joints {', '.join(joints)}, the arm begins with {first}"
             raise task.fault("group", what, "use a group of the arm's first joints")
         if count != len(joints):
-            what = f"has {count} angles, group {name!r} has {len(joints)} joints: {', '.join(joints)}"
+            what = (
+                f"has {count} angles, group {name!r} has {len(joints)} joints: {', '.join(joints)}"
+            )
             raise task.fault("start_deg", what, f"give {len(joints)}")
         return
-    sizes = {len(joints) for joints in groups.joints.values() if joints == arm.joint_names[: len(joints)]}
+    sizes = {
+        len(joints) for joints in groups.joints.values() if joints == arm.joint_names[: len(joints)]
+    }
     if any(groups.joints.values()) and count and count not in {arm.n, *sizes}:
         what = f"has {count} angles, the arm has {arm.n} joints, and the SRDF the groups {groups}"
-        raise task.fault("start_deg", what, "give as many angles as the arm or a group has, or name task.group")
+        raise task.fault(
+            "start_deg", what, "give as many angles as the arm or a group has, or name task.group"
+        )

@@ -26,7 +26,8 @@ from plan.problem.stops import Stop, read_stops
 SHAPES = tuple(name.removeprefix("obstacle: ") for name in KEYS if name.startswith("obstacle: "))
 # Keys by which a shape is known where it is not named.
 TELLING = {"file": "mesh", "cloud": "cloud"}
-# A floor is a box so wide that no arm reaches its edge, and so thick that none reaches its bottom: half lengths [m].
+# A floor is a box so wide that no arm reaches its edge, and so thick that none reaches its bottom:
+# half lengths [m].
 FLOOR_HALF = (50.0, 50.0, 1.0)
 
 
@@ -55,15 +56,27 @@ def read_attached(top: SceneTable) -> tuple[Carried, ...]:
 
 def floor_box(height: float) -> Box:
     """The floor at a height above the base's origin [m]."""
-    return Box("floor", 0, np.eye(3), np.array([0.0, 0.0, height - FLOOR_HALF[2]]), Solid.simple("box", *FLOOR_HALF))
+    return Box(
+        "floor",
+        0,
+        np.eye(3),
+        np.array([0.0, 0.0, height - FLOOR_HALF[2]]),
+        Solid.simple("box", *FLOOR_HALF),
+    )
 
 
 def _shape_table(file: Path, name: str, entry: dict[str, Any], carried: bool = False) -> SceneTable:
     """A shape's table, its kind found out and its keys looked at."""
-    kind = entry.get("shape", next((shape for word, shape in TELLING.items() if word in entry), "box"))
+    kind = entry.get(
+        "shape", next((shape for word, shape in TELLING.items() if word in entry), "box")
+    )
     if kind not in SHAPES:
         raise InputError(file, f"{name}: shape is {kind!r}", f"use one of: {', '.join(SHAPES)}")
-    keys = {**KEYS["obstacle"], **KEYS[f"obstacle: {kind}"], **(KEYS["attached"] if carried else {})}
+    keys = {
+        **KEYS["obstacle"],
+        **KEYS[f"obstacle: {kind}"],
+        **(KEYS["attached"] if carried else {}),
+    }
     table = SceneTable(file, name, {**entry, "shape": kind}, keys)
     if kind == "cloud" and carried:
         remedy = "give another shape, or a mesh, of which the hull counts"
@@ -72,14 +85,19 @@ def _shape_table(file: Path, name: str, entry: dict[str, Any], carried: bool = F
 
 
 def _shape(table: SceneTable, carried: bool = False) -> Box:
-    """A shape and its place; of a mesh that is carried the hull: the arm's own bodies are convex."""
+    """A shape and its place.
+
+    Of a mesh that is carried the hull: the arm's own bodies are convex.
+    """
     kind = table["shape"]
     middle = np.zeros(3)
     folder = table.file.parent
     if kind == "box":
         solid = Solid.simple("box", *(table["size_m"] / 2))
     elif kind == "mesh":
-        solid, middle = read_mesh(folder / table.need("file"), table["scale"], table["hull"] or carried)
+        solid, middle = read_mesh(
+            folder / table.need("file"), table["scale"], table["hull"] or carried
+        )
     elif kind == "cloud":
         solid, middle = read_cloud(folder / table.need("cloud"), table["radius_m"], table["scale"])
     else:
@@ -88,7 +106,9 @@ def _shape(table: SceneTable, carried: bool = False) -> Box:
     rotation = table["rpy_rad"]
     # What was scanned is given in the base frame, where nothing else is said.
     centre = np.zeros(3) if kind == "cloud" and "xyz_m" not in table else table.need("xyz_m")
-    return Box(str(table.entry.get("name", table.name)), 0, rotation, centre + rotation @ middle, solid)
+    return Box(
+        str(table.entry.get("name", table.name)), 0, rotation, centre + rotation @ middle, solid
+    )
 
 
 NO_RULES = WayRules()
@@ -100,14 +120,18 @@ class Surroundings:
 
     source: Path  # the file
     robot: str | None = None  # name or URDF path of the robot that it names, if any
-    obstacles: tuple[Box, ...] = ()  # shapes in the base frame, the floor among them if the file has one
+    # Shapes in the base frame, the floor among them if the file has one.
+    obstacles: tuple[Box, ...] = ()
     attached: tuple[Carried, ...] = ()  # shapes that the arm carries
-    payload: Payload | None = None  # mass that it carries, with its centre in the frame of `payload_link`
+    # Mass that it carries, with its centre in the frame of `payload_link`.
+    payload: Payload | None = None
     payload_link: str | None = None  # that frame; the arm's tip frame if None
     srdf: Path | None = None  # file that names pairs of links to leave out of checks
-    lower: Float[Array, " n"] | None = None  # position limits inside the robot's [rad]; None for the robot's
+    # Position limits inside the robot's [rad]; None for the robot's.
+    lower: Float[Array, " n"] | None = None
     upper: Float[Array, " n"] | None = None
-    speed: Float[Array, " n"] | None = None  # speed limits other than the robot's [rad/s]; None for the robot's
+    # Speed limits other than the robot's [rad/s]; None for the robot's.
+    speed: Float[Array, " n"] | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -115,29 +139,39 @@ class Task(Surroundings):
     """What a scene file says."""
 
     robot: str  # name or URDF path
-    start: Float[Array, " n"]  # ends [rad]; the goal is the start until `pose` is brought to joint angles
+    # Ends [rad]; the goal is the start until `pose` is brought to joint angles.
+    start: Float[Array, " n"]
     goal: Float[Array, " n"]
     # Duration of the motion [s]; where time is the objective it may be None, or is a first guess.
     duration: float | None = None
-    longest: float | None = None  # where the duration of least energy is to be found, the longest [s]
+    # Where the duration of least energy is to be found, the longest [s].
+    longest: float | None = None
     standby: float = 0.0  # power that the cell takes all the while [W]
     via_points: int = 2  # via points at least
-    wrist: Float[Array, " k"] | None = None  # positions of the joints that do not move [rad]; zeros if None
+    # Positions of the joints that do not move [rad]; zeros if None.
+    wrist: Float[Array, " k"] | None = None
     clearance: float = 0.005  # distance to keep [m]
     reach: float = math.pi / 2  # how far a via angle may go from the initial one [rad]
-    torque: Float[Array, " n"] | None = None  # limits other than the robot's [N m]; None for the robot's
-    acceleration: Float[Array, " n"] | None = None  # limits of acceleration [rad/s²] and jerk [rad/s³]; None for none
+    # Limits other than the robot's [N m]; None for the robot's.
+    torque: Float[Array, " n"] | None = None
+    # Limits of acceleration [rad/s²] and jerk [rad/s³]; None for none.
+    acceleration: Float[Array, " n"] | None = None
     jerk: Float[Array, " n"] | None = None
-    makers: bool = True  # whether the maker's published limits of acceleration and jerk are kept where those are None
-    taught: Float[Array, "V n"] | None = None  # via points of the file itself, from which the search begins [rad]
-    taught_times: Float[Array, " V"] | None = None  # their time stamps [s]; None if they are to be found
+    # Whether the maker's published limits of acceleration and jerk are kept where those are None.
+    makers: bool = True
+    # Via points of the file itself, from which the search begins [rad].
+    taught: Float[Array, "V n"] | None = None
+    # Their time stamps [s]; None if they are to be found.
+    taught_times: Float[Array, " V"] | None = None
     pose: Pose | None = None  # where a frame is to end, in place of the goal's angles
     others: tuple[Float[Array, " n"], ...] = ()  # further goals, any of which will do as well [rad]
     other_poses: tuple[Pose, ...] = ()  # further poses likewise
     way: WayRules = NO_RULES  # what the motion has to keep on its way
     stops: tuple[Stop, ...] = ()  # where a cycle stops on its way; none for a single motion
-    keys: tuple[str, str] = ("start_deg", "goal_deg")  # by which the file names start and goal, for messages
-    held: Mapping[str, float] = field(default_factory=dict)  # joints without a drive, where they stand [rad or m]
+    # By which the file names start and goal, for messages.
+    keys: tuple[str, str] = ("start_deg", "goal_deg")
+    # Joints without a drive, where they stand [rad or m].
+    held: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def n(self) -> int:
@@ -160,7 +194,10 @@ def load_task(path: str | Path) -> Task:
         named["start_deg"]
     keys = tuple(
         next((key for key in ends if key in named), ends[0])
-        for ends in (("start_deg", "start_state"), ("goal_deg", "goals_deg", "goal_pose", "goal_state"))
+        for ends in (
+            ("start_deg", "start_state"),
+            ("goal_deg", "goals_deg", "goal_pose", "goal_state"),
+        )
     )
     top.table("limits")
     from ident.robot.arm import ArmModel  # heavy: a slip in the tables above is reported before
@@ -171,7 +208,9 @@ def load_task(path: str | Path) -> Task:
 
         give_states(top, arm)
     given = len(top.table("task")["start_deg"])
-    sliding = arm.sliding_joints[arm.n - given :] if is_the_driven(given, arm) else arm.sliding_joints
+    sliding = (
+        arm.sliding_joints[arm.n - given :] if is_the_driven(given, arm) else arm.sliding_joints
+    )
     slides = np.append(sliding, np.zeros(given, dtype=bool))
     top.joints = slides[:given]
     task = top.table("task")
@@ -187,9 +226,15 @@ def load_task(path: str | Path) -> Task:
         taught = np.array(task["via_points_deg"])
         times = task["times_s"]
         if times is not None and len(times) != len(taught):
-            raise task.fault("times_s", f"has {len(times)} numbers, not {len(taught)}", f"give {len(taught)}")
+            raise task.fault(
+                "times_s", f"has {len(times)} numbers, not {len(taught)}", f"give {len(taught)}"
+            )
         if times is not None and np.any(np.diff(times) <= 0):
-            raise InputError(task.file, f"{task.name}: times_s do not increase", "give one later stamp a via point")
+            raise InputError(
+                task.file,
+                f"{task.name}: times_s do not increase",
+                "give one later stamp a via point",
+            )
     return Task(
         **vars(_surroundings(top)) | {"robot": robot},
         start=start,
@@ -217,7 +262,9 @@ def load_task(path: str | Path) -> Task:
 
 
 def load_surroundings(path: str | Path, joints: Bool[Array, " n"]) -> Surroundings:
-    """Reads a scene file for an arm of whose joints each slides or turns; its task, if it has one, is left aside.
+    """Reads a scene file for an arm of whose joints each slides or turns.
+
+    Its task, if it has one, is left aside.
 
     Raises:
         InputError: As `load_task`.
@@ -242,7 +289,9 @@ def _surroundings(top: SceneTable) -> Surroundings:
     high = limits["upper_deg"]
     if low is not None and high is not None and np.any(low >= high):
         j = int(np.flatnonzero(low >= high)[0])
-        what = f"{limits.entry['lower_deg'][j]:g} is not below limits.upper_deg {limits.entry['upper_deg'][j]:g}"
+        lower = limits.entry["lower_deg"][j]
+        upper = limits.entry["upper_deg"][j]
+        what = f"{lower:g} is not below limits.upper_deg {upper:g}"
         raise limits.fault("lower_deg", what, "correct one of them")
     if "payload" in top:
         x, y, z = payload["com_m"].tolist()
@@ -282,7 +331,11 @@ def read_rules(top: SceneTable) -> WayRules:
             for given in [table.one_of("allowed_deg", "keep_out_deg")]
         ),
         vias=tuple(
-            ViaPoint(freeze(table[kind]), kind == "xyz_m", table["within_m" if kind == "xyz_m" else "within_deg"])
+            ViaPoint(
+                freeze(table[kind]),
+                kind == "xyz_m",
+                table["within_m" if kind == "xyz_m" else "within_deg"],
+            )
             for table in top.tables("pass")
             for kind in [table.one_of("deg", "xyz_m")]
         ),
@@ -290,15 +343,23 @@ def read_rules(top: SceneTable) -> WayRules:
 
 
 def read_poses(task: SceneTable) -> list[Pose]:
-    """The goal's pose, or the poses of which any will do; none where the goal is given by its joint angles.
+    """The goal's pose, or the poses of which any will do.
+
+    None where the goal is given by its joint angles.
 
     Raises:
         InputError: A key is missing, unknown or of the wrong kind.
     """
     poses = task.entry.get("goal_pose", [])
     name = task.path("goal_pose")
-    tables = [SceneTable(task.file, name, one) for one in (poses if isinstance(poses, list) else [poses])]
+    tables = [
+        SceneTable(task.file, name, one) for one in (poses if isinstance(poses, list) else [poses])
+    ]
     return [
-        Pose(one["frame"], freeze(one["xyz_m"]), one["rpy_rad"] if "rpy_rad" in one else one["quaternion_xyzw"])
+        Pose(
+            one["frame"],
+            freeze(one["xyz_m"]),
+            one["rpy_rad"] if "rpy_rad" in one else one["quaternion_xyzw"],
+        )
         for one in tables
     ]

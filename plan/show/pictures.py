@@ -1,4 +1,7 @@
-"""Pictures of plans: motion, torques before and after, power, and cost against evaluations and time."""
+"""Pictures of plans.
+
+Motion, torques before and after, power, and cost against evaluations and time.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,8 @@ SAMPLES = 400
 OWN_AXIS = 1.5
 # Where each kind of picture says who made it.
 MAKER = {".png": {"Software": "armgap"}, ".svg": {"Title": "armgap", "Date": None}}
-# The same picture has the same bytes; LaTeX is not started, in a program that draws its own pictures so either.
+# The same picture has the same bytes; LaTeX is not started, in a program that draws its own
+# pictures so either.
 SETTINGS: dict[Any, Any] = {"svg.hashsalt": "armgap", "text.usetex": False}
 BEFORE = "#9aa5b1"
 AFTER = "#0b6e99"
@@ -52,15 +56,19 @@ def save_figure(figure: Figure, path: str | Path) -> None:
 
 
 def draw_energy_curve(result: PlanResult) -> Figure:
-    """Least energy over duration, alone and with the cell's standby, and the plan that was taken."""
+    """Least energy over duration, alone and with the cell's standby, and the plan that is taken."""
     durations, energies = np.array(result.energy_curve).reshape(-1, 2).T
     figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
     axes.plot(durations, energies, color=BEFORE, marker=".", label="motion")
     if result.standby > 0.0:
         whole = energies + result.standby * durations
-        axes.plot(durations, whole, color=AFTER, marker=".", label=f"with {result.standby:g} W standby")
+        axes.plot(
+            durations, whole, color=AFTER, marker=".", label=f"with {result.standby:g} W standby"
+        )
     if result.splines is not None:
-        axes.plot([float(result.splines.total[0])], [result.cost], "o", color=LIMIT, label="this plan")
+        axes.plot(
+            [float(result.splines.total[0])], [result.cost], "o", color=LIMIT, label="this plan"
+        )
     axes.set_xlabel("duration [s]")
     axes.set_ylabel(f"least {result.metric} energy [J]")
     axes.legend(frameon=False, fontsize=8)
@@ -84,17 +92,24 @@ def require_curve(path: Path) -> None:
     """Raises InputError for a name by which no curve can be written."""
     known = (*MAKER, ".csv")
     if path.suffix.lower() not in known:
-        raise InputError("--curve", f"{path.name!r} is no curve's name", f"end it in one of: {', '.join(known)}")
+        raise InputError(
+            "--curve", f"{path.name!r} is no curve's name", f"end it in one of: {', '.join(known)}"
+        )
 
 
 def require_picture(path: Path) -> None:
     """Raises InputError for a name by which no picture can be written."""
     if path.suffix.lower() not in MAKER:
-        raise InputError("--picture", f"{path.name!r} is no picture's name", f"end it in one of: {', '.join(MAKER)}")
+        raise InputError(
+            "--picture",
+            f"{path.name!r} is no picture's name",
+            f"end it in one of: {', '.join(MAKER)}",
+        )
 
 
 def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
-    """Angles, torques against their limits and power of a plan, a column a joint, with the initial motion behind.
+    """Angles, torques against their limits and power of a plan, a column a joint, with the initial
+    motion behind.
 
     Below them stands the arm at start and goal, with what it carries and what is in its way.
     """
@@ -110,7 +125,9 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
     found = problem.initial_evaluation
     words = f"initial ({problem.label})"
     if not found.feasible[0]:
-        words += ": not allowed, it " + ("hits something" if found.collision[0] > 0 else "breaks a limit")
+        words += ": not allowed, it " + (
+            "hits something" if found.collision[0] > 0 else "breaks a limit"
+        )
     slower = float(before.total[0] / max(result.splines.total[0], 1e-9))
     slower = slower if not 1.0 / OWN_AXIS < slower < OWN_AXIS else 1.0
     for splines, colour, label in ((before, BEFORE, words), (result.splines, AFTER, "this plan")):
@@ -130,10 +147,14 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
         for limit in (-problem.limits.torque[j], problem.limits.torque[j]):
             axes[1, j].axhline(limit, color=LIMIT, lw=1, label="torque limit")
         if slower != 1.0:
-            top = axes[0, j].secondary_xaxis("top", functions=(lambda t: t * slower, lambda t: t / slower))
+            top = axes[0, j].secondary_xaxis(
+                "top", functions=(lambda t: t * slower, lambda t: t / slower)
+            )
             top.set_xlabel("initial: time [s]", color=BEFORE)
             top.tick_params(colors=BEFORE)
-        axes[0, j].set_title(problem.scene.arm.joint_names[j], parse_math=False)  # a name is no formula
+        axes[0, j].set_title(
+            problem.scene.arm.joint_names[j], parse_math=False
+        )  # a name is no formula
         axes[2, j].set_xlabel("time [s]")
         axes[2, j].axhline(0, color="#cccccc", lw=0.8, zorder=0)
     for j in sorted({0, *np.flatnonzero(slides)}):
@@ -147,7 +168,10 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
 
 
 def _draw_places(figure: Any, problem: PlanningProblem, splines: Splines) -> None:
-    """Boxes round all shapes from the side and from above: the arm at the start and, lighter, at the goal."""
+    """Boxes round all shapes from the side and from above.
+
+    The arm at the start and, lighter, at the goal.
+    """
     scene = problem.scene
     data = scene.arm.model.createData()
     model = scene.arm.model
@@ -162,20 +186,35 @@ def _draw_places(figure: Any, problem: PlanningProblem, splines: Splines) -> Non
             kind = OBSTACLE if box.body < 0 else TOOL if box.name in carried else AFTER
             label = carried.pop(box.name, None) if alpha > 0.5 else None
             for part in box.parts:
-                corners = part.corners if box.joint == 0 else part.corners @ at.rotation.T + at.translation
+                corners = (
+                    part.corners
+                    if box.joint == 0
+                    else part.corners @ at.rotation.T + at.translation
+                )
                 for axis, columns in zip(views, VIEWS, strict=True):
                     flat = corners[:, columns]
-                    axis.fill(*flat[ConvexHull(flat).vertices].T, color=kind, alpha=alpha, lw=0, label=label)
+                    axis.fill(
+                        *flat[ConvexHull(flat).vertices].T,
+                        color=kind,
+                        alpha=alpha,
+                        lw=0,
+                        label=label,
+                    )
     _draw_way(views, problem, splines)
     for axis, name in zip(views, ("z", "y"), strict=True):
         axis.set(aspect="equal", xlabel="x [m]", ylabel=f"{name} [m]")
     if views[0].get_legend_handles_labels()[0]:
         legend = figure.legend(
-            *views[0].get_legend_handles_labels(), loc="outside lower center", frameon=False, fontsize=8
+            *views[0].get_legend_handles_labels(),
+            loc="outside lower center",
+            frameon=False,
+            fontsize=8,
         )
         for text in legend.get_texts():
             text.set_parse_math(False)
-    figure.suptitle("boxes round the arm's shapes at the start, and lighter at the goal", fontsize=9)
+    figure.suptitle(
+        "boxes round the arm's shapes at the start, and lighter at the goal", fontsize=9
+    )
 
 
 def _draw_way(views: Any, problem: PlanningProblem, splines: Splines) -> None:
@@ -183,14 +222,21 @@ def _draw_way(views: Any, problem: PlanningProblem, splines: Splines) -> None:
     rules = problem.rules
     if rules is None:
         return
-    place, turn, _, _ = rules.tool(splines.at(np.linspace(0.0, float(splines.total[0]), SAMPLES))[0])
-    vias = [via.target if via.of_tool else rules.tool(via.target[None])[0][0] for via in rules.rules.vias]
+    place, turn, _, _ = rules.tool(
+        splines.at(np.linspace(0.0, float(splines.total[0]), SAMPLES))[0]
+    )
+    vias = [
+        via.target if via.of_tool else rules.tool(via.target[None])[0][0]
+        for via in rules.rules.vias
+    ]
     for axis, columns in zip(views, VIEWS, strict=True):
         axis.plot(*place[:, columns].T, color="black", lw=1.2, label=f"way of {rules.frame}")
         for via in vias:
             axis.plot(*via[columns], "x", color="black", ms=6)
         for cone in rules.rules.cones:
-            for at, pointing in zip(place[:: SAMPLES // 12], turn[:: SAMPLES // 12] @ cone.axis, strict=True):
+            for at, pointing in zip(
+                place[:: SAMPLES // 12], turn[:: SAMPLES // 12] @ cone.axis, strict=True
+            ):
                 ends = np.stack([at, at + 0.1 * pointing])
                 axis.plot(*ends[:, columns].T, color=TOOL, lw=0.8)
 
@@ -209,7 +255,10 @@ def _motion_title(result: PlanResult) -> str:
 
 
 def draw_comparison(comparison: Comparison) -> Figure:
-    """Best allowed cost so far against evaluations and time: each method's median run; its other seeds thinner."""
+    """Best allowed cost so far against evaluations and time.
+
+    Each method's median run; its other seeds thinner.
+    """
     figure, axes = plt.subplots(1, 2, figsize=(11, 4.5), sharey=True)
     timed = comparison.objective == "time"
     everything = []
@@ -226,7 +275,9 @@ def draw_comparison(comparison: Comparison) -> Figure:
             thick, alpha, dot = (1.8, 1.0, 4) if run is middle else (0.6, 0.4, 2)
             costs = np.append(rows[:, 2], rows[-1, 2])
             label = f"{method}: {cost}" if run is middle else None
-            for axis, column, spent in zip(axes, (0, 1), (run.evaluations, run.cpu_seconds), strict=True):
+            for axis, column, spent in zip(
+                axes, (0, 1), (run.evaluations, run.cpu_seconds), strict=True
+            ):
                 x = np.maximum(rows[:, column], 1e-3)
                 x = np.append(x, max(spent, x[-1]))
                 axis.step(x, costs, where="post", color=colour, lw=thick, alpha=alpha, label=label)
@@ -236,9 +287,17 @@ def draw_comparison(comparison: Comparison) -> Figure:
         high = float(np.quantile(everything, 0.9))
         axes[0].set_ylim(low - 0.05 * (high - low), high + 0.3 * (high - low))
     metric = comparison.results[0].metric
-    unit = "duration [s]" if timed else "∫ τ² dt [N² m² s]" if metric == "copper" else f"{metric} energy [J]"
+    unit = (
+        "duration [s]"
+        if timed
+        else "∫ τ² dt [N² m² s]"
+        if metric == "copper"
+        else f"{metric} energy [J]"
+    )
     axes[0].set_ylabel(f"best allowed plan so far: {unit}")
-    for axis, name in zip(axes, ("trajectories evaluated", "processor time of the search [s]"), strict=True):
+    for axis, name in zip(
+        axes, ("trajectories evaluated", "processor time of the search [s]"), strict=True
+    ):
         axis.set(xscale="log", xlabel=name)
         axis.grid(alpha=0.25)
     axes[0].legend(frameon=False, fontsize=8)

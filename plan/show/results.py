@@ -1,4 +1,7 @@
-"""Plans, comparisons and motions to record: what the commands print, and what Python and notebooks show."""
+"""Plans, comparisons and motions to record.
+
+What the commands print, and what Python and notebooks show.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,9 @@ from rich.table import Table
 from ident.show.console import styled
 from plan.problem.scene_keys import as_given
 
-if TYPE_CHECKING:  # each result is known by its name: none of them needs what the others are made of
+if (
+    TYPE_CHECKING
+):  # each result is known by its name: none of them needs what the others are made of
     from matplotlib.figure import Figure
 
     from plan.experiment.result import Excitation
@@ -45,7 +50,10 @@ def _say(console: Console, kind: str, result: Any, *more: Any, **given: Any) -> 
 
 
 def _print_plan(console: Console, result: PlanResult) -> None:
-    """A plan and its certificate, or why there is none; and what became of the initial trajectories."""
+    """A plan and its certificate, or why there is none.
+
+    And what became of the initial trajectories.
+    """
     status = (result.status, "green" if result.solved else "red")
     spent = f" by {result.method} in {result.seconds:.2f} s, {result.evaluations} evaluations"
     console.print(styled(status, spent), soft_wrap=True)
@@ -54,7 +62,10 @@ def _print_plan(console: Console, result: PlanResult) -> None:
         slides = result.certificate.scene.arm.sliding_joints
         stamps = np.cumsum(result.splines.durations[0])[:-1]
         points = result.splines.points[0, 1:-1]
-        words = [", ".join(as_given(x, bool(one), 2) for x, one in zip(q, slides, strict=True)) for q in points]
+        words = [
+            ", ".join(as_given(x, bool(one), 2) for x, one in zip(q, slides, strict=True))
+            for q in points
+        ]
         words = words if slides.any() else [one.replace(" deg,", ",") for one in words]
         vias = list(zip(stamps, words, strict=True))
     _say(console, "plan", result, vias=vias)
@@ -65,7 +76,9 @@ def _print_plan(console: Console, result: PlanResult) -> None:
         for start in result.starts:
             cost = start.get("cost")
             failed = "not made feasible" if "violation" in start and cost is None else ""
-            table.add_row(start["label"], "" if cost is None else f"{cost:.3f}", start["reason"] or failed)
+            table.add_row(
+                start["label"], "" if cost is None else f"{cost:.3f}", start["reason"] or failed
+            )
         console.print(table)
 
 
@@ -74,7 +87,14 @@ def _print_cycle(console: Console, result: CycleResult) -> None:
     console.print(styled((result.status, "green" if result.solved else "red"), ""), soft_wrap=True)
     _say(console, "cycle", result)
     table = Table(title="motions", title_justify="left")
-    for name in ("leg", "duration [s]", "energy [J]", "clearance [mm]", "torque [%]", "slowed down [%]"):
+    for name in (
+        "leg",
+        "duration [s]",
+        "energy [J]",
+        "clearance [mm]",
+        "torque [%]",
+        "slowed down [%]",
+    ):
         table.add_column(name, justify="right")
     for number, leg in enumerate(result.legs, start=1):
         certificate = leg.plan.certificate
@@ -114,7 +134,10 @@ def _print_comparison(console: Console, comparison: Comparison) -> None:
         table.add_column(name, justify="left" if name == "method" else "right")
     for row in comparison.rows():
         known = {name: float("nan") if value is None else value for name, value in row.items()}
-        known |= {"clearance_mm": 1000 * known["clearance_m"], "above_percent": 100 * known["above_best"]}
+        known |= {
+            "clearance_mm": 1000 * known["clearance_m"],
+            "above_percent": 100 * known["above_best"],
+        }
         table.add_row(*(text.format(**known).replace("nan", "–") for text in columns.values()))
     console.print(table)
 
@@ -125,8 +148,15 @@ def _print_motion(console: Console, found: Excitation) -> None:
     from ident.errors import plural
     from plan.experiment.result import odds_of
 
-    odds = ["over 10⁶ : 1" if odds_of(one) > 1e6 else f"{odds_of(one):.3g} : 1" for one in found.smallest]
-    motion = SERIES if found.run_set.family == "fourier" else describe_motion(found.run_set.family, found.joint)
+    odds = [
+        "over 10⁶ : 1" if odds_of(one) > 1e6 else f"{odds_of(one):.3g} : 1"
+        for one in found.smallest
+    ]
+    motion = (
+        SERIES
+        if found.run_set.family == "fourier"
+        else describe_motion(found.run_set.family, found.joint)
+    )
     _say(console, "motion", found, motion, plural(len(found.runs), "run"), odds)
 
 
@@ -139,7 +169,10 @@ WRITERS: dict[str, Callable[[Console, Any], None]] = {
 
 
 def draw(result: Any) -> Figure:
-    """A result as a picture: a comparison's costs; angles of a plan, or of a motion's first run, over time."""
+    """A result as a picture.
+
+    A comparison's costs; angles of a plan, or of a motion's first run, over time.
+    """
     from ident.show.results import panel
     from ident.trajectories.reference import TICK_S
 
@@ -150,7 +183,9 @@ def draw(result: Any) -> Figure:
 
         return draw_comparison(result)
     if kind == "CycleResult":
-        figure, axes = panel("time [s]", "angle [deg]", f"{result.status}: {len(result.legs)} motions")
+        figure, axes = panel(
+            "time [s]", "angle [deg]", f"{result.status}: {len(result.legs)} motions"
+        )
         begin = 0.0
         for leg in result.legs:
             if leg.plan.splines is not None:
@@ -167,11 +202,16 @@ def draw(result: Any) -> Figure:
             words = [f"joint {j}{' [cm]' * bool(one)}" for j, one in enumerate(slides, start=1)]
             curves = list(zip([times] * len(words), paths, words, strict=True))
     else:
-        figure, axes = panel("time [s]", "position", f"{result.status}: {', '.join(result.effects) or result.aim}")
+        figure, axes = panel(
+            "time [s]", "position", f"{result.status}: {', '.join(result.effects) or result.aim}"
+        )
         for motion in result.runs[:1]:
             step = max(1, len(motion.q) // SAMPLES)
             clock = TICK_S * np.arange(len(motion.q))[::step]
-            curves = [(clock, one, joint) for one, joint in zip(motion.q[::step].T, result.noise, strict=True)]
+            curves = [
+                (clock, one, joint)
+                for one, joint in zip(motion.q[::step].T, result.noise, strict=True)
+            ]
     for x, y, name in curves:
         axes.plot(x, y, label=name)
     if curves:

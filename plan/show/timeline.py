@@ -20,7 +20,9 @@ OBSTACLE = (179, 38, 30)
 
 
 def save_timeline(problem: PlanningProblem, result: PlanResult, path: str | Path) -> None:
-    """Writes a `.rrd` file: the planned motion with its curves, and the initial one beside it as a ghost.
+    """Writes a `.rrd` file.
+
+    The planned motion with its curves, and the initial one beside it as a ghost.
 
     Links' boxes are static shapes under moving frames; a frame is logged only where it is needed.
     """
@@ -36,7 +38,10 @@ def save_timeline(problem: PlanningProblem, result: PlanResult, path: str | Path
         for box in problem.scene.obstacles:
             _log_box(stream, f"world/obstacles/{box.name}", box, OBSTACLE)
         before = problem.decode(problem.initial)
-        for splines, root, colour in ((result.splines, "world/arm", LINK), (before, "world/initial", GHOST)):
+        for splines, root, colour in (
+            (result.splines, "world/arm", LINK),
+            (before, "world/initial", GHOST),
+        ):
             for i, box in enumerate(box for box in boxes if box.body >= 0):
                 _log_box(stream, f"{root}/joint_{box.joint}/{i}_{box.name}", box, colour)
             times = np.linspace(0.0, float(splines.total[0]), FRAMES)
@@ -65,6 +70,9 @@ def save_timeline(problem: PlanningProblem, result: PlanResult, path: str | Path
 def _log_box(stream: rr.RecordingStream, path: str, box: Box, colour: tuple[int, int, int]) -> None:
     quaternion = pin.Quaternion(np.array(box.rotation)).coeffs()
     shape = rr.Boxes3D(
-        half_sizes=[box.half], centers=[box.centre], quaternions=[rr.Quaternion(xyzw=quaternion)], colors=[colour]
+        half_sizes=[box.half],
+        centers=[box.centre],
+        quaternions=[rr.Quaternion(xyzw=quaternion)],
+        colors=[colour],
     )
     stream.log(path, shape, static=True)

@@ -1,4 +1,7 @@
-"""What a diagnosis adds to the timeline: what is left at each joint, and where that stands highest above the noise."""
+"""What a diagnosis adds to the timeline.
+
+What is left at each joint, and where that stands highest above the noise.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,9 @@ MARK_FROM = 4.0
 
 
 def gap_marks(analysis: Analysis) -> list[Mark]:
-    """The half seconds in which a joint's residual stands highest above its noise, and the cells that they lie in."""
+    """The half seconds in which a joint's residual stands highest above its noise, and the cells
+    that they lie in.
+    """
     found: list[tuple[float, int, int, slice]] = []
     level = np.maximum(analysis.evidence.floor, 1e-9)
     for k, item in enumerate(analysis.series):
@@ -26,7 +31,9 @@ def gap_marks(analysis: Analysis) -> list[Mark]:
         for start in range(0, len(power) - width + 1, width):
             rows = slice(start, start + width)
             heights = power[rows].mean(axis=0)
-            found += [(float(heights[j]), k, int(j), rows) for j in np.flatnonzero(heights > MARK_FROM)]
+            found += [
+                (float(heights[j]), k, int(j), rows) for j in np.flatnonzero(heights > MARK_FROM)
+            ]
     found.sort(key=lambda one: -one[0])
     axes = session_axes(analysis.series)
     sure = analysis.diagnosis.settings.gap.map.significant
@@ -39,20 +46,32 @@ def gap_marks(analysis: Analysis) -> list[Mark]:
             if place.joint == name and place.axis in axes and place.p_value <= sure:
                 middle = float(np.median(axes[place.axis](item, j)[rows]))
                 if place.low <= middle <= place.high:
-                    words.append(f"{axis_name(place.axis)} {interval_words(place.axis, place.low, place.high)}")
-        marks.append(Mark(item.index, rows.start * item.step, rows.stop * item.step, name, ", ".join(words)))
+                    interval = interval_words(place.axis, place.low, place.high)
+                    words.append(f"{axis_name(place.axis)} {interval}")
+        marks.append(
+            Mark(item.index, rows.start * item.step, rows.stop * item.step, name, ", ".join(words))
+        )
     return marks
 
 
 def gap_curves(analysis: Analysis) -> list[list[Curve]]:
-    """What the tuned model leaves, run by run, with the named effects and without; the latter last: it is marked."""
+    """What the tuned model leaves, run by run, with the named effects and without.
+
+    The latter last: it is marked.
+    """
     rungs = [("tuned", "after tuning", TUNED)]
     if analysis.diagnosis.findings:
         rungs.insert(0, ("named", "with the named effects", NAMED))
     curves: list[list[Curve]] = [[] for _ in analysis.session.runs]
     for item in analysis.series:
         curves[item.index] = [
-            Curve(joint, ("residual", rung), words, colour, (item.after if rung == "named" else item.before)[:, j])
+            Curve(
+                joint,
+                ("residual", rung),
+                words,
+                colour,
+                (item.after if rung == "named" else item.before)[:, j],
+            )
             for j, joint in enumerate(analysis.diagnosis.joints)
             for rung, words, colour in rungs
         ]

@@ -33,14 +33,18 @@ class Curve:
     """One curve of one joint over a run's filtered samples."""
 
     joint: str  # the joint
-    path: tuple[str, str]  # group (`torque`, `residual`, `power`, `energy`, `motion`) and name within it
+    # Group (`torque`, `residual`, `power`, `energy`, `motion`) and name within it.
+    path: tuple[str, str]
     label: str  # its name in the legend
     colour: str  # its colour
     values: Float[Array, " t"]  # one value a filtered sample
 
 
 def run_curves(motion: Motion, model: HybridModel | None) -> Iterator[Curve]:
-    """All curves of a run; power of the last rung only, the others' can be read off torque and speed."""
+    """All curves of a run.
+
+    Power of the last rung only, the others' can be read off torque and speed.
+    """
     coarse = motion.coarse
     measured = (
         ("torque", motion.tau_filtered),
@@ -51,7 +55,9 @@ def run_curves(motion: Motion, model: HybridModel | None) -> Iterator[Curve]:
         for group, table in measured:
             yield Curve(joint, (group, "measured"), "measured", MEASURED, table[:, j])
         yield Curve(joint, ("motion", "position"), "position [rad]", "#444444", motion.q[coarse, j])
-        yield Curve(joint, ("motion", "velocity"), "velocity [rad/s]", FLEXIBLE, motion.dq[coarse, j])
+        yield Curve(
+            joint, ("motion", "velocity"), "velocity [rad/s]", FLEXIBLE, motion.dq[coarse, j]
+        )
     if model is None:
         return
     trace = trace_run(model, motion)
@@ -72,14 +78,20 @@ def run_curves(motion: Motion, model: HybridModel | None) -> Iterator[Curve]:
 
 
 def _work(motion: Motion, torque: Float[Array, "T n"]) -> Float[Array, "T n"]:
-    """Work since the run's start [J], of the unfiltered torque: its end is what the energy error compares."""
+    """Work since the run's start [J], of the unfiltered torque.
+
+    Its end is what the energy error compares.
+    """
     power = torque * motion.dq
     steps = motion.interval * (power[1:] + power[:-1]) / 2.0
     return np.concatenate([np.zeros_like(power[:1]), np.cumsum(steps, axis=0)])
 
 
 def marked(curve: Curve, time: Float[Array, " t"], start: float, end: float) -> Curve:
-    """The part of a curve within a mark, red; not a number elsewhere, so that nothing is drawn there."""
+    """The part of a curve within a mark, red.
+
+    Not a number elsewhere, so that nothing is drawn there.
+    """
     inside = (time >= start) & (time <= end)
     values = np.where(inside, curve.values, np.nan)
     return Curve(curve.joint, (curve.path[0], "mark"), "mark", MARK_COLOUR, values)

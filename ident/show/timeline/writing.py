@@ -36,31 +36,55 @@ def require_screen() -> None:
     Raises:
         InputError: Linux, and neither X11's nor Wayland's display is named in the environment.
     """
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise InputError("viewer", "there is no screen here", "save the timeline with --rrd FILE, open it elsewhere")
+    if sys.platform.startswith("linux") and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        raise InputError(
+            "viewer",
+            "there is no screen here",
+            "save the timeline with --rrd FILE, open it elsewhere",
+        )
 
 
-def make_blueprint(joints: Sequence[str], with_model: bool, reach: float, with_words: bool = False) -> rrb.Blueprint:
-    """The layout; the camera stands as far off as the arm reaches [m], which is 0 where there are no boxes to show."""
+def make_blueprint(
+    joints: Sequence[str], with_model: bool, reach: float, with_words: bool = False
+) -> rrb.Blueprint:
+    """The layout; the camera stands as far off as the arm reaches [m], which is 0 where there are
+    no boxes to show.
+    """
     groups = [("torque", "torque [N m]")]
     if with_model:
-        groups += [("residual", "residual: measured − modelled [N m]"), ("energy", "energy since the run's start [J]")]
+        groups += [
+            ("residual", "residual: measured − modelled [N m]"),
+            ("energy", "energy since the run's start [J]"),
+        ]
     groups += [("power", "power [W]"), ("motion", "position and velocity")]
     shares = [3] + [2] * (len(groups) - 1)
-    tabs = [rrb.Vertical(*[_series(one, *row) for row in groups], row_shares=shares, name=one) for one in joints]
+    tabs = [
+        rrb.Vertical(*[_series(one, *row) for row in groups], row_shares=shares, name=one)
+        for one in joints
+    ]
     what = "residual" if with_model else "torque"
-    overview = rrb.Grid(*[_series(joint, what, joint) for joint in joints], grid_columns=2, name=f"all joints: {what}")
+    overview = rrb.Grid(
+        *[_series(joint, what, joint) for joint in joints],
+        grid_columns=2,
+        name=f"all joints: {what}",
+    )
     series = rrb.Tabs(overview, *tabs, active_tab=0)
     left: list[rrb.View] = [rrb.TextLogView(origin="/log", name="runs, telemetry, marks")]
     if with_words:
         left.insert(0, rrb.TextDocumentView(origin=FOUND, name="what was found"))
     if reach > 0:  # the arm from the side and a little above, whole in any posture
         eye = rrb.EyeControls3D(
-            position=[1.5 * reach, -1.5 * reach, reach], look_target=[0.0, 0.0, 0.3 * reach], eye_up=[0.0, 0.0, 1.0]
+            position=[1.5 * reach, -1.5 * reach, reach],
+            look_target=[0.0, 0.0, 0.3 * reach],
+            eye_up=[0.0, 0.0, 1.0],
         )
         left.insert(0, rrb.Spatial3DView(origin="/arm", name="arm", eye_controls=eye))
     return rrb.Blueprint(
-        rrb.Horizontal(rrb.Vertical(*left, row_shares=[3, 2, 2][: len(left)]), series, column_shares=[2, 5]),
+        rrb.Horizontal(
+            rrb.Vertical(*left, row_shares=[3, 2, 2][: len(left)]), series, column_shares=[2, 5]
+        ),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="paused"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
@@ -82,7 +106,9 @@ def entity(joint: str, *parts: str) -> str:
 
 
 def link_boxes(arm: ArmModel) -> dict[str, dict[str, Any]]:
-    """Bounding boxes of the collision geometry, by link and in its frame; none where its meshes are not there.
+    """Bounding boxes of the collision geometry, by link and in its frame.
+
+    None where its meshes are not there.
 
     Boxes are shown as they are; cylinders, spheres and meshes by the box around them.
     """
@@ -103,7 +129,9 @@ def link_boxes(arm: ArmModel) -> dict[str, dict[str, Any]]:
         link: {
             "centers": np.array([pose[:3, 3] for pose, _ in boxes]),
             "half_sizes": np.array([half for _, half in boxes]),
-            "quaternions": Rotation.from_matrix(np.array([pose[:3, :3] for pose, _ in boxes])).as_quat(),
+            "quaternions": Rotation.from_matrix(
+                np.array([pose[:3, :3] for pose, _ in boxes])
+            ).as_quat(),
         }
         for link, boxes in found.items()
     }
@@ -116,7 +144,8 @@ def arm_reach(arm: ArmModel) -> float:
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
-# Runs lie end to end with this pause [s]: the clocks of sessions overlap, and a page can't be in two places.
+# Runs lie end to end with this pause [s]: the clocks of sessions overlap, and a page can't be in
+# two places.
 PAUSE = 1.0
 # The arm is drawn this often; the curves keep every sample [1/s].
 ARM_RATE = 25.0
@@ -177,7 +206,10 @@ def write_timeline(
 
 
 def show_timeline(
-    arm: ArmModel, motions: Sequence[Motion], model: HybridModel | None = None, issues: Sequence[TelemetryIssue] = ()
+    arm: ArmModel,
+    motions: Sequence[Motion],
+    model: HybridModel | None = None,
+    issues: Sequence[TelemetryIssue] = (),
 ) -> None:
     """Opens the timeline in Rerun's viewer, and returns when its window is closed.
 
@@ -190,21 +222,32 @@ def show_timeline(
         file = write_timeline(Path(folder) / "timeline.rrd", arm, motions, model, issues)
         command = [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", str(file)]
         if subprocess.run(command, check=False).returncode != 0:
-            raise InputError("viewer", "Rerun's window can't be opened", "save the timeline with --rrd FILE instead")
+            raise InputError(
+                "viewer",
+                "Rerun's window can't be opened",
+                "save the timeline with --rrd FILE instead",
+            )
 
 
 def run_starts(motions: Sequence[Motion]) -> list[float]:
     """Start of each run on the timeline [s]."""
-    return [0.0, *np.cumsum([motion.time[-1] - motion.time[0] + PAUSE for motion in motions])[:-1].tolist()]
+    return [
+        0.0,
+        *np.cumsum([motion.time[-1] - motion.time[0] + PAUSE for motion in motions])[:-1].tolist(),
+    ]
 
 
-def _marked_curves(curves: Sequence[Curve], time: Float[Array, " t"], marks: Sequence[Mark]) -> list[Curve]:
+def _marked_curves(
+    curves: Sequence[Curve], time: Float[Array, " t"], marks: Sequence[Mark]
+) -> list[Curve]:
     """The marked parts of each joint's last residual, or of its torque where there is no model."""
     found = []
     for mark in marks:
         own = [curve for curve in curves if curve.joint == mark.joint]
         group = "residual" if any(curve.path[0] == "residual" for curve in own) else "torque"
-        found += [marked(curve, time, mark.start_s, mark.end_s) for curve in own if curve.path[0] == group][-1:]
+        found += [
+            marked(curve, time, mark.start_s, mark.end_s) for curve in own if curve.path[0] == group
+        ][-1:]
     merged: dict[tuple[str, tuple[str, str]], Curve] = {}
     for curve in found:
         before = merged.get((curve.joint, curve.path), curve)
@@ -213,8 +256,13 @@ def _marked_curves(curves: Sequence[Curve], time: Float[Array, " t"], marks: Seq
     return list(merged.values())
 
 
-def _send_curve(recording: rr.RecordingStream, path: str, pieces: Sequence[tuple[Array, Curve]]) -> None:
-    """One entity's curve over all runs; between runs stands one value that is not a number, which breaks the line."""
+def _send_curve(
+    recording: rr.RecordingStream, path: str, pieces: Sequence[tuple[Array, Curve]]
+) -> None:
+    """One entity's curve over all runs.
+
+    Between runs stands one value that is not a number, which breaks the line.
+    """
     times: list[Array] = []
     values: list[Array] = []
     for time, curve in pieces:
@@ -222,13 +270,17 @@ def _send_curve(recording: rr.RecordingStream, path: str, pieces: Sequence[tuple
         values += [curve.values, np.array([np.nan])]
     first = pieces[0][1]
     colour = [int(first.colour[k : k + 2], 16) for k in (1, 3, 5)]
-    style = rr.SeriesLines(colors=colour, names=first.label, widths=2.5 if first.path[1] == "mark" else 1.2)
+    style = rr.SeriesLines(
+        colors=colour, names=first.label, widths=2.5 if first.path[1] == "mark" else 1.2
+    )
     recording.log(path, style, static=True)
     index = rr.TimeColumn(TIMELINE, duration=np.concatenate(times))
     recording.send_columns(path, [index], rr.Scalars.columns(scalars=np.concatenate(values)))
 
 
-def _send_arm(recording: rr.RecordingStream, arm: ArmModel, motions: Sequence[Motion], starts: Sequence[float]) -> None:
+def _send_arm(
+    recording: rr.RecordingStream, arm: ArmModel, motions: Sequence[Motion], starts: Sequence[float]
+) -> None:
     """Boxes fixed to their links, and the links' poses over all runs."""
     boxes = link_boxes(arm)
     if not boxes:
@@ -245,9 +297,13 @@ def _send_arm(recording: rr.RecordingStream, arm: ArmModel, motions: Sequence[Mo
     for k, (link, box) in enumerate(boxes.items()):
         path = f"/arm/{rr.escape_entity_path_part(link)}"
         shade = 90 + 110 * k // len(boxes)
-        recording.log(path, rr.Boxes3D(**box, colors=[shade, shade + 20, 235], fill_mode="solid"), static=True)
+        recording.log(
+            path, rr.Boxes3D(**box, colors=[shade, shade + 20, 235], fill_mode="solid"), static=True
+        )
         turn, place = poses[link]
-        columns = rr.Transform3D.columns(translation=place, quaternion=Rotation.from_matrix(turn).as_quat())
+        columns = rr.Transform3D.columns(
+            translation=place, quaternion=Rotation.from_matrix(turn).as_quat()
+        )
         recording.send_columns(path, [index], columns)
 
 
@@ -262,16 +318,23 @@ def _send_log(
     runs = []
     for motion, start in zip(motions, starts, strict=True):
         payload = f", {1000 * motion.payload.mass_kg:.0f} g at the flange" if motion.payload else ""
-        runs.append((start, f"run {motion.name}: {motion.time[-1] - motion.time[0]:.2f} s{payload}", "INFO"))
+        runs.append(
+            (start, f"run {motion.name}: {motion.time[-1] - motion.time[0]:.2f} s{payload}", "INFO")
+        )
     entries = {
-        "telemetry": [(0.0, f"{i.issue}: {i.evidence}; {i.remedy}", LEVELS[i.severity]) for i in issues],
+        "telemetry": [
+            (0.0, f"{i.issue}: {i.evidence}; {i.remedy}", LEVELS[i.severity]) for i in issues
+        ],
         "runs": runs,
         "marks": [
-            (starts[m.run] + m.start_s, f"{m.joint}, {m.end_s - m.start_s:.2f} s: {m.text}", "WARN") for m in marks
+            (starts[m.run] + m.start_s, f"{m.joint}, {m.end_s - m.start_s:.2f} s: {m.text}", "WARN")
+            for m in marks
         ],
     }
     for name, lines in entries.items():
         if lines:
             times, texts, levels = zip(*lines, strict=True)
             index = rr.TimeColumn(TIMELINE, duration=np.array(times))
-            recording.send_columns(f"/log/{name}", [index], rr.TextLog.columns(text=texts, level=levels))
+            recording.send_columns(
+                f"/log/{name}", [index], rr.TextLog.columns(text=texts, level=levels)
+            )
