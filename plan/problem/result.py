@@ -159,8 +159,8 @@ class Certificate:
                         f"joint {joint} reaches {100 * value:.1f} % of its {name} limit{how}"
                     )
         if not found and max(self.time_law.shares) > 1.0 + ROUNDING:
-            share = 100 * max(self.time_law.shares)
-            found.append(f"started from rest it reaches {share:.1f} % of a limit{how}")
+            percent = 100 * max(self.time_law.shares)
+            found.append(f"started from rest it reaches {percent:.1f} % of a limit{how}")
         if self.position_margin < -ROUNDING:
             found.append(
                 f"a joint passes its position limit by {np.degrees(-self.position_margin):.2f} deg"
