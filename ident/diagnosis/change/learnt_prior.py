@@ -50,53 +50,70 @@ def learn_prior(
     tuned = layout.tuned
     rank = layout.rank
     assert prior.further is not None
-    columns = np.concatenate([np.arange(tuned), *(own for own, _ in later)]).astype(int)
-    information = np.concatenate([np.zeros(first), prior.further, *(known for _, known in later)])
+    # Of each further column: which of all it is, what is known of it, and the term it belongs to.
+    columns = np.concatenate([np.arange(first, tuned), *(own for own, _ in later)]).astype(int)
+    information = np.concatenate([prior.further, *(known for _, known in later)])
     widths = np.array([*shared, *(len(own) for own, _ in later)], dtype=int)
-    term = np.concatenate([np.full(first, -1), np.repeat(np.arange(len(widths)), widths)])
+    term = np.repeat(np.arange(len(widths)), widths)
+    # A variance of each term, and of the URDF's error.
     variance = np.ones(len(widths))
     urdf = 1.0
-    kept = np.arange(len(columns))
+    present = np.arange(len(columns))
     for _ in range(PRIOR.rounds):
-        own = term[kept[first:]]
-        at = columns[kept]
-        whole = gram[np.ix_(at, at)].copy()
-        whole[:rank, :rank] += prior.base / urdf
-        diagonal = np.diag_indices(len(at))
-        ridge = (
-            RIDGE * np.diag(whole) + evidence.settings.noise_ridge * evidence.noise_power[at] + 1e-9
-        )
-        whole[diagonal] += ridge
-        loose = information[kept[first:]]
-        whole[np.arange(first, len(at)), np.arange(first, len(at))] += loose / variance[own]
-        factor = factorise(whole)
-        spread = factor.solve(np.eye(len(at)))
-        mean = factor.solve(gram[at, -1])
-        square = np.bincount(own, mean[first:] ** 2 * loose, len(widths))
-        open_part = np.bincount(own, np.diag(spread)[first:] * loose, len(widths))
-        freedom = np.maximum(widths - open_part / variance, 1e-6 * widths)
-        free = np.clip(np.maximum(square / freedom, PRIOR.shrink * variance), PRIOR.absent, 1.0)
+        term_of = term[present]
+        loose = information[present]
+        inside = np.concatenate([np.arange(first), columns[present]])
+        base = prior.base / urdf
+        mean, spread = _posterior(evidence, gram, inside, base, loose / variance[term_of])
+        square = np.bincount(term_of, mean[first:] ** 2 * loose, len(widths))
+        left_open = np.bincount(term_of, np.diag(spread)[first:] * loose, len(widths))
+        freedom = np.maximum(widths - left_open / variance, 1e-6 * widths)
+        free = np.maximum(square / freedom, PRIOR.shrink * variance)
+        free = np.clip(free, PRIOR.absent, 1.0)
         new = np.where(variance > PRIOR.absent, free, PRIOR.absent)
-        links = max(rank - float(np.sum(spread[:rank, :rank] * prior.base)) / urdf, 1e-3 * rank)
-        error = float(
-            np.clip(mean[:rank] @ prior.base @ mean[:rank] / links, PRIOR.least_urdf, 1.0)
-        )
-        converged = (
-            np.abs(np.log(new / variance)).max() < PRIOR.close
-            and abs(np.log(error / urdf)) < PRIOR.close
-        )
+        open_links = float(np.sum(spread[:rank, :rank] * prior.base)) / urdf
+        links = max(rank - open_links, 1e-3 * rank)
+        error_square = mean[:rank] @ prior.base @ mean[:rank]
+        error = float(np.clip(error_square / links, PRIOR.least_urdf, 1.0))
+        steps = [*np.abs(np.log(new / variance)), abs(np.log(error / urdf))]
         variance = new
         urdf = error
-        if converged:
+        if max(steps) < PRIOR.close:
             break
-        kept = np.concatenate(
-            [np.arange(first), first + np.flatnonzero(variance[term[first:]] > PRIOR.absent)]
-        )
+        present = np.flatnonzero(variance[term] > PRIOR.absent)
     weights = np.zeros(layout.size + 1)
-    weights[at] = -mean
+    weights[inside] = -mean
     weights[-1] = 1.0
-    further = prior.further / np.maximum(variance[term[first:tuned]], PRIOR.least)
+    of_shared = variance[term[: layout.further]]
+    further = prior.further / np.maximum(of_shared, PRIOR.least)
     return replace(prior, base=prior.base / urdf, further=further), weights
+
+
+def _posterior(
+    evidence: Evidence,
+    gram: Float[Array, "P P"],
+    inside: Int[Array, " z"],
+    base: Float[Array, "r r"],
+    information: Float[Array, " f"],
+) -> tuple[Float[Array, " z"], Float[Array, "z z"]]:
+    """Mean and covariance of some columns' coefficients.
+
+    Args:
+        evidence: Block sums.
+        gram: Their inner products, the measured torque's last.
+        inside: The columns, the base's first.
+        base: Prior information on the base's.
+        information: Prior information on the further ones, which are last.
+    """
+    whole = gram[np.ix_(inside, inside)].copy()
+    rank = len(base)
+    whole[:rank, :rank] += base
+    noise = evidence.settings.noise_ridge * evidence.noise_power[inside]
+    whole[np.diag_indices(len(inside))] += RIDGE * np.diag(whole) + noise + 1e-9
+    last = np.arange(len(inside) - len(information), len(inside))
+    whole[last, last] += information
+    factor = factorise(whole)
+    return factor.solve(gram[inside, -1]), factor.solve(np.eye(len(inside)))
 
 
 def measure_block_dispersion(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:
