@@ -73,7 +73,12 @@ def via_spline(name: str, points: Float[Array, "m n"], duration: float) -> Refer
 
 
 def window(t: Float[Array, " K"], duration: float, ramp: float) -> Float[Array, " K"]:
-    """0 → 1 → 0 with three continuous derivatives, flat in between."""
+    """0 → 1 → 0 with three continuous derivatives, flat in between.
+
+    Args:
+        t: Times, from 0 to the duration [s].
+        duration, ramp: When it ends, and how long it rises and falls [s].
+    """
     s = np.clip(np.minimum(t, duration - t) / ramp, 0.0, 1.0)
     return s**4 * (35.0 - 84.0 * s + 70.0 * s**2 - 20.0 * s**3)
 
