@@ -39,7 +39,7 @@ class Solid:
 
     @classmethod
     def simple(cls, kind: Kind, *size: float) -> Solid:
-        """A box, a sphere, a capsule or a cylinder, of the sizes that `size` has for its kind [m]."""
+        """A box, a sphere, a capsule or a cylinder, with `size` as its kind has it [m]."""
         return cls(kind, freeze(np.array(size)), np.empty((0, 3)), NO_TRIANGLES)
 
     @classmethod
