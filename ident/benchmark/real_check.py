@@ -78,7 +78,7 @@ def rows_of(
         owned = [*control, *measured]
         planted = []
         for effect in answer["effects"]:
-            found = [one for one in findings if holds(one, effect)]
+            found = [finding for finding in findings if holds(finding, effect)]
             strict = [one for one in found if one["effect"] == effect["effect"]]
             already = any(holds(one, effect) for one in control)
             covered = {}  # whether the intervals of a name hold what was planted
@@ -116,7 +116,7 @@ def rows_of(
         seconds = results[case].get("processor_seconds")
         verdict = record.get("verdict", "error")
         row = {**base, "verdict": verdict, "new": new, "wrong": wrong, "f1": f1, "seconds": seconds}
-        sure = [one for one in findings if _probability(one) >= CONFIDENT]
+        sure = [finding for finding in findings if _probability(finding) >= CONFIDENT]
         seen = [any(holds(one, it) for one in sure) for it in measured]
         cases.append({**row, "measured": seen if answer["kind"] == "control" else []})
         effects += planted
@@ -125,21 +125,21 @@ def rows_of(
 
 def score(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -> Row:
     """Scores with intervals, and the rows that they are of."""
-    single = [one for one in effects if one["kind"] == "single"]
-    said = [one for one in names if not one["old"]]
+    single = [effect for effect in effects if effect["kind"] == "single"]
+    said = [name for name in names if not name["old"]]
     found = {
         "strict": share(one["strict"] for one in single),
         "class_aware": share(one["named"] for one in single),
-        "false_alarm": share(one["wrong"] for one in cases if one["kind"] == "untouched"),
-        "set_f1": mean([one["f1"] for one in cases if one["kind"] == "pair"]),
+        "false_alarm": share(case["wrong"] for case in cases if case["kind"] == "untouched"),
+        "set_f1": mean([case["f1"] for case in cases if case["kind"] == "pair"]),
         "interval_coverage": share(hit for one in effects for hit in one["covered"].values()),
         "calibration_error": calibration_error(
             [one["p"] for one in said], [one["right"] for one in said]
         ),
     }
     outcomes = [
-        {key: x for key, x in one.items() if key not in ("new", "wrong", "measured")}
-        for one in cases
+        {key: x for key, x in case.items() if key not in ("new", "wrong", "measured")}
+        for case in cases
     ]
     return {
         "cases": len(cases),
@@ -191,11 +191,11 @@ def holds(finding: Finding, effect: Row) -> bool:
 
 def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -> Iterable[str]:
     """Lines of all tables."""
-    listed = [one for one in effects if one["in_catalogue"]]
+    listed = [effect for effect in effects if effect["in_catalogue"]]
     single = [one for one in listed if one["kind"] == "single"]
-    fresh = [one for one in names if not one["old"]]
-    yield f"{len(cases)} cases; verdicts: " + _count(one["verdict"] for one in cases)
-    yield "controls: " + _count(one["verdict"] for one in cases if one["kind"] == "control")
+    fresh = [name for name in names if not name["old"]]
+    yield f"{len(cases)} cases; verdicts: " + _count(case["verdict"] for case in cases)
+    yield "controls: " + _count(case["verdict"] for case in cases if case["kind"] == "control")
     measured = [seen for one in cases for seen in one["measured"]]
     yield f"measured by others on the untouched arms, named with p >= 0.5: {_share(measured)}"
     yield from _grouped(
@@ -205,14 +205,14 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
     yield from _grouped("  as the first name", single, "asked", "strict")
     yield from _grouped("  by arm", single, "arm", "named")
     yield from _grouped("  by effect", single, "effect", "named")
-    pairs = [one["f1"] for one in cases if one["kind"] == "pair"]
+    pairs = [case["f1"] for case in cases if case["kind"] == "pair"]
     yield f"pairs: F1 {np.mean(pairs):.2f} of {len(pairs)}" if pairs else "pairs: none"
     for kind in ("untouched", "outside", "single"):
-        own = [one for one in cases if one["kind"] == kind]
+        own = [case for case in cases if case["kind"] == kind]
         sure = [any(n["p"] >= CONFIDENT for n in one["wrong"]) for one in own]
         wrong = _share(one["wrong"] for one in own)
         yield f"{kind}: a new wrong name {wrong}; with p >= 0.5 {_share(sure)}"
-    outside = [one for one in cases if one["kind"] == "outside"]
+    outside = [case for case in cases if case["kind"] == "outside"]
     yield "outside: verdicts " + _count(one["verdict"] for one in outside)
     inside = [
         (f"{one['effect']}.{key}", hit) for one in listed for key, hit in one["covered"].items()
@@ -221,16 +221,16 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
     yield "  missed: " + _count(key for key, hit in inside if not hit)
     # A name that was not planted and is given to another case of the arm, too, may be the arm's
     # own.
-    wrong = Counter((one["arm"], one["name"]) for one in names if not one["right"])
+    wrong = Counter((name["arm"], name["name"]) for name in names if not name["right"])
     once = [one for one in fresh if one["right"] or wrong[one["arm"], one["name"]] < 2]
     for title, rows in (("", fresh), (", names of one case of the arm alone", once)):
         yield f"calibration (probability, right){title}:"
         for _, _, said, right in calibration_curve(
-            [one["p"] for one in rows], [one["right"] for one in rows], BINS
+            [row["p"] for row in rows], [row["right"] for row in rows], BINS
         ):
             yield f"  {said:.2f}: {_written(right)}"
     yield "wrong names: " + _count(one["name"].split(":")[0] for one in fresh if not one["right"])
-    spent = [one["seconds"] for one in cases if one["seconds"] is not None]
+    spent = [case["seconds"] for case in cases if case["seconds"] is not None]
     yield (
         f"processor seconds a case: median {np.median(spent):.1f}, most {max(spent):.1f}"
         if spent
@@ -239,7 +239,7 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
 
 
 def _grouped(title: str, rows: Sequence[Row], key: str, hit: str) -> Iterable[str]:
-    yield f"{title}: {_share(one[hit] for one in rows)}"
+    yield f"{title}: {_share(row[hit] for row in rows)}"
     for value, own in group_by(rows, lambda one: one[key]).items():
         yield f"    {value}: {_share(one[hit] for one in own)}"
 

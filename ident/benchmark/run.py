@@ -154,9 +154,10 @@ def tuned_arm(record: Mapping[str, Any], arm: ArmModel) -> IdentifiedArm:
 def rms_left(identified: IdentifiedArm, motions: Sequence[Motion]) -> Float[Array, " n"]:
     """Error of the filtered torque where joints move steadily, by joint [N m]."""
     squares = sum(
-        np.sum(log_error(LawModel.of(identified, one.payload), one) ** 2, axis=0) for one in motions
+        np.sum(log_error(LawModel.of(identified, motion.payload), motion) ** 2, axis=0)
+        for motion in motions
     )
-    return np.sqrt(squares / np.maximum(sum(one.settled.sum(axis=0) for one in motions), 1.0))
+    return np.sqrt(squares / np.maximum(sum(motion.settled.sum(axis=0) for motion in motions), 1.0))
 
 
 def error_ratio(error: Float[Array, " k"], oracle: Float[Array, " k"]) -> float:

@@ -37,7 +37,7 @@ class Score:
 
 def share(hits: Iterable[bool]) -> Score:
     """Share of hits with Wilson's 95 % interval; empty without cases."""
-    found = [bool(one) for one in hits]
+    found = [bool(hit) for hit in hits]
     n = len(found)
     if n == 0:
         return Score()
@@ -250,7 +250,7 @@ def score_case(
         kind=slot.kind,
         amplitude=slot.amplitude if slot.kind == "single" else max(seen, default=0.0),
         rich=slot.rich,
-        truth=tuple((one.effect, _joint_of(one)) for one in answer.effects),
+        truth=tuple((effect.effect, _joint_of(effect)) for effect in answer.effects),
         verdict="failed",
         error=result.get("error", ""),
         robot=answer.robot,
@@ -260,12 +260,13 @@ def score_case(
     record = result["diagnosis"]
     findings = record["findings"]
     matches = [
-        next((one for one in answer.effects if is_true(one, f, answer)), None) for f in findings
+        next((effect for effect in answer.effects if is_true(effect, f, answer)), None)
+        for f in findings
     ]
     free = EXCUSED_BY_URDF if urdf_is_wrong(answer.world) else ()
     # A wrong URDF has links of its own to be named; a class that holds what was planted beside is
     # no such name.
-    planted = {one.effect for one in answer.effects}
+    planted = {effect.effect for effect in answer.effects}
     excused = [
         match is None and f["effect"] in free and not planted & {*f["class"][1:]}
         for match, f in zip(matches, findings, strict=True)

@@ -211,11 +211,13 @@ class BlindReport(Result):
         """The headline. `auroc`: how sure the diagnosis is that the catalogue lacks the cause where
         it does, against where it does not.
         """
-        lacking = [one.refusal_score for one in self.outcomes if REFUSABLE(one)]
+        lacking = [outcome.refusal_score for outcome in self.outcomes if REFUSABLE(outcome)]
         holding = [
-            one.refusal_score for one in self.outcomes if SINGLE(one) and one.amplitude >= 1.0
+            outcome.refusal_score
+            for outcome in self.outcomes
+            if SINGLE(outcome) and outcome.amplitude >= 1.0
         ]
-        edited = any(SINGLE(one) and one.edit is not None for one in self.outcomes)
+        edited = any(SINGLE(outcome) and outcome.edit is not None for outcome in self.outcomes)
         return {
             **measure(self.outcomes, HEADLINE),
             "auroc": auroc(
@@ -235,7 +237,9 @@ class BlindReport(Result):
         Its word or bounds, its scores.
         """
         found: dict[str, list[dict[str, Any]]] = {}
-        placed = [(world_axes(one.world), one) for one in self.outcomes if one.world]
+        placed = [
+            (world_axes(outcome.world), outcome) for outcome in self.outcomes if outcome.world
+        ]
         for axis in (*NUMBERS, *WORDS):
             values = [place[axis] for place, _ in placed]
             if len(set(values)) < 2:
@@ -281,10 +285,12 @@ class BlindReport(Result):
         as known.
         """
         found = {}
-        asked = [one for one in self.outcomes if SINGLE(one) and one.oracle is not None]
+        asked = [
+            outcome for outcome in self.outcomes if SINGLE(outcome) and outcome.oracle is not None
+        ]
         for size, cases in group_by(asked, lambda one: one.amplitude).items():
-            best = sum(one.oracle or 0.0 for one in cases) / len(cases)
-            ours = share(one.strict for one in cases)
+            best = sum(case.oracle or 0.0 for case in cases) / len(cases)
+            ours = share(case.strict for case in cases)
             ends = (ours.value, ours.low, ours.high)
             value, low, high = (
                 end / best if end is not None and best > 0.0 else None for end in ends
@@ -295,7 +301,7 @@ class BlindReport(Result):
     @property
     def confidently_wrong(self) -> list[Outcome]:
         """Cases with a confident name that is not true."""
-        return [one for one in self.outcomes if one.confidently_wrong]
+        return [outcome for outcome in self.outcomes if outcome.confidently_wrong]
 
     def _by_cause(self) -> dict[str, Any]:
         """Of single effects by size and motion, and by the true effect.
@@ -314,7 +320,7 @@ class BlindReport(Result):
         )
         edits = {}
         for effect, cases in by_truth.items():
-            own = [one for one in cases if one.edit is not None]
+            own = [case for case in cases if case.edit is not None]
             if own:
                 models = ("edited", "tuned", "unedited")
                 medians = {
@@ -353,7 +359,7 @@ class BlindReport(Result):
             "robot": self.robot,
             "cases": len(self.outcomes),
             "seed": self.seed,
-            "failed": sum(one.verdict == "failed" for one in self.outcomes),
+            "failed": sum(outcome.verdict == "failed" for outcome in self.outcomes),
             "seals": self.seals,
             "provenance": self.provenance.to_dict(),
             **columns,
@@ -370,7 +376,7 @@ class BlindReport(Result):
             },
             "confidently_wrong": [one.name for one in self.confidently_wrong],
             "seconds_per_case": self.scores["seconds_per_case"].value,
-            "outcomes": [one.to_dict() for one in self.outcomes],
+            "outcomes": [outcome.to_dict() for outcome in self.outcomes],
             "run": self.run,
         }
 

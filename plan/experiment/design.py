@@ -217,7 +217,7 @@ class Designer:
             noise=dict(zip(self.arm.joint_names, map(float, self.predictor.noise), strict=True)),
             sources={
                 "noise": "a share of the rated torque" if asked.noise is None else "diagnosis",
-                **{one.effect.id: one.source for one in view.candidates},
+                **{candidate.effect.id: candidate.source for candidate in view.candidates},
             },
             clearance=min(map(self.feasible.clearance, runs)) if len(scene.pairs) else None,
             scene=scene,

@@ -137,7 +137,7 @@ class PredictedDesign:
 
     def between(self) -> dict[tuple[str, str], float]:
         """Distance of every effect from every other [nats]."""
-        ids = [one.effect.id for one in self.candidates]
+        ids = [candidate.effect.id for candidate in self.candidates]
         pairs = [(k, rival) for k in range(len(ids)) for rival in range(len(ids)) if k != rival]
         return {(ids[k], ids[rival]): self.distance(k, rival) for k, rival in pairs}
 

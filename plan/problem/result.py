@@ -85,7 +85,7 @@ def find_extrapolation(
     if known is None:
         return None
     if float(splines.total[0]) > 0.0:
-        _, dq, ddq = (part[0] for part in splines.states(np.linspace(0.0, 1.0, PLACES)))
+        _, dq, ddq = (state[0] for state in splines.states(np.linspace(0.0, 1.0, PLACES)))
         low = np.stack([splines.lowest[0], dq.min(axis=0), ddq.min(axis=0)])
         high = np.stack([splines.highest[0], dq.max(axis=0), ddq.max(axis=0)])
     else:
@@ -165,7 +165,7 @@ class Certificate:
             found.append(
                 f"a joint passes its position limit by {np.degrees(-self.position_margin):.2f} deg"
             )
-        return [*found, *(str(one) for one in self.rules if not one.kept), *self.too_near]
+        return [*found, *(str(rule) for rule in self.rules if not rule.kept), *self.too_near]
 
     @property
     def too_near(self) -> list[str]:

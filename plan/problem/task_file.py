@@ -357,9 +357,9 @@ def read_poses(task: SceneTable) -> list[Pose]:
     ]
     return [
         Pose(
-            one["frame"],
-            freeze(one["xyz_m"]),
-            one["rpy_rad"] if "rpy_rad" in one else one["quaternion_xyzw"],
+            table["frame"],
+            freeze(table["xyz_m"]),
+            table["rpy_rad"] if "rpy_rad" in table else table["quaternion_xyzw"],
         )
-        for one in tables
+        for table in tables
     ]

@@ -66,7 +66,7 @@ def _print_plan(console: Console, result: PlanResult) -> None:
             ", ".join(as_given(x, bool(one), 2) for x, one in zip(q, slides, strict=True))
             for q in points
         ]
-        words = words if slides.any() else [one.replace(" deg,", ",") for one in words]
+        words = words if slides.any() else [word.replace(" deg,", ",") for word in words]
         vias = list(zip(stamps, words, strict=True))
     _say(console, "plan", result, vias=vias)
     if len(result.starts) > 1:

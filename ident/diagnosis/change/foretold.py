@@ -378,14 +378,14 @@ def _test(
         logs, rows, seen: Logarithms of mean squares, rows of each part and joint, and the joints.
         usual: Rises between permuted sets, by set and joint; none if None.
     """
-    across, within, home = (one[:, seen] for one in logs)
+    across, within, home = (log[:, seen] for log in logs)
     counts = len(across), len(home)
     freedom = sum(counts) - 2
     variance = (len(within) * within.var(axis=0) + len(home) * home.var(axis=0)) / freedom
     least = polygamma(1, 0.5 * rows[:, seen]).mean(axis=0)
     variance = np.maximum(np.maximum(variance, variance.mean()), least)
     rises = across.mean(axis=0) - home.mean(axis=0), (across - within).mean(axis=0)
-    shares = sum(1.0 / one for one in counts), 2.0 / counts[0]
+    shares = sum(1.0 / count for count in counts), 2.0 / counts[0]
     tested = []
     if usual is not None:
         rises = rises[0] - np.maximum(usual[:, seen].mean(axis=0), 0.0), rises[1]

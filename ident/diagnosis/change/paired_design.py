@@ -192,7 +192,7 @@ def build_design(
         session, baseline, layout, whitening, sides.partition, alike=len(first), rest=True
     )
     sums = pair_sums(both, sides, [variant for _, _, points in finer for variant in points])
-    held = earlier.held if earlier else tuple(one.friction for one in sums.evidence.dwells)
+    held = earlier.held if earlier else tuple(dwell.friction for dwell in sums.evidence.dwells)
     evidence = sums.evidence.with_held(held)
     sums = replace(sums, evidence=evidence.with_dwells())
     prior = loose_prior(sums, session, baseline)

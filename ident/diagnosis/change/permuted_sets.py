@@ -90,16 +90,16 @@ class PermutedSets:
         permuted = self._permuted_laws(joint)
         evidence = self.sums.evidence
         layout = self.sums.evidence.layout
-        inside = np.concatenate([np.arange(layout.tuned), *(one.columns for one in names)]).astype(
-            int
-        )
+        inside = np.concatenate(
+            [np.arange(layout.tuned), *(name.columns for name in names)]
+        ).astype(int)
         information = self.whole[np.ix_(inside, inside)].copy()
         prior.add_to(information, layout)
         information[np.diag_indices(len(inside))] += ridge_of(self.whole, evidence, inside)
         factor = factorise(information)
         # Another window of a push that is in the model explains what that leaves of the push
         # itself.
-        events = {one.key: one.variant.shape for one in names if one.effect.event}
+        events = {name.key: name.variant.shape for name in names if name.effect.event}
         laws = [
             (key, places)
             for key, shape, places in permuted.laws
@@ -151,9 +151,9 @@ class PermutedSets:
         if joint not in self._cache:
             layout = self.sums.evidence.layout
             always = self.sums.always
-            laws = [one for one in layout.groups if not one.borrows]
-            laws = [one for one in laws if joint_of(one) == joint]
-            columns = np.unique(np.concatenate([one.columns for one in laws]))
+            laws = [group for group in layout.groups if not group.borrows]
+            laws = [law for law in laws if joint_of(law) == joint]
+            columns = np.unique(np.concatenate([law.columns for law in laws]))
             found = []
             for permutation in self.permutations:
                 across = np.zeros((layout.size + 1, len(columns) + 1))
@@ -175,7 +175,7 @@ class PermutedSets:
                 own[-1, :-1] = own[:-1, -1]
                 found.append((across, own))
             at = [
-                (one.key, one.variant.shape, np.searchsorted(columns, one.columns)) for one in laws
+                (law.key, law.variant.shape, np.searchsorted(columns, law.columns)) for law in laws
             ]
             self._cache[joint] = _PermutedLaws(columns, tuple(at), tuple(found))
         return self._cache[joint]

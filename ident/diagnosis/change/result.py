@@ -136,6 +136,6 @@ class ArmComparison(Result):
             "still": [one.to_dict() for one in self.still],
             "unforetold": [one.to_dict() for one in self.unforetold],
             "risen": [one.to_dict() for one in self.risen],
-            "reservations": [one.to_dict() for one in self.reservations],
+            "reservations": [reservation.to_dict() for reservation in self.reservations],
             "provenance": self.provenance.to_dict(),
         }

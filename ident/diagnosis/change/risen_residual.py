@@ -69,7 +69,7 @@ def find_risen(
     ).tolist()
     if not seen:
         return ()
-    before, after = (np.log(total[own][:, seen] / count[own][:, seen]) for own in sets)
+    before, after = (np.log(total[set][:, seen] / count[set][:, seen]) for set in sets)
     freedom = len(before) + len(after) - 2
     rise = after.mean(axis=0) - before.mean(axis=0)
     within = (len(before) * before.var(axis=0) + len(after) * after.var(axis=0)) / freedom
