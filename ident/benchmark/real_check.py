@@ -210,8 +210,8 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
     for kind in ("untouched", "outside", "single"):
         own = [case for case in cases if case["kind"] == kind]
         sure = [any(n["p"] >= CONFIDENT for n in one["wrong"]) for one in own]
-        wrong = _share(one["wrong"] for one in own)
-        yield f"{kind}: a new wrong name {wrong}; with p >= 0.5 {_share(sure)}"
+        newly_wrong = _share(case["wrong"] for case in own)
+        yield f"{kind}: a new wrong name {newly_wrong}; with p >= 0.5 {_share(sure)}"
     outside = [case for case in cases if case["kind"] == "outside"]
     yield "outside: verdicts " + _count(one["verdict"] for one in outside)
     inside = [
