@@ -8,6 +8,8 @@ from pathlib import Path
 
 # Control characters, marks that turn the direction of writing, and bytes of names that are not UTF-8.
 UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
+# As much of a place, a fault and a remedy as is told: together they fill a screen [characters].
+LONGEST_PART = 600
 
 
 def visible(text: str, lines: bool = False) -> str:
@@ -44,10 +46,6 @@ def join_words(words: Sequence[str]) -> str:
 def first_line(error: BaseException) -> str:
     """The first line of what a library says, or the kind of its error where it says nothing."""
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
-
-
-# As much of a place, a fault and a remedy as is told: together they fill a screen [characters].
-LONGEST_PART = 600
 
 
 def shortened(text: str, longest: int = LONGEST_PART) -> str:

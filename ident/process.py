@@ -31,6 +31,24 @@ EXTRA_OF = {
     **dict.fromkeys(("pxr", "newton_usd_schemas"), "usd"),
     **dict.fromkeys(("joblib", "distributed", "pydantic", "typing_extensions"), "monitor"),
 }
+# Exit statuses; 0 is done, whatever the verdict, and 1 our own fault. The user's input is at fault: one line says what,
+# and the remedy. `ident verify`: a limit is not kept. The system's own faults, a full disk or memory (sysexits.h:
+# EX_IOERR). After a signal: this and its number.
+USER = 2
+NOT_PASSED = 3
+SYSTEM = 74
+SIGNALLED = 128
+# What consoles without these characters show instead.
+PLAIN = {"±": "+-", "→": "->", "…": "...", "τ": "tau", "·": "*", "×": "x", "²": "2", "–": "-", "—": "-", "°": "deg"}
+# What the system's loader says of a library that there is no room for.
+UNMAPPED = ("map segment", "annot allocate memory")
+# Names that no file can have are the user's fault, not the system's.
+NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
+# As much of a name as a line shows [characters].
+LONGEST_NAME = 200
+# The name under which a file is written before it is whole, and the beginning of its own name in it.
+TEMPORARY = re.compile(r"\.([^/]*)\.armgap-[0-9a-f]{8}-\d+-[0-9a-f]{8}\.part([^/]*)")
+MEMORY_FULL = "memory is full; give fewer or shorter sessions, or a larger machine"
 
 
 def missing_extra(error: BaseException | None) -> InputError | None:
@@ -48,27 +66,7 @@ def missing_extra(error: BaseException | None) -> InputError | None:
     return None
 
 
-# Exit statuses; 0 is done, whatever the verdict, and 1 our own fault. The user's input is at fault: one line says what,
-# and the remedy. `ident verify`: a limit is not kept. The system's own faults, a full disk or memory (sysexits.h:
-# EX_IOERR). After a signal: this and its number.
-USER = 2
-NOT_PASSED = 3
-SYSTEM = 74
-SIGNALLED = 128
-
-# What consoles without these characters show instead.
-PLAIN = {"±": "+-", "→": "->", "…": "...", "τ": "tau", "·": "*", "×": "x", "²": "2", "–": "-", "—": "-", "°": "deg"}
 PLAIN |= {"’": "'", "“": '"', "”": '"', "≤": "<=", "≥": ">=", "√": "sqrt", "µ": "u", "Δ": "d"}
-
-# What the system's loader says of a library that there is no room for.
-UNMAPPED = ("map segment", "annot allocate memory")
-# Names that no file can have are the user's fault, not the system's.
-NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
-# As much of a name as a line shows [characters].
-LONGEST_NAME = 200
-# The name under which a file is written before it is whole, and the beginning of its own name in it.
-TEMPORARY = re.compile(r"\.([^/]*)\.armgap-[0-9a-f]{8}-\d+-[0-9a-f]{8}\.part([^/]*)")
-MEMORY_FULL = "memory is full; give fewer or shorter sessions, or a larger machine"
 
 
 def run_command(name: str, module: str) -> NoReturn:

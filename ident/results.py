@@ -28,6 +28,19 @@ if TYPE_CHECKING:
 
 
 # Where a result comes from: the command, the version, its settings, and the recordings by their hashes.
+# Digits of a file's hash by which it is known again.
+RUN_DIGITS = 12
+# What anchors the scale of a session's torque.
+SCALES = {
+    "recorded": "as recorded: a sensor's or the drive's own torque",
+    "given": "drive gains given with the recording",
+    "guessed": "drive gains guessed: gravity alone tells the scale",
+}
+# As much of a result as its `repr` shows [lines, characters].
+LINES = 20
+LINE = 100
+# Why a spread over the runs is missing from a record.
+ONE_RUN = "a single run tells nothing of what runs differ by"
 
 
 @cache
@@ -45,10 +58,6 @@ def made_by() -> str:
     code = f"armgap {own_version()}" + (f", commit {commit[:RUN_DIGITS]}" if commit else "")
     engines = ", ".join(f"{name} {number}" for name, number in engine_versions().items())
     return f"{code}; {engines}. Units: {UNITS}."
-
-
-# Digits of a file's hash by which it is known again.
-RUN_DIGITS = 12
 
 
 @dataclass(frozen=True)
@@ -72,14 +81,6 @@ class SessionStamp(Record):
     runs: tuple[str, ...] = ()
     content: str = ""
     scale: str = ""
-
-
-# What anchors the scale of a session's torque.
-SCALES = {
-    "recorded": "as recorded: a sensor's or the drive's own torque",
-    "given": "drive gains given with the recording",
-    "guessed": "drive gains guessed: gravity alone tells the scale",
-}
 
 
 def scale_of(session: Session) -> str:
@@ -257,13 +258,6 @@ def content_of(run: Recording) -> bytes:
 
 
 # What every result can do: tell itself in words, as a record, as a picture, and in a notebook.
-
-
-# As much of a result as its `repr` shows [lines, characters].
-LINES = 20
-LINE = 100
-# Why a spread over the runs is missing from a record.
-ONE_RUN = "a single run tells nothing of what runs differ by"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

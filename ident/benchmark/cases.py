@@ -45,6 +45,33 @@ SIZES = np.geomspace(0.1, 10.0, 25)
 DRAWS = 400
 # Causes that show less than this at their typical size are no rivals [noise floors].
 LEAST_SHOWN = 0.02
+FULL_MIX: dict[str, float] = {
+    "single": 252,
+    "healthy": 60,
+    "decoy": 40,
+    "pair": 36,
+    "triple": 14,
+    "excluded": 42,
+    "outside": 36,
+}
+"""Kinds of case and their shares.
+
+`excluded` effects are taken out of the catalogue, `outside` were never in it.
+"""
+# Number of effects of a kind of case; one of the others.
+COUNTS = {"healthy": 0, "decoy": 0, "pair": 2, "triple": 3}
+# Visible amplitudes of a single effect in multiples of the noise floor, and motions: three rich for
+# one poor.
+SINGLE_CELLS = tuple((size, rich) for rich in (True, True, True, False) for size in (0.3, 1.0, 3.0))
+VISIBLE = (1.0, 3.0)
+RATES_HZ = (100.0, 250.0, 500.0)
+RATE_SHARES = (0.2, 0.6, 0.2)
+# Taking an effect out of the catalogue without these would leave its columns there.
+TWINS = {effect.id: effect.twins for effect in catalogue.CATALOGUE}
+# From this attempt on other effects and worlds are drawn too, not only another joint and arm.
+OTHER_EFFECTS_FROM = 4
+MOST_ATTEMPTS = 40
+MADE_NAME = "made.json"
 
 
 def oracle_accuracy(simulation: Simulation) -> float | None:
@@ -121,33 +148,6 @@ def name_by_evidence(gram: Float[Array, "K K"], rng: np.random.Generator) -> flo
     evidence = np.logaddexp.reduce(log_likelihood, axis=2) - np.log(len(sizes))
     # Before the data, none is as probable as all causes together: what does not show is not named.
     return float(np.mean((evidence.argmax(axis=1) == 0) & (evidence.max(axis=1) > np.log(k))))
-
-
-FULL_MIX: dict[str, float] = {
-    "single": 252,
-    "healthy": 60,
-    "decoy": 40,
-    "pair": 36,
-    "triple": 14,
-    "excluded": 42,
-    "outside": 36,
-}
-"""Kinds of case and their shares.
-
-`excluded` effects are taken out of the catalogue, `outside` were never in it.
-"""
-# Number of effects of a kind of case; one of the others.
-COUNTS = {"healthy": 0, "decoy": 0, "pair": 2, "triple": 3}
-# Visible amplitudes of a single effect in multiples of the noise floor, and motions: three rich for
-# one poor.
-SINGLE_CELLS = tuple((size, rich) for rich in (True, True, True, False) for size in (0.3, 1.0, 3.0))
-VISIBLE = (1.0, 3.0)
-RATES_HZ = (100.0, 250.0, 500.0)
-RATE_SHARES = (0.2, 0.6, 0.2)
-# Taking an effect out of the catalogue without these would leave its columns there.
-TWINS = {effect.id: effect.twins for effect in catalogue.CATALOGUE}
-# From this attempt on other effects and worlds are drawn too, not only another joint and arm.
-OTHER_EFFECTS_FROM = 4
 
 
 @dataclass(frozen=True)
@@ -297,10 +297,6 @@ def draw_case(
         options = options.in_world(base.world)
     first = effects[0].effect if slot.kind == "excluded" else ""
     return options, (first, *TWINS.get(first, ())) if first else ()
-
-
-MOST_ATTEMPTS = 40
-MADE_NAME = "made.json"
 
 
 @dataclass(frozen=True)

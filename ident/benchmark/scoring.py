@@ -20,6 +20,20 @@ from ident.simulation.request import Answer, TrueEffect
 Z = 1.959964
 RESAMPLES = 2000
 BINS = 10
+REFUSING = ("none_of_catalogue", "partial")
+# A name at this probability or above is confident.
+CONFIDENT = 0.8
+# An effect of several joints shows at those whose visible amplitude is at least this share of the
+# largest.
+SHOWN_SHARE = 1.0 / 3.0
+# Causes outside the catalogue are none of these.
+KNOWN = {effect.id: effect for effect in CATALOGUE}
+# Beyond these a URDF is wrong rather than imprecise: that links weigh something else is then true
+# [1], [m].
+WRONG_LINK_ERROR = 0.08
+WRONG_COM_M = 0.008
+# Names that are true of an arm whose URDF is wrong, whatever else was hidden in it.
+EXCUSED_BY_URDF = tuple(effect.id for effect in CATALOGUE if effect.as_change.body)
 
 
 @dataclass(frozen=True)
@@ -111,22 +125,6 @@ def calibration_error(said: Sequence[float], right: Sequence[bool]) -> Score:
         for rows in (np.arange(n), *draws)
     )
     return Score(value, *_ends(errors), n)
-
-
-REFUSING = ("none_of_catalogue", "partial")
-# A name at this probability or above is confident.
-CONFIDENT = 0.8
-# An effect of several joints shows at those whose visible amplitude is at least this share of the
-# largest.
-SHOWN_SHARE = 1.0 / 3.0
-# Causes outside the catalogue are none of these.
-KNOWN = {effect.id: effect for effect in CATALOGUE}
-# Beyond these a URDF is wrong rather than imprecise: that links weigh something else is then true
-# [1], [m].
-WRONG_LINK_ERROR = 0.08
-WRONG_COM_M = 0.008
-# Names that are true of an arm whose URDF is wrong, whatever else was hidden in it.
-EXCUSED_BY_URDF = tuple(effect.id for effect in CATALOGUE if effect.as_change.body)
 
 
 def is_inside(parameter: str, true: float, low: float, high: float) -> bool:

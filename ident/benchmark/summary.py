@@ -44,6 +44,10 @@ NUMBERS = (
 WORDS = ("world", "robot", "velocity", "encoder_at", "feed_forward", "reference")
 # A number that spans decades is cut at these.
 DECADES = ("encoder_noise_rad",)
+# An edit test is passed where the error is at most this multiple of the oracle's.
+EDIT_WITHIN = 1.1
+# A stratum of worlds with fewer visible single effects is no stratum.
+LEAST_CASES = 8
 
 
 def world_axes(world: Mapping[str, Any]) -> dict[str, float | str]:
@@ -76,10 +80,6 @@ def places_on(axis: str, values: Sequence[Any]) -> list[dict[str, Any]]:
 
 
 T = TypeVar("T")
-# An edit test is passed where the error is at most this multiple of the oracle's.
-EDIT_WITHIN = 1.1
-# A stratum of worlds with fewer visible single effects is no stratum.
-LEAST_CASES = 8
 Choice = Callable[[Outcome], bool]
 Rules = Mapping[str, tuple[Choice, Callable[[Sequence[Any]], Score], Callable[[Outcome], Any]]]
 

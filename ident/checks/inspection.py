@@ -57,6 +57,9 @@ from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.series import SearchedRun, Series
 from ident.robot.arm import ArmModel
 
+# Broken cells, which come from neither units nor signs.
+DAMAGE = frozenset({"garbage_cells", "effort_spike"})
+
 
 class Repeats:
     """Takes note of the runs that pass, and of those that hold an earlier one's series.
@@ -106,9 +109,6 @@ def _mark(run: Recording) -> bytes:
         digest.update(values.tobytes())
     return digest.digest()
 
-
-# Broken cells, which come from neither units nor signs.
-DAMAGE = frozenset({"garbage_cells", "effort_spike"})
 
 Mending = Callable[[Session], tuple[Session, list[TelemetryIssue]]]
 

@@ -26,6 +26,15 @@ DOUBTFUL = (MISREAD, "guessed_gains", "mounting")
 # These say that there is too little to learn from, not that what is there is wrong: harmless in an
 # evaluation.
 TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
+# A torque that a model made tells nothing of an arm, but its fit is right: benchmarks and examples
+# are made so. It is told where something is fitted; a diagnosis still refuses it. Bodies that lie
+# elsewhere are what a fit mends.
+MENDED_BY_A_FIT = ("bodies_misplaced",)
+REPORTED_BY_A_FIT = ("effort_is_model", *MENDED_BY_A_FIT)
+# What issues say, by wording.
+WORDS: Mapping[str, Any] = tomllib.loads(
+    Path(__file__).with_name("issues.toml").read_text(encoding="utf-8")
+)
 
 
 class SpacedFormatter(string.Formatter):
@@ -174,12 +183,6 @@ def as_mounted(arm: ArmModel, session: Session) -> ArmModel:
     return arm if session.gravity is None else arm.with_gravity(np.array(session.gravity))
 
 
-# What issues say, by wording.
-WORDS: Mapping[str, Any] = tomllib.loads(
-    Path(__file__).with_name("issues.toml").read_text(encoding="utf-8")
-)
-
-
 def issue_of(
     key: str,
     session: Session,
@@ -264,13 +267,6 @@ class Findings:
     def left(self) -> Session:
         """The session of the runs that are left; as it was where nothing was seen."""
         return self.session.replace(runs=self.runs) if self.reported else self.session
-
-
-# A torque that a model made tells nothing of an arm, but its fit is right: benchmarks and examples
-# are made so. It is told where something is fitted; a diagnosis still refuses it. Bodies that lie
-# elsewhere are what a fit mends.
-MENDED_BY_A_FIT = ("bodies_misplaced",)
-REPORTED_BY_A_FIT = ("effort_is_model", *MENDED_BY_A_FIT)
 
 
 def check_accepted(accept: Sequence[str]) -> tuple[str, ...]:

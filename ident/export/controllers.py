@@ -40,6 +40,17 @@ _HEAD = """\
 
 """
 
+# Poses over which the least acceleration is sought, at which a joint alone starts from rest.
+POSES = 400
+# A joint with less or more than this has no limit in its URDF [rad], [rad/s], [N m].
+UNLIMITED = 1e6
+RANGES_KIND = "ranges"
+# What a trainer draws, and the range of `ident ranges` that it is drawn from.
+DRAWN = {"armature": "rotor", "friction": "coulomb", "damping": "viscous"}
+RANGES_FILES = ("isaaclab_ranges.py", "playground_ranges.py")
+# Files of `ident.laws` in their order.
+PARTS = ("motion", "friction_laws", "elastic", "acting")
+
 
 def write_parameters(
     identified: IdentifiedArm,
@@ -103,16 +114,6 @@ def _losses(joints: Sequence[str], losses: Losses) -> dict[str, dict[str, float]
 # isaaclab.assets.Articulation (`write_joint_friction_coefficient_to_sim`); MuJoCo Playground's `randomization_fn`;
 # ros2_control, joint_limits, `declare_parameters` and `get_joint_limits`; Featherstone, Rigid Body Dynamics
 # Algorithms (2008), section 5.3.
-
-
-# Poses over which the least acceleration is sought, at which a joint alone starts from rest.
-POSES = 400
-# A joint with less or more than this has no limit in its URDF [rad], [rad/s], [N m].
-UNLIMITED = 1e6
-RANGES_KIND = "ranges"
-# What a trainer draws, and the range of `ident ranges` that it is drawn from.
-DRAWN = {"armature": "rotor", "friction": "coulomb", "damping": "viscous"}
-RANGES_FILES = ("isaaclab_ranges.py", "playground_ranges.py")
 
 
 def write_isaac(identified: IdentifiedArm) -> str:
@@ -245,10 +246,6 @@ def write_ranges(out: Path, robot: str, ranges: Mapping[str, Mapping[str, tuple[
 # A Python module with the named effects' torque that needs NumPy only.
 # Its first part is the text of `ident.laws` and of the friction laws that models carry, its second the
 # numbers of arm and effects, its third what a user calls.
-
-
-# Files of `ident.laws` in their order.
-PARTS = ("motion", "friction_laws", "elastic", "acting")
 
 
 # What a file beside the module holds, of which the module says what is missing: indices of the effects that it has, its

@@ -46,6 +46,23 @@ MORE_SAMPLES = 4
 UNLIMITED = 1e8
 # Imaginary part below which a root is real [rad].
 REAL = 1e-9
+# Sizes of the shapes that MuJoCo has by the same name.
+SIZES: dict[str, Callable[[Any], Sequence[float]]] = {
+    "box": lambda shape: shape.halfSide,
+    "cylinder": lambda shape: [shape.radius, shape.halfLength],
+    "capsule": lambda shape: [shape.radius, shape.halfLength],
+    "sphere": lambda shape: [shape.radius],
+}
+# The URDF with named effects written into it.
+# The user's own file is edited, comments and meshes stay. Losses go into <dynamics>; rotor inertia, for which a URDF
+# has no place, stands in the parameter file.
+NOTE = " written by `ident patch`; patch.json beside this file says what is in it and what is not "
+PAYLOAD = UnknownPayload.id
+LEVEL = "level"
+# Share of its inertia that a link keeps whose mass another link takes over: no joint may move nothing.
+LEFT = 1e-6
+# A payload is reported as a point; simulators need some extent [m].
+PAYLOAD_RADIUS = 0.01
 
 
 def write_mjcf(identified: IdentifiedArm) -> str:
@@ -186,15 +203,6 @@ def inertial_attributes(link: Float[Array, " 10"]) -> dict[str, str]:
     }
 
 
-# Sizes of the shapes that MuJoCo has by the same name.
-SIZES: dict[str, Callable[[Any], Sequence[float]]] = {
-    "box": lambda shape: shape.halfSide,
-    "cylinder": lambda shape: [shape.radius, shape.halfLength],
-    "capsule": lambda shape: [shape.radius, shape.halfLength],
-    "sphere": lambda shape: [shape.radius],
-}
-
-
 def _shapes(arm: ArmModel) -> tuple[dict[int, list[dict[str, str]]], dict[str, Float[Array, "k 3"]]]:
     """The collision geometry by the joint that moves it, and the corners of its meshes' hulls [m]."""
     found: dict[int, list[dict[str, str]]] = {}
@@ -216,18 +224,6 @@ def _shapes(arm: ArmModel) -> tuple[dict[int, list[dict[str, str]]], dict[str, F
         own |= {"contype": "0", "conaffinity": "0", "mass": "0", **_pose(item.placement)}
         found.setdefault(int(item.parentJoint), []).append(own)
     return found, hulls
-
-
-# The URDF with named effects written into it.
-# The user's own file is edited, comments and meshes stay. Losses go into <dynamics>; rotor inertia, for which a URDF
-# has no place, stands in the parameter file.
-NOTE = " written by `ident patch`; patch.json beside this file says what is in it and what is not "
-PAYLOAD = UnknownPayload.id
-LEVEL = "level"
-# Share of its inertia that a link keeps whose mass another link takes over: no joint may move nothing.
-LEFT = 1e-6
-# A payload is reported as a point; simulators need some extent [m].
-PAYLOAD_RADIUS = 0.01
 
 
 def write_urdf(identified: IdentifiedArm) -> str:

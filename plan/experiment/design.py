@@ -47,6 +47,26 @@ STEP = 0.15
 # A step that worked makes the next ones larger, others make them smaller: one in five may work.
 GROW = 1.5
 SHRINK = 0.9
+# Runs by which a set is rated while searching: two of its family and two wide ones.
+TRIAL_RUNS = 4
+# The diagnosis leaves out one run after the other: fewer than these say too little, more try the
+# user's patience.
+FEWEST_RUNS = 6
+MOST_RUNS = 60
+# With the length given: two runs of the family, and two in which all joints move.
+LEAST_RUNS = 4
+# Where the question has no odds [min].
+USUAL_MINUTES = 3.0
+# What is expected is only expected: so much more is recorded than it needs.
+RESERVE = 1.5
+RANDOM_TRIES = 3
+# Draws of random motion that the search's best must beat at full length, else the best of them is
+# proposed.
+BASELINE_DRAWS = 4
+PROOF_TRIES = 5
+# Phases of the textbook's Fourier series that are drawn; the one in the middle is told.
+TEXTBOOK_DRAWS = 3
+USUAL = ExciteOptions()
 
 
 class RatedRuns(NamedTuple):
@@ -101,28 +121,6 @@ def _best_of_families(done: Sequence[RatedRuns]) -> list[RatedRuns]:
     for trial in sorted(done, key=lambda one: -one.rate):
         best.setdefault(trial.family, trial)
     return list(best.values())
-
-
-# Runs by which a set is rated while searching: two of its family and two wide ones.
-TRIAL_RUNS = 4
-# The diagnosis leaves out one run after the other: fewer than these say too little, more try the
-# user's patience.
-FEWEST_RUNS = 6
-MOST_RUNS = 60
-# With the length given: two runs of the family, and two in which all joints move.
-LEAST_RUNS = 4
-# Where the question has no odds [min].
-USUAL_MINUTES = 3.0
-# What is expected is only expected: so much more is recorded than it needs.
-RESERVE = 1.5
-RANDOM_TRIES = 3
-# Draws of random motion that the search's best must beat at full length, else the best of them is
-# proposed.
-BASELINE_DRAWS = 4
-PROOF_TRIES = 5
-# Phases of the textbook's Fourier series that are drawn; the one in the middle is told.
-TEXTBOOK_DRAWS = 3
-USUAL = ExciteOptions()
 
 
 class Designer:

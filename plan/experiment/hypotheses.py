@@ -29,6 +29,11 @@ from plan.experiment.distance import PredictedDesign, Reported
 
 # Motion that would take longer than this to tell two effects apart does not tell them apart [min].
 LONGEST_MINUTES = 30.0
+SCHEMA = "ident.diagnosis/1"
+NO_DIAGNOSIS: dict[str, Any] = {"findings": [], "not_testable": [], "gap": {}}
+REMEDY = "give the file of `ident diagnose --json`"
+# Of a large class, the nearest are asked for: each pair costs time.
+MOST_EFFECTS = 4
 
 
 class AllMasses(Effect):
@@ -76,11 +81,6 @@ def widen(ids: Sequence[str], catalogue: Sequence[Effect] = CATALOGUE) -> list[E
 
 Aim = Literal["separate", "show", "identify"]
 Distances = Mapping[tuple[str, str], float]
-SCHEMA = "ident.diagnosis/1"
-NO_DIAGNOSIS: dict[str, Any] = {"findings": [], "not_testable": [], "gap": {}}
-REMEDY = "give the file of `ident diagnose --json`"
-# Of a large class, the nearest are asked for: each pair costs time.
-MOST_EFFECTS = 4
 
 
 @dataclass(frozen=True, eq=False)

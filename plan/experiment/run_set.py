@@ -54,6 +54,27 @@ FAMILIES: dict[str, dict[str, tuple[float, float]]] = {
 """Each family, as in `ident.effects.effect_info`, with ranges of the numbers that are searched."""
 # Ends of the names of figures that are searched on a logarithmic scale.
 LOGARITHMIC = ("_rad", "_rad_s", "_hz", "leg_s", "period_s", "speed_share")
+# Rough duration of a run, and standstill at both of its ends [s].
+RUN_S = 10.0
+STILL_S = 0.3
+# Mean speed of the moves from home to a run's own pose and back, as a share of the speed limits.
+TRANSFER_SHARE = 0.3
+# Sizes that are tried until a run fits.
+SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
+# Every so many runs all joints move, if they don't in all: that keeps the inertias known, and
+# rivals elsewhere at bay. The diagnosis leaves out run by run, so that no joint may move in a
+# single one.
+WIDE_EVERY = 2
+WIDE_FAMILIES = ("wide", "vias", "random", "fourier")
+WIDE_FIGURES = {"base_hz": 0.12, "swing": 0.9, SPREAD: 0.0}
+# What the textbook proposes where nothing is optimised: a Fourier series of eight seconds about the
+# arm's middle.
+TEXTBOOK = {"period_s": 8.0, "slope": 1.0, "swing": 1.0, "draw": 0.0, SPREAD: 0.0}
+# Homes, and at most the poses of runs about them, lie within this share of the usual span.
+HOME_SHARE = 0.8
+# For arms whose limits leave little room: half of the span at the least, two seconds from point to
+# point.
+CAREFUL = {"swing": 0.5, "leg_s": 2.0, "draw": 0.0, SPREAD: 0.0}
 
 
 def figure_at(name: str, bounds: tuple[float, float], share: float) -> float:
@@ -275,29 +296,6 @@ class Stage:
             limits, "", points, max(half, float((np.abs(path.dq) / limits.speed).max()))
         )
         return np.concatenate([there.q, there.q[::-1]])
-
-
-# Rough duration of a run, and standstill at both of its ends [s].
-RUN_S = 10.0
-STILL_S = 0.3
-# Mean speed of the moves from home to a run's own pose and back, as a share of the speed limits.
-TRANSFER_SHARE = 0.3
-# Sizes that are tried until a run fits.
-SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
-# Every so many runs all joints move, if they don't in all: that keeps the inertias known, and
-# rivals elsewhere at bay. The diagnosis leaves out run by run, so that no joint may move in a
-# single one.
-WIDE_EVERY = 2
-WIDE_FAMILIES = ("wide", "vias", "random", "fourier")
-WIDE_FIGURES = {"base_hz": 0.12, "swing": 0.9, SPREAD: 0.0}
-# What the textbook proposes where nothing is optimised: a Fourier series of eight seconds about the
-# arm's middle.
-TEXTBOOK = {"period_s": 8.0, "slope": 1.0, "swing": 1.0, "draw": 0.0, SPREAD: 0.0}
-# Homes, and at most the poses of runs about them, lie within this share of the usual span.
-HOME_SHARE = 0.8
-# For arms whose limits leave little room: half of the span at the least, two seconds from point to
-# point.
-CAREFUL = {"swing": 0.5, "leg_s": 2.0, "draw": 0.0, SPREAD: 0.0}
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,6 +56,16 @@ Details = tuple[list[list[float]], float | None, float]
 PAPER: dict[str, tuple[float, ...]] = {
     name: tuple(values) for name, values in _PRINTED["values"].items()
 }
+PICTURES = {
+    "figure_10.png": "Fig. 10: cost against evaluations and processor time",
+    "figure_11.png": "Fig. 11: torques before and after speed optimisation",
+    "figure_13_6.png": "Fig. 13a: before and after, from the learned energy optimum",
+    "figure_13_7.png": "Fig. 13b: before and after, from a drawn tester's via points",
+}
+PAGE = "paper.md"
+# All that a page's folder may hold.
+FILES = (PAGE, *PICTURES)
+TEMPLATE = Path(__file__).with_name("page.md.jinja")
 
 
 @dataclass(frozen=True)
@@ -301,18 +311,6 @@ def _teach(problem: PlanningProblem, tester: int, trial: int) -> PlanningProblem
             and not certify(start, start.decode(start.initial)).broken
         ):
             return start
-
-
-TEMPLATE = Path(__file__).with_name("page.md.jinja")
-PICTURES = {
-    "figure_10.png": "Fig. 10: cost against evaluations and processor time",
-    "figure_11.png": "Fig. 11: torques before and after speed optimisation",
-    "figure_13_6.png": "Fig. 13a: before and after, from the learned energy optimum",
-    "figure_13_7.png": "Fig. 13b: before and after, from a drawn tester's via points",
-}
-PAGE = "paper.md"
-# All that a page's folder may hold.
-FILES = (PAGE, *PICTURES)
 
 
 def write_page(repeat: Repeat, out: Path) -> Path:

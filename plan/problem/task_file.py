@@ -29,6 +29,7 @@ TELLING = {"file": "mesh", "cloud": "cloud"}
 # A floor is a box so wide that no arm reaches its edge, and so thick that none reaches its bottom:
 # half lengths [m].
 FLOOR_HALF = (50.0, 50.0, 1.0)
+NO_RULES = WayRules()
 
 
 def read_obstacles(top: SceneTable) -> tuple[Box, ...]:
@@ -109,9 +110,6 @@ def _shape(table: SceneTable, carried: bool = False) -> Box:
     return Box(
         str(table.entry.get("name", table.name)), 0, rotation, centre + rotation @ middle, solid
     )
-
-
-NO_RULES = WayRules()
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,12 @@ CHANGEABLE = sorted(
     key=lambda one: one.as_change.order,
 )
 CHANGES: tuple[Effect, ...] = (*CHANGEABLE, FrictionChange(), UnlistedChange())
+MASS = "mass_kg"
+# Attributes that a change copies from its effect.
+COPIED = (
+    *("id", "scope", "rows", "summary", "shown_by", "defining", "screens"),
+    *("as_change", "doubt", "event", "partner", "remembers"),
+)
 
 
 def ids(flag: str) -> frozenset[str]:
@@ -48,12 +54,6 @@ IN_THE_BASELINE = (
 OF_FRICTION = ids("friction")
 # The change of what the arm carries.
 (CARRIED,) = ids("taken_off")
-MASS = "mass_kg"
-# Attributes that a change copies from its effect.
-COPIED = (
-    *("id", "scope", "rows", "summary", "shown_by", "defining", "screens"),
-    *("as_change", "doubt", "event", "partner", "remembers"),
-)
 
 
 def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Variant]:

@@ -22,6 +22,12 @@ from ident.show.report.words import fixed, sentence, significant
 TICK_WIDTH = 16  # [characters]
 REST = "#e4e4df"
 BINS = 14
+WORDS = {
+    "motor_inertia": "Rotor inertia B_m",
+    "viscous": "Viscous friction C_m",
+    "coulomb": "Coulomb friction f_c",
+    "offset": "Torque offset",
+}
 
 
 def payload_section(source: ReportInput) -> Section | None:
@@ -235,14 +241,6 @@ def _edges(values: Float[Array, " k"], bins: int = BINS) -> Float[Array, " b"]:
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, bins + 1)))
     edges[-1] = np.nextafter(edges[-1], np.inf)
     return edges
-
-
-WORDS = {
-    "motor_inertia": "Rotor inertia B_m",
-    "viscous": "Viscous friction C_m",
-    "coulomb": "Coulomb friction f_c",
-    "offset": "Torque offset",
-}
 
 
 def parameters_section(source: ReportInput) -> Section:

@@ -23,6 +23,14 @@ BINS = 18
 LEAST_SAMPLES = 8
 
 Axis = Callable[[RunResidual, int], Float[Array, " t"]]
+# What a law is a curve over (`Effect.drawn_over`), with the unit of the axis ("" for the joint's own: rad or m).
+CURVES: Mapping[str, tuple[str, str, Axis]] = {
+    "speed": ("speed", "/s", lambda item, j: np.asarray(item.speed[:, j])),
+    "angle": ("angle", "", lambda item, j: np.asarray(item.run.motion.q[item.run.motion.coarse][:, j])),
+    "load": ("load", "N m", lambda item, j: np.asarray(item.run.link[item.run.motion.coarse][:, j])),
+    "torque": ("torque", "N m", lambda item, j: np.asarray(item.run.total[item.run.motion.coarse][:, j])),
+    "reversal": ("time since it turned round", "s", reversal_age),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,16 +75,6 @@ class _Law:
     def gathered(self, values: Sequence[Array]) -> Float[Array, " T"]:
         """Values of all runs where the joint moves steadily."""
         return np.concatenate([one[inside] for one, inside in zip(values, self.where(), strict=True)])
-
-
-# What a law is a curve over (`Effect.drawn_over`), with the unit of the axis ("" for the joint's own: rad or m).
-CURVES: Mapping[str, tuple[str, str, Axis]] = {
-    "speed": ("speed", "/s", lambda item, j: np.asarray(item.speed[:, j])),
-    "angle": ("angle", "", lambda item, j: np.asarray(item.run.motion.q[item.run.motion.coarse][:, j])),
-    "load": ("load", "N m", lambda item, j: np.asarray(item.run.link[item.run.motion.coarse][:, j])),
-    "torque": ("torque", "N m", lambda item, j: np.asarray(item.run.total[item.run.motion.coarse][:, j])),
-    "reversal": ("time since it turned round", "s", reversal_age),
-}
 
 
 def draw_laws(analysis: Analysis) -> tuple[LawPicture | None, ...]:

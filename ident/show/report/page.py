@@ -32,6 +32,14 @@ COLOURS = (
     "model_colour",
     "rung_colours",
 )
+# Clocks beyond this count seconds since 1970: 2001-09-09 [s].
+EPOCH_FROM = 1e9
+# Sessions that are named under a title.
+MOST_STAMPS = 4
+UNKNOWN = "not recorded"
+# What a page tells of a result's origin as it stands in its record.
+PAST = ("command", "version", "commit", "units")
+SEVERITIES = ("fatal", "warning", "note")
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,16 +112,6 @@ def coded(text: str) -> Markup:
     parts = str(escape(text)).split("`")
     whole = [f"<code>{part}</code>" if k % 2 else part for k, part in enumerate(parts[: len(parts) // 2 * 2 + 1])]
     return Markup("".join(whole))
-
-
-# Clocks beyond this count seconds since 1970: 2001-09-09 [s].
-EPOCH_FROM = 1e9
-# Sessions that are named under a title.
-MOST_STAMPS = 4
-UNKNOWN = "not recorded"
-# What a page tells of a result's origin as it stands in its record.
-PAST = ("command", "version", "commit", "units")
-SEVERITIES = ("fatal", "warning", "note")
 
 
 def telemetry_section(issues: Sequence[Mapping[str, Any]]) -> Section:

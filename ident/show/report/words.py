@@ -21,6 +21,9 @@ AT_REST = ("stiffness_Nm_rad", "rest_rad")
 # A value that is less, as a share of its interval's width, is what a solver left of zero.
 NOTHING = 1e-3
 UNITS = re.compile(r"(?<=\d) (N m|J|kg|g|s|%|Hz)\b|(?<=\d) %")
+# Parameters that are counted, not measured.
+COUNTED = frozenset({"order", "link", "other_joint"})
+TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 def fixed(value: float | None, places: int = 2) -> str:
@@ -105,11 +108,6 @@ def percent(share: float | None) -> str:
     number = 100.0 * share
     near = 0.0 < abs(number) < 9.5 or 99.0 < abs(number) < 99.95
     return f"{fixed(number, 1 if near else 0)} %"
-
-
-TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-# Parameters that are counted, not measured.
-COUNTED = frozenset({"order", "link", "other_joint"})
 
 
 def effect_name(effect: str) -> str:

@@ -28,6 +28,12 @@ from ident.show.timeline.series import Curve, Mark, marked, run_curves
 
 TIMELINE = "time"
 FOUND = "/found"
+# Runs lie end to end with this pause [s]: the clocks of sessions overlap, and a page can't be in
+# two places.
+PAUSE = 1.0
+# The arm is drawn this often; the curves keep every sample [1/s].
+ARM_RATE = 25.0
+LEVELS = {"fatal": "CRITICAL", "warning": "WARN", "note": "INFO"}
 
 
 def require_screen() -> None:
@@ -144,12 +150,6 @@ def arm_reach(arm: ArmModel) -> float:
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
-# Runs lie end to end with this pause [s]: the clocks of sessions overlap, and a page can't be in
-# two places.
-PAUSE = 1.0
-# The arm is drawn this often; the curves keep every sample [1/s].
-ARM_RATE = 25.0
-LEVELS = {"fatal": "CRITICAL", "warning": "WARN", "note": "INFO"}
 Rows = dict[tuple[str, tuple[str, str]], list[tuple[Array, Curve]]]
 
 
