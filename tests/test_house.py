@@ -21,6 +21,7 @@ from tests.house.plainness import (
     nested_comprehensions,
     node_density,
     parallel_assignments,
+    statement_sizes,
     vague_names,
 )
 from tests.house.rooms import arrows, depth
@@ -105,6 +106,16 @@ def test_recording_writes_what_was_measured_and_nothing_else() -> None:
 
 def test_comments_blank_lines_and_docstrings_are_no_code() -> None:
     assert code_lines(source_of('"""What."""\n\n# why\nx = (\n    1,\n)\n')) == 3
+
+
+def test_a_statement_has_the_same_nodes_however_it_is_broken_into_lines() -> None:
+    wide = source_of("x = f(a, b)\n")
+    narrow = source_of("x = f(\n    a,\n    b,\n)\n")
+    assert statement_sizes(wide) == statement_sizes(narrow)
+
+
+def test_a_compound_statement_is_no_larger_for_its_body() -> None:
+    assert statement_sizes(source_of("while a:\n    f()\n")) == [3, 4]
 
 
 def test_a_vague_name_counts_where_it_is_bound() -> None:

@@ -20,6 +20,8 @@ from shutil import copytree
 from tests.house import plainness
 from tests.house.sources import Source, total
 
+# Syntax nodes of a statement that is hard to take in at once.
+LARGE = 40
 Count = Callable[[Source], int]
 PER_THOUSAND: dict[str, Count] = {
     "lines over 100 columns": plainness.long_lines,
@@ -71,11 +73,15 @@ def figures_of(folder: Path) -> dict[str, float]:
     """The figures of a package."""
     sources = read_package(folder)
     lines = total(plainness.code_lines, sources)
+    sizes = [size for source in sources for size in plainness.statement_sizes(source)]
     figures: dict[str, float] = {
         "lines of code": lines,
         "nodes a code line": round(plainness.node_density(sources), 1),
         "the same without annotations": round(density_without_annotations(sources), 1),
     }
+    figures["nodes a statement"] = round(sum(sizes) / len(sizes), 1)
+    large = sum(size > LARGE for size in sizes)
+    figures["statements of more than 40, per thousand"] = round(1000.0 * large / len(sizes), 1)
     for name, count in PER_THOUSAND.items():
         figures[name] = round(1000.0 * total(count, sources) / lines, 1)
     figures["lines of the longest function"] = max(map(longest_function, sources))

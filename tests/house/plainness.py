@@ -22,6 +22,9 @@ SILENT = {
     tokenize.DEDENT,
     tokenize.ENDMARKER,
 }
+NO_STATEMENTS = (*(ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef), ast.Import, ast.ImportFrom)
+# Fields of a compound statement that hold further statements.
+BODIES = ("body", "orelse", "finalbody", "handlers", "cases")
 Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 
 
@@ -51,6 +54,32 @@ def node_density(sources: list[Source]) -> float:
     nodes = sum(len(source.nodes) for source in sources)
     lines = sum(code_lines(source) for source in sources)
     return nodes / lines if lines else 0.0
+
+
+def statement_sizes(source: Source) -> list[int]:
+    """Syntax nodes of each statement, the bodies of compound ones left out.
+
+    However a statement is broken into lines, it has the same. Definitions, imports and docstrings
+    are none.
+    """
+    sizes = []
+    for node in source.nodes:
+        if not isinstance(node, ast.stmt) or isinstance(node, NO_STATEMENTS):
+            continue
+        if not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
+            sizes.append(statement_size(node))
+    return sizes
+
+
+def statement_size(statement: ast.stmt) -> int:
+    """Syntax nodes of one statement without those of its bodies."""
+    size = 1
+    for field, value in ast.iter_fields(statement):
+        values = value if isinstance(value, list) else [value]
+        if field not in BODIES:
+            nodes = [node for node in values if isinstance(node, ast.AST)]
+            size += sum(len(list(ast.walk(node))) for node in nodes)
+    return size
 
 
 def is_dense(source: Source) -> bool:
