@@ -41,7 +41,6 @@ LINES = {
     "limits.toml": ("ident verify {corpus}/model {run} --limits {file} --json {out}",),
     "diagnosis.json": ("ident patch {file} --robot tm5-900 --out patched --json {out}",),
     "world.toml": ("ident simulate --world {file} --runs 1 --duration 1 --rate 50 --out simulated",),
-    "commands.csv": ("ident simulate --plan {file} --rate 50 --out simulated",),
     "plan.json": ("ident simulate --plan {file} --rate 50 --out simulated",),
     "scene.toml": ("plan solve {file} --model {corpus}/model --method toppra --objective time --beyond --json {out}",),
 }
