@@ -22,7 +22,7 @@ from scipy.stats import t as student
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
-from ident.checks.foretold import LOSSES, ROUNDING, RunStates, fit
+from ident.checks.foretold import LOSSES, ROUNDING, RunStates, fit, mean_error
 from ident.checks.parting import ComparedRuns, Parting, RunDifference, followed
 from ident.checks.run_changes import RunChange
 from ident.robot.arm import ArmModel
@@ -109,7 +109,8 @@ def confirm(compared: ComparedRuns, step: ZeroStep) -> RunDifference | None:
     """What the runs on the shorter side have otherwise, if reading them so says the same.
 
     The zero is followed to where the rest foretell these runs best, not by derivatives: it must
-    end nearer to the step than to none, and the runs must be foretold better so.
+    end nearer to the step than to none, and the runs must then be foretold more nearly as the rest
+    foretell each other than as these were recorded: what hardly helps is not what they have.
     """
     late = is_late(step.first, len(compared.runs))
     is_odd = ~late if (~late).sum() < late.sum() else late
@@ -123,7 +124,8 @@ def confirm(compared: ComparedRuns, step: ZeroStep) -> RunDifference | None:
     change = followed(RunChange("zero", (step.joint,), size), cost)
     is_nearer_to_none = abs(change.size - size) > abs(change.size)
     as_recorded = float(np.nansum(parting.errors_of_odd()))
-    if is_nearer_to_none or cost(change) >= as_recorded:
+    as_the_rest = min(as_recorded, float(np.nansum(mean_error(parting.usual))))
+    if is_nearer_to_none or cost(change) >= 0.5 * (as_recorded + as_the_rest):
         return None
     gain = -float(np.log(max(step.chance, ROUNDING)))
     return parting.difference(change, gain, parting.errors_of_odd(change))
