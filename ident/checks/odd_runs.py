@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ident.checks.between_runs import find_difference
+from ident.checks.conventions.reread import read_conventions
 from ident.checks.parting import ComparedRuns, RunDifference
 from ident.checks.report import issue_of
 from ident.checks.run_changes import OTHER_ARM
@@ -38,11 +39,27 @@ def check_odd_runs(session: Session, arm: ArmModel) -> tuple[Session, list[Telem
     Later checks see the session without them.
     """
     compared = ComparedRuns(session, arm)
-    difference = find_difference(compared) or find_zero_step(compared)
+    difference = find_difference(compared)
+    if difference is None:
+        difference = find_zero_step(compared)
+        if difference is not None and not is_step_as_mounted(session, arm):
+            difference = None
     if difference is None:
         return session, []
     rest = [run for run in session.runs if run.name not in difference.odd]
     return session.replace(runs=rest), [tell(difference, session)]
+
+
+def is_step_as_mounted(session: Session, arm: ArmModel) -> bool:
+    """Whether a zero moves between runs also where gravity pulls as the log itself has it.
+
+    What a zero does to torque follows from the URDF's gravity; under a wrong one, motions that
+    differ look like zeros that do.
+    """
+    reading = read_conventions(session, arm)
+    if not any(issue.issue == "mounting" for issue in reading.issues):
+        return True
+    return find_zero_step(ComparedRuns(reading.session, reading.arm)) is not None
 
 
 def tell(difference: RunDifference, session: Session) -> TelemetryIssue:

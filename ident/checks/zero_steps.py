@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
@@ -109,8 +109,9 @@ def confirm(compared: ComparedRuns, step: ZeroStep) -> RunDifference | None:
     """What the runs on the shorter side have otherwise, if reading them so says the same.
 
     The zero is followed to where the rest foretell these runs best, not by derivatives: it must
-    end nearer to the step than to none, and the runs must then be foretold more nearly as the rest
-    foretell each other than as these were recorded: what hardly helps is not what they have.
+    end nearer to the step than to none, and the joint that it helps most must then be foretold more
+    nearly as the rest foretell each other than as these were recorded: what hardly helps, or where
+    nothing was worse than usual, is not what they have.
     """
     late = is_late(step.first, len(compared.runs))
     is_odd = ~late if (~late).sum() < late.sum() else late
@@ -123,12 +124,17 @@ def confirm(compared: ComparedRuns, step: ZeroStep) -> RunDifference | None:
 
     change = followed(RunChange("zero", (step.joint,), size), cost)
     is_nearer_to_none = abs(change.size - size) > abs(change.size)
-    as_recorded = float(np.nansum(parting.errors_of_odd()))
-    as_the_rest = min(as_recorded, float(np.nansum(mean_error(parting.usual))))
-    if is_nearer_to_none or cost(change) >= 0.5 * (as_recorded + as_the_rest):
+    before = parting.errors_of_odd()
+    after = parting.errors_of_odd(change)
+    if is_nearer_to_none or np.nansum(after) >= np.nansum(before):
+        return None
+    clearest = int(np.nanargmax(before - after))
+    usual = mean_error(parting.usual)
+    is_worse = before[clearest] > usual[clearest]
+    if not is_worse or after[clearest] >= 0.5 * (before[clearest] + usual[clearest]):
         return None
     gain = -float(np.log(max(step.chance, ROUNDING)))
-    return parting.difference(change, gain, parting.errors_of_odd(change))
+    return parting.difference(change, gain, after)
 
 
 def cuts_of(runs: int) -> range:
@@ -175,7 +181,7 @@ def step_between(
     error = np.sqrt(variance * (1.0 / weight[late].sum() + 1.0 / weight[~late].sum()))
     size = before - behind  # an angle that is read too far is off by minus that
     ratio = abs(size) / max(float(error), ROUNDING)
-    chance = 2.0 * float(student.sf(ratio, freedom))
+    chance = 2.0 * float(stdtr(freedom, -ratio))
     return ZeroStep(joint, int(np.argmax(late)), size, chance)
 
 

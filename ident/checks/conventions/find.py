@@ -152,13 +152,15 @@ def what_is_sure(found: Conventions, least: float = USUAL_EFFORT.sign_explains) 
     the URDF's masses are guesses, where that is; else None.
 
     A mount that each of the likeliest readings has is sure where what they have beside it is not.
+    Guesses explain nearly all that a mount does, with more numbers: the likelier of both is taken.
     """
     for reading in (found.best, found.of_urdf, found.guess):
         if reading is None:
             continue
         candidate = found.led_by(reading)
         if is_changed(candidate, least):
-            return candidate
+            is_guess = reading is found.guess
+            return (likelier_mount(found, least) if is_guess else None) or candidate
     return None
 
 
