@@ -229,7 +229,8 @@ class Amount:
             )
         few = np.minimum(up, down) < self._settings.least_strokes
         for joint in map(int, np.flatnonzero(moving & ~one_sinusoid & few)):
-            words[joint] = f"it moves {up[joint]} times up and {down[joint]} times down"
+            ways = f"{plural(up[joint], 'time')} up and {plural(down[joint], 'time')} down"
+            words[joint] = f"it moves {ways}"
         if not words:
             return []
         worst, *others = words

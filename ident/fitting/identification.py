@@ -389,10 +389,13 @@ def describe(identified: Identified) -> list[str]:
     off = 100 * identified.urdf_share
     joints = zip(identified.loss.joints, 100 * identified.estimate.spread, strict=True)
     spreads = ", ".join(f"{name} {spread:.1f}" for name, spread in joints)
+    changes = f"friction changes from run to run by (%): {spreads}"
+    if np.ptp(identified.estimate.spread) == 0.0:
+        changes = "one run does not tell how much friction changes from run to run"
     lines = [
         f"condition number of the motions: {condition:.0f}",
         f"the URDF's inertias are off by about {off:.0f} % of each link's scale",
-        f"friction changes from run to run by (%): {spreads}",
+        changes,
     ]
     if identified.tied:
         tied = identified.tied[:MOST_TIED]
@@ -400,7 +403,7 @@ def describe(identified: Identified) -> list[str]:
         line = f"not distinguished by these motions: {', '.join(pairs)}"
         more = len(identified.tied) - MOST_TIED
         if more > 0:
-            line += f", and {more} more pairs"
+            line += f", and {more} more {'pair' if more == 1 else 'pairs'}"
         lines.append(line)
     lines += [law.describe(identified.loss.joints) for law in identified.named]
     if identified.through_reversals:

@@ -34,9 +34,9 @@ def odds_of(distance: float) -> float:
 
 
 def minutes_to_odds(distance: float, seconds: float) -> float | None:
-    """Minutes until the odds are 20 .
+    """Minutes until the odds are 20 : 1, at the rate of a motion of so many seconds.
 
-    1, at the rate of a motion of so many seconds; None if they never are.
+    None if they never are.
     """
     if distance <= 1e-9:
         return None
@@ -98,9 +98,9 @@ class Excitation(Result):
 
     @property
     def minutes(self) -> tuple[float | None, float | None]:
-        """Minutes until the odds are 20 .
+        """Minutes until the odds are 20 : 1, by the proposed motion and by random motion.
 
-        1, by the proposed motion and by random motion; None if they never are.
+        None if they never are.
         """
         if not self.distances:
             return None, None

@@ -77,7 +77,11 @@ def load_board_sources(folder: Path) -> dict[str, Source]:
 
 
 def may_be_planted(recording: str) -> bool:
-    """Whether a recording is long enough to be parted into before and after."""
+    """Whether the table of recordings lets effects be planted into one of them.
+
+    Raises:
+        KeyError: The table has no such recording.
+    """
     return bool(TABLES["recordings"][recording].get("planted", True))
 
 

@@ -205,7 +205,7 @@ def test_a_direction_that_is_shown_once_is_told(two_joints: ArmModel) -> None:
     q = np.stack([0.1 * TIME + 0.02 * np.sin(1.3 * TIME), motion(MANY, MANY)[:, 1]], axis=1)
     (found,) = issues(two_joints, q)
     assert found.joints == two_joints.joint_names[:1]
-    assert "1 times up and 0 times down" in found.evidence
+    assert "1 time up and 0 times down" in found.evidence
 
 
 def test_the_share_is_that_of_the_acceleration_alone() -> None:
