@@ -182,7 +182,7 @@ def issues(two_joints: ArmModel, *motions: Array) -> list[TelemetryIssue]:
         runs.append(Recording(f"run_{k}", two_joints.joint_names, TIME + 20.0 * k, q, tau))
     amount, session = Amount(), Session("made up", tuple(runs))
     amount.take(session, TelemetryReport(session, (), two_joints))
-    return [issue for issue in amount.issues() if "angle" in issue.evidence or "times up" in issue.evidence]
+    return [issue for issue in amount.issues() if "angle" in issue.evidence or "it moves" in issue.evidence]
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-3])
