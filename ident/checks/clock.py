@@ -16,7 +16,7 @@ from ident.arrays import Array, Float
 from ident.checks.angles import scale_angles
 from ident.checks.effort import States, collect_states, fit_signed
 from ident.checks.filtered_run import CLOCK as LIMIT
-from ident.checks.filtered_run import compare_velocities
+from ident.checks.filtered_run import clock_factor, compare_velocities
 from ident.checks.report import Findings, issue_of
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
@@ -285,20 +285,11 @@ def _rate_of_clock(session: Session) -> float | None:
 
     All joints have to say so by one factor, and not by that of degrees, which are no clock.
     """
-    compared = compare_velocities(session)
-    if compared is None:
+    factor = clock_factor(session)
+    if factor is None or abs(factor - 1.0) <= LIMIT.clock_off:
         return None
-    moving, slope, correlation = compared
-    slopes = slope[moving]
-    if len(slopes) < 2 or (correlation[moving] < LIMIT.clock_correlation).any():
-        return None
-    middle = float(np.median(slopes))
-    if middle <= 0.0 or abs(middle - 1.0) <= LIMIT.clock_off:
-        return None
-    if np.abs(slopes / middle - 1.0).max() > LIMIT.clock_spread:
-        return None
-    from_degrees = min(abs(middle / DEGREES - 1.0), abs(middle * DEGREES - 1.0))
-    return None if from_degrees < LIMIT.clock_spread else middle
+    from_degrees = min(abs(factor / DEGREES - 1.0), abs(factor * DEGREES - 1.0))
+    return None if from_degrees < LIMIT.clock_spread else factor
 
 
 def _unit_of(interval: float) -> float:

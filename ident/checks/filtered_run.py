@@ -141,3 +141,23 @@ def compare_velocities(
     slope = xy / np.maximum(xx, 1e-300)
     correlation = xy / np.sqrt(np.maximum(xx * yy, 1e-300))
     return moving, slope, correlation
+
+
+def clock_factor(session: Session) -> float | None:
+    """By what factor all measured velocities are off the positions' derivative.
+
+    Returns:
+        None where the joints' factors differ, or where their velocities are noise.
+    """
+    compared = compare_velocities(session)
+    if compared is None:
+        return None
+    moving, slope, correlation = compared
+    slopes = slope[moving]
+    # One joint alone may have a velocity of another meaning.
+    if len(slopes) < 2 or (correlation[moving] < CLOCK.clock_correlation).any():
+        return None
+    middle = float(np.median(slopes))
+    if middle <= 0.0 or np.abs(slopes / middle - 1.0).max() > CLOCK.clock_spread:
+        return None
+    return middle

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ident.checks.filtered_run import CLOCK as LIMIT
-from ident.checks.filtered_run import compare_velocities
+from ident.checks.filtered_run import clock_factor
 from ident.checks.report import issue_of
 from ident.recordings.recording import Recording, Session, TelemetryIssue, cut_before
 
@@ -38,27 +38,9 @@ def stretches_of(run: Recording) -> list[Stretch]:
         gaps = np.flatnonzero(np.diff(run.time) > LIMIT.gap_intervals * run.sample_interval)
         if len(gaps):
             pieces = list(cut_before(run, gaps + 1))
-    return [Stretch(piece, clock_factor(piece)) for piece in pieces]
-
-
-def clock_factor(run: Recording) -> float | None:
-    """By what factor all measured velocities are off the positions' derivative.
-
-    Returns:
-        None where the joints' factors differ, or where their velocities are noise.
-    """
-    compared = compare_velocities(Session(run.name, (run,)))
-    if compared is None:
-        return None
-    moving, slope, correlation = compared
-    slopes = slope[moving]
-    # One joint alone may have a velocity of another meaning.
-    if len(slopes) < 2 or (correlation[moving] < LIMIT.clock_correlation).any():
-        return None
-    middle = float(np.median(slopes))
-    if middle <= 0.0 or np.abs(slopes / middle - 1.0).max() > LIMIT.clock_spread:
-        return None
-    return middle
+    sessions = [Session(piece.name, (piece,)) for piece in pieces]
+    factors = [clock_factor(session) for session in sessions]
+    return [Stretch(piece, factor) for piece, factor in zip(pieces, factors, strict=True)]
 
 
 def check_run_clocks(session: Session) -> tuple[Session, list[TelemetryIssue]]:
