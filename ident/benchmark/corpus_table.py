@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 
 from ident.arrays import Array, Bool, Float
 from ident.benchmark.corpus import Entry, read_index
+from ident.benchmark.corpus_run import result_path
 from ident.benchmark.labels import (
     RIGHT,
     UNKNOWN,
@@ -186,7 +187,7 @@ def store(entries: Iterable[Entry], results: Path, out: Path) -> tuple[int, int]
     sessions: list[Row] = []
     rows: list[Row] = []
     for entry in entries:
-        path = results / f"{entry.case.replace('/', '__')}.json"
+        path = result_path(results, entry.case)
         if path.is_file():
             record = json.loads(path.read_text(encoding="utf-8"))
             sessions.append(session_row(entry, record))

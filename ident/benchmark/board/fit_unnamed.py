@@ -39,6 +39,7 @@ from ident.benchmark.board.unnamed import (
 )
 from ident.benchmark.change_calibration import Pairs
 from ident.benchmark.corpus import Truth, read_index
+from ident.benchmark.corpus_run import result_path
 from ident.files import atomic_write
 from ident.safe_read import read_json
 
@@ -157,7 +158,7 @@ def cases_of_corpus(index: Path, results: Path) -> list[Case]:
     """
     cases: list[Case] = []
     for entry in read_index(index):
-        path = results / f"{entry.case.replace('/', '__')}.json"
+        path = result_path(results, entry.case)
         if entry.group == RECORDED or entry.seconds or not path.is_file():
             continue
         record = read_json(path, "diagnose the corpus anew").get("diagnosis")
