@@ -266,7 +266,7 @@ class SpringTorque(Effect):
         coefficients: Sequence[float],
         shape: Mapping[str, float],
     ) -> dict[str, float]:
-        """A cubic about an angle, and a wave with two rests a turn beside a constant."""
+        """A line about an angle (no square, no cube), and a wave with two rests a turn."""
         names = ("linear_Nm_rad", "constant_Nm", "square_Nm_rad2", "cube_Nm_rad3", *WAVE)
         values = np.zeros(len(names))
         if not coefficients:

@@ -389,7 +389,7 @@ def describe_doubt(record: Mapping[str, Any]) -> str:
     joint = max(left, key=left.__getitem__, default="")
     if not joint or left[joint] < WORTH_SAYING:
         return ""
-    return f" With {left[joint]:.0%} something without a name is left at {joint}.".replace("%", " %")
+    return f" With {percent(left[joint])} something without a name is left at {joint}."
 
 
 def tuned_away_joints(record: Mapping[str, Any]) -> list[str]:
