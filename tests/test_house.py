@@ -34,7 +34,7 @@ NARROW = (
     *("ident/api", "ident/cli", "ident/closed_loop", "ident/effects", "ident/fitting", "ident/infer", "ident/laws"),
     *("ident/model", "ident/monitor", "ident/motion", "ident/recordings", "ident/regression"),
     *("ident/inference", "ident/robot", "ident/simulation"),
-    *("ident/trajectories", "tests/house"),
+    *("ident/trajectories", "ident/benchmark", "ident/checks", "tests/house"),
     *("ident/diagnosis/change", "ident/diagnosis/gap", "ident/schemas", "ident/show/timeline"),
     *("plan/dynamics", "plan/experiment", "plan/geometry", "plan/initial", "plan/paper"),
     *("plan/planners", "plan/problem", "plan/show"),

@@ -142,7 +142,10 @@ class Board:
         groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
         for name, facts in self.sessions.items():
             groups.setdefault((facts["arm"], tuple(facts["joints"])), []).append(name)
-        return [{"robot": arm, "joints": list(joints), "sessions": names} for (arm, joints), names in groups.items()]
+        return [
+            {"robot": arm, "joints": list(joints), "sessions": names}
+            for (arm, joints), names in groups.items()
+        ]
 
     def session_folder(self, name: str) -> Path:
         """Folder of a session by its name; it need not be there."""

@@ -6,8 +6,8 @@ columns, sizes) that go with what is wrong in it.
 A figure leaks where its ranks differ between sessions of different truths by more than chance: the
 spread of the classes' mean ranks, within each tier, against random exchanges of the truths. All
 figures together leak where a classifier of them foretells more of the sessions that were left out
-than it does of exchanged truths. Where something is wrong leaks where the true joints rank higher in
-a figure than drawn ones. P-values are Holm's over all figures and questions.
+than it does of exchanged truths. Where something is wrong leaks where the true joints rank higher
+in a figure than drawn ones. P-values are Holm's over all figures and questions.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
-"""Entries of our own: diagnosis or comparison, and plain methods, answer the sessions of a board, each
-from its own files alone.
+"""Entries of our own: diagnosis or comparison, and plain methods, answer the sessions of a board.
+
+Each answers a session from its own files alone.
 """
 
 from __future__ import annotations

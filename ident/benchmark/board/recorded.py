@@ -215,7 +215,9 @@ def make_planted(
 def substitutes(slot: PlantedSlot, seed: int) -> list[Effects]:
     """What may take a place whose own effect no recording can show."""
     other_seed = int(np.random.default_rng([seed, 33, slot.number]).integers(2**31))
-    others = [effects for kind, effects in plan_slots(OTHER_PLACES, other_seed) if kind == slot.kind]
+    others = [
+        effects for kind, effects in plan_slots(OTHER_PLACES, other_seed) if kind == slot.kind
+    ]
     return others[:SUBSTITUTES]
 
 

@@ -127,7 +127,9 @@ def lines_of(record: Mapping[str, Any]) -> Iterator[str]:
             yield f"{name}  {' '.join(_attribution_words(entry['attribution']))}"
         if "prediction" in entry:
             score = entry["prediction"]
-            words = f"median {score['median_Nm']:.3f} N m, {score['share_of_spread']:.3f} of the spread"
+            words = (
+                f"median {score['median_Nm']:.3f} N m, {score['share_of_spread']:.3f} of the spread"
+            )
             yield f"{name}  foretold {entry['foretold']} motions: {words}"
 
 

@@ -1,1 +1,4 @@
-"""How a log and a URDF may be read otherwise than they say, searched together and once, before any check condemns."""
+"""How a log and a URDF may be read otherwise than they say.
+
+Searched together and once, before any check condemns.
+"""

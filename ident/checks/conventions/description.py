@@ -94,7 +94,9 @@ def gravity_length(gravity: str | tuple[float, float, float]) -> float:
     vector = np.abs(np.array(gravity, dtype=float))
     if vector.max() > ALONG_AXIS * np.linalg.norm(vector):
         return KIND + math.log(AXES - 1)
-    cap = 0.5 * (1.0 - math.cos(math.radians(SEARCH.snap_deg)))  # share of the sphere around one direction
+    cap = 0.5 * (
+        1.0 - math.cos(math.radians(SEARCH.snap_deg))
+    )  # share of the sphere around one direction
     return KIND + math.log(1.0 / cap)
 
 
@@ -115,7 +117,9 @@ def size_price(log_size: np.ndarray) -> np.ndarray:
 
 def load_price(share: float) -> float:
     """What a body costs by its mass, as a share of the moving links': rated loads scatter so."""
-    return float(0.5 * (math.log1p(share) / DESCRIPTION.load_spread) ** 2 / DESCRIPTION.observations)
+    return float(
+        0.5 * (math.log1p(share) / DESCRIPTION.load_spread) ** 2 / DESCRIPTION.observations
+    )
 
 
 def _order(order: tuple[int, ...], usual: tuple[int, ...]) -> float:

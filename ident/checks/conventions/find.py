@@ -42,9 +42,10 @@ class Conventions:
 
     @property
     def gain(self) -> float:
-        """By how much the best explains more than log and URDF as they say, its changes' costs taken
-        off, and by the joints that move alone, whichever is less [nats].
+        """By how much the best explains more than log and URDF as they say [nats].
 
+        Its changes' costs are taken off. By all joints, or by those that move alone: whichever is
+        less.
         What changes more than the URDF's masses must explain more than these would, too.
         """
         others = [self.as_it_is]
@@ -73,7 +74,12 @@ def log_of(session: Session) -> Log | None:
     motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
     if not motions:
         return None
-    return Log(*(np.concatenate([getattr(motion, name) for motion in motions]) for name in ("q", "dq", "ddq", "tau")))
+    return Log(
+        *(
+            np.concatenate([getattr(motion, name) for motion in motions])
+            for name in ("q", "dq", "ddq", "tau")
+        )
+    )
 
 
 def find_conventions(session: Session, arm: ArmModel) -> Conventions | None:
@@ -147,7 +153,9 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
     return bool(changes) and found.gain > needed and found.best.explains >= least
 
 
-def what_is_sure(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> Conventions | None:
+def what_is_sure(
+    found: Conventions, least: float = USUAL_EFFORT.sign_explains
+) -> Conventions | None:
     """The best reading where it is surely right; else what of it leaves the log as it says, or that
     the URDF's masses are guesses, where that is; else None.
 
@@ -158,15 +166,19 @@ def what_is_sure(found: Conventions, least: float = USUAL_EFFORT.sign_explains) 
         if reading is None:
             continue
         candidate = found.led_by(reading)
-        if is_changed(candidate, least):
-            is_guess = reading is found.guess
-            return (likelier_mount(found, least) if is_guess else None) or candidate
+        if not is_changed(candidate, least):
+            continue
+        mount = likelier_mount(found, least) if reading is found.guess else None
+        return candidate if mount is None else mount
     return None
 
 
-def likelier_mount(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> Conventions | None:
-    """The likeliest reading that changes gravity's direction and leaves the log as it says, where it
-    is likelier than log and URDF as they say; else None.
+def likelier_mount(
+    found: Conventions, least: float = USUAL_EFFORT.sign_explains
+) -> Conventions | None:
+    """The likeliest reading that changes gravity's direction and leaves the log as it says.
+
+    None where log and URDF as they say are likelier.
     """
     for reading in (found.best, found.of_urdf):
         if reading is None or not is_of_urdf(reading):

@@ -1,4 +1,7 @@
-"""A reading of a log and a URDF: order, direction, zero, unit, signs, gravity, masses. All of it is one hypothesis."""
+"""A reading of a log and a URDF: order, direction, zero, unit, signs, gravity, masses.
+
+All of it is one hypothesis.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,15 @@ import numpy as np
 
 from ident.arrays import Array, Float
 
-# A zero that is off is off by quarters of a turn: what lies between is for a diagnosis to find [rad].
+# A zero that is off is off by quarters of a turn [rad]: what lies between is for a diagnosis to
+# find.
 QUARTER = 0.5 * math.pi
 ZEROS = (0.0, QUARTER, math.pi, -QUARTER)  # angles of 0 to 3 quarters, the shorter way round [rad]
-# Factors that make radians of what a log may hold, by the unit's name; radians read as degrees among them.
+# Factors that make radians of what a log may hold, by the unit's name; radians read as degrees
+# among them.
 UNITS = {"deg": math.radians(1.0), "turns": math.tau, "rad": math.degrees(1.0)}
-# Factors that make a joint's angle of one that is counted elsewhere in its drive, or by another encoder.
+# Factors that make a joint's angle of one that is counted elsewhere in its drive, or by another
+# encoder.
 GEARS = (0.5, 2.0)
 # Gravity is where the URDF's base has it.
 AS_STATED = "stated"
@@ -29,7 +35,8 @@ class Hypothesis:
 
     The URDF's angle of joint j is
 
-        q_j = a_j + share_j · a_(j-1),    a_j = direction_j · gear_j · unit_j · position[order_j] + zero_j,
+        q_j = a_j + share_j · a_(j-1),
+        a_j = direction_j · gear_j · unit_j · position[order_j] + zero_j,
 
     and its torque direction_j · effort_sign_j · effort[effort_order_j].
     """
@@ -38,7 +45,9 @@ class Hypothesis:
     effort_order: tuple[int, ...]  # column of the log that is each joint's effort
     direction: tuple[int, ...]  # 1, or -1 where the log's axis turns the other way
     quarters: tuple[int, ...]  # quarters of a turn between both zeros, 0 to 3
-    unit: tuple[str, ...]  # of each joint's position: empty for what the log states, or a key of `UNITS`
+    unit: tuple[
+        str, ...
+    ]  # of each joint's position: empty for what the log states, or a key of `UNITS`
     effort_sign: tuple[int, ...]  # 1, or -1 where the log's torque alone has the other sign
     gear: tuple[float, ...]  # of each joint's position: 1, or one of `GEARS`
     # Of the position of the joint before that is part of each joint's angle: 0, 1 or -1.
@@ -48,10 +57,11 @@ class Hypothesis:
     mass_factor: float = 1.0  # what all masses of the URDF are to be multiplied with
     # Joint -> what its effort is of a torque in N m, where it alone is in another unit.
     effort_scale: tuple[tuple[int, float], ...] = ()
-    # Mass [kg] and first moment [kg m], in the last link's frame, of a body that the URDF lacks; negative where it has
-    # one that is not on the arm. None for none.
+    # Mass [kg] and first moment [kg m], in the last link's frame, of a body that the URDF lacks;
+    # negative where it has one that is not on the arm. None for none.
     body: tuple[float, float, float, float] | None = None
-    # Ten numbers a link in place of the URDF's, where its masses and centres are guesses; None for the URDF's.
+    # Ten numbers a link in place of the URDF's, where its masses and centres are guesses; None for
+    # the URDF's.
     parameters: tuple[float, ...] | None = None
 
     @classmethod
@@ -77,12 +87,16 @@ class Hypothesis:
         names += [f"direction {j}" for j, sign in enumerate(self.direction) if sign < 0]
         names += [f"zero {j}" for j, turns in enumerate(self.quarters) if turns]
         units = [(j, unit) for j, unit in enumerate(self.unit) if unit]
-        names += ["unit"] if len({unit for _, unit in units}) == 1 and len(units) == len(own) else []
+        names += (
+            ["unit"] if len({unit for _, unit in units}) == 1 and len(units) == len(own) else []
+        )
         names += [f"unit {j}" for j, _ in units] if "unit" not in names else []
         names += [f"gear {j}" for j, factor in enumerate(self.gear) if factor != 1.0]
         names += [f"share {j}" for j, share in enumerate(self.share) if share]
         flipped = [j for j, sign in enumerate(self.effort_sign) if sign < 0]
-        names += ["effort_sign"] if len(flipped) == len(own) else [f"effort_sign {j}" for j in flipped]
+        names += (
+            ["effort_sign"] if len(flipped) == len(own) else [f"effort_sign {j}" for j in flipped]
+        )
         names += [] if self.gravity == AS_STATED else ["gravity"]
         names += [] if self.mass_factor == 1.0 else ["mass_factor"]
         names += [f"effort_scale {j}" for j, _ in self.effort_scale]

@@ -125,15 +125,21 @@ def cost_at(reading: Reading, rigid: Float[Array, "n T"]) -> SizedTorque:
     free = along / square
     best = np.clip(free, 1.0 / READING.most_size, READING.most_size)
     tried = best[None] ** np.array(READING.shares)[:, None]
-    left = np.maximum(own - 2.0 * tried * along + tried**2 * square, 0.0) / np.maximum(reading.variance, 1e-300)
+    left = np.maximum(own - 2.0 * tried * along + tried**2 * square, 0.0) / np.maximum(
+        reading.variance, 1e-300
+    )
     explained = np.log(left + READING.floor)
     cost = explained + size_price(np.log(tried))
     chosen = np.argmin(cost, axis=0)
     joints = np.arange(len(best))
     costs, sizes = cost[chosen, joints], tried[chosen, joints]
     price_of_unit = scale_length(len(best)) / DESCRIPTION.observations
-    other = is_told(free, own, square) & is_other_unit(best) & (explained[-1] + price_of_unit < costs)
-    return SizedTorque(costs, sizes, np.where(other, explained[-1], costs), np.where(other, best, sizes), other)
+    other = (
+        is_told(free, own, square) & is_other_unit(best) & (explained[-1] + price_of_unit < costs)
+    )
+    return SizedTorque(
+        costs, sizes, np.where(other, explained[-1], costs), np.where(other, best, sizes), other
+    )
 
 
 def free_sizes(reading: Reading) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
@@ -147,7 +153,9 @@ def free_sizes(reading: Reading) -> tuple[Float[Array, " n"], Float[Array, " n"]
     # States follow one another: a few are independent.
     error = left / np.maximum(square, 1e-12) / LIMIT.independent
     told = (size > 0.0) & (along > 0.0)
-    return np.log(np.where(told, size, 1.0)), np.where(told, error / np.maximum(size, 1e-12) ** 2, np.inf)
+    return np.log(np.where(told, size, 1.0)), np.where(
+        told, error / np.maximum(size, 1e-12) ** 2, np.inf
+    )
 
 
 def common_factor(reading: Reading) -> tuple[float, float]:
@@ -216,7 +224,9 @@ def end_body(reading: Reading, factor: float | None = None) -> tuple[float, Floa
     for _ in range(LIMIT.rounds):
         fit = cost_at(reading, size_of_all * reading.rigid + reading.body @ body)
         # A joint in another unit tells nothing of a mass in kilograms.
-        weight = np.where(fit.other_unit, 0.0, np.exp(-fit.costs)) / np.maximum(reading.variance, 1e-300)
+        weight = np.where(fit.other_unit, 0.0, np.exp(-fit.costs)) / np.maximum(
+            reading.variance, 1e-300
+        )
         if factor is None:
             table = np.concatenate([reading.body, reading.rigid[..., None]], axis=-1)
             rest = reading.tau
@@ -254,7 +264,9 @@ def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[Variant
     factor, agreement = common_factor(reading)
     if is_unusual(factor):
         scaled = cost_at(reading, factor * reading.rigid)
-        yield from _variants(replace(hypothesis, mass_factor=factor), scaled, -agreement / DESCRIPTION.observations)
+        yield from _variants(
+            replace(hypothesis, mass_factor=factor), scaled, -agreement / DESCRIPTION.observations
+        )
     for given in (1.0, None):
         size, body = end_body(reading, given)
         if given is None and not is_unusual(size):
@@ -262,7 +274,9 @@ def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[Variant
         mass, x, y, z = (float(value) for value in body)
         with_body = replace(hypothesis, mass_factor=size, body=(mass, x, y, z))
         heavy = load_price(abs(mass) / (size * float(model.arm.inertial_parameters[::10].sum())))
-        yield from _variants(with_body, cost_at(reading, size * reading.rigid + reading.body @ body), heavy)
+        yield from _variants(
+            with_body, cost_at(reading, size * reading.rigid + reading.body @ body), heavy
+        )
 
 
 def is_unusual(factor: float) -> bool:
@@ -314,7 +328,9 @@ def guessed_masses(log: Log, model: Model) -> Variant | None:
     return Variant(guess, fit.plain_costs, fit.plain_sizes, length / DESCRIPTION.observations)
 
 
-def _least_change(normal: Float[Array, "p p"], wanted: Float[Array, " p"]) -> tuple[Float[Array, " p"], int]:
+def _least_change(
+    normal: Float[Array, "p p"], wanted: Float[Array, " p"]
+) -> tuple[Float[Array, " p"], int]:
     """The shortest solution of normal equations in the directions that are told, and how many
     are.
     """

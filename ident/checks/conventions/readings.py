@@ -62,10 +62,14 @@ class Sums(NamedTuple):
     """
 
     left: Float[Array, "k n m m"]
-    friction: Float[Array, "k n 3 m"]  # coefficient of Coulomb and viscous friction and of the rotor, by column
+    friction: Float[
+        Array, "k n 3 m"
+    ]  # coefficient of Coulomb and viscous friction and of the rotor, by column
     spread: Float[Array, "k n 3"]  # variance of each coefficient for a residual of variance one
     variance: Float[Array, " n"]  # of each column of effort
-    beyond: Float[Array, " k"]  # whether joints leave their limits, and how many another unit leaves without motion
+    beyond: Float[
+        Array, " k"
+    ]  # whether joints leave their limits, and how many another unit leaves without motion
 
 
 class Model:
@@ -120,7 +124,10 @@ def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
     """The sums of some readings of the motion, one after the other in one pass."""
     sliding, count, n = model.sliding, len(readings), log.q.shape[1]
     q = np.stack([reading.angles(log.q, sliding) for reading in readings])
-    dq, ddq = (np.stack([reading.rates(values, sliding) for reading in readings]) for values in (log.dq, log.ddq))
+    dq, ddq = (
+        np.stack([reading.rates(values, sliding) for reading in readings])
+        for values in (log.dq, log.ddq)
+    )
     flat = [values.reshape(-1, n) for values in (q, dq, ddq)]
     rigid = model.parts(*flat).reshape(count, -1, n, 4)
     samples = rigid.shape[1]
@@ -143,7 +150,9 @@ def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
     spread = np.diagonal(inverse, axis1=-2, axis2=-1)[..., :3]
     has_unit = np.array([[unit != "" for unit in reading.unit] for reading in readings])
     still = (has_unit & (np.ptp(q, axis=1) < LIMIT.least_travel)).sum(axis=1)
-    return Sums(left, coefficients[..., :3, :], spread, log.tau.var(axis=0), model.beyond_limits(q) + still)
+    return Sums(
+        left, coefficients[..., :3, :], spread, log.tau.var(axis=0), model.beyond_limits(q) + still
+    )
 
 
 def unexplained(
@@ -164,7 +173,9 @@ def unexplained(
     """
     usual = size[:, None, :, None]
     other_unit = scale_length(sums.left.shape[1]) / DESCRIPTION.observations
-    vectors = np.concatenate([gravity, np.ones_like(gravity[..., :1])], axis=-1)  # of the rigid torque's columns
+    vectors = np.concatenate(
+        [gravity, np.ones_like(gravity[..., :1])], axis=-1
+    )  # of the rigid torque's columns
     rigid, mixed = sums.left[:, :, :4, :4], sums.left[:, :, :4, 4:]
     square = np.einsum("kgi,knij,kgj->kng", vectors, rigid, vectors)[..., None]
     square = np.maximum(square, 1e-12)
@@ -245,7 +256,9 @@ def likeliest_gravity(
     rows = np.arange(len(columns))
     table, effort = sums.left[0], 4 + columns
     weight = (sizes / left)[:, None]
-    target = (weight * (signs[:, None] * table[rows, :3, effort] - sizes[:, None] * table[:, :3, 3])).sum(axis=0)
+    target = (
+        weight * (signs[:, None] * table[rows, :3, effort] - sizes[:, None] * table[:, :3, 3])
+    ).sum(axis=0)
     normal = ((weight * sizes[:, None])[..., None] * table[:, :3, :3]).sum(axis=0)
     # Directions that no torque tells stay as far out as they were: zero.
     values, axes = np.linalg.eigh(normal)
@@ -265,5 +278,8 @@ def moving(log: Log) -> Bool[Array, " n"]:
 
 
 def evidence_of_columns(log: Log) -> Float[Array, " n"]:
-    """What each column of effort is worth beside one whose joint moves: friction holds what stands."""
+    """What each column of effort is worth beside one whose joint moves.
+
+    Friction holds what stands.
+    """
     return np.where(telling(log), np.where(moving(log), 1.0, LIMIT.rest_weight**2), 0.0)

@@ -27,7 +27,8 @@ from ident.recordings.recording import Recording, Session, Severity, TelemetryIs
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_key
 
-# How far gravity's direction, followed to where it is likeliest, may lie from where the search found it [degrees].
+# How far gravity's direction, followed to where it is likeliest, may lie from where the search
+# found it [degrees].
 FOLLOWED_DEG = 25.0
 PLACES = ("position", "position_command")
 RATES = ("velocity", "acceleration", "velocity_command")
@@ -35,7 +36,10 @@ TORQUES = ("effort", "effort_command", "current")
 
 
 def reread(session: Session, hypothesis: Hypothesis) -> Session:
-    """The session in the URDF's order, directions, zeros and units, its torques with the URDF's signs."""
+    """The session in the URDF's order, directions, zeros and units.
+
+    Its torques have the URDF's signs.
+    """
     order, efforts = list(hypothesis.order), list(hypothesis.effort_order)
     direction = np.array(hypothesis.direction, dtype=float) * np.array(hypothesis.gear)
     unit = np.array([UNITS.get(name, 1.0) for name in hypothesis.unit])
@@ -46,11 +50,15 @@ def reread(session: Session, hypothesis: Hypothesis) -> Session:
     def changed(run: Recording) -> Recording:
         channels = run.channels()
         found = {name: values[:, order] for name, values in channels.items() if name not in TORQUES}
-        found.update({name: direction * unit * found[name] + zero for name in PLACES if name in found})
+        found.update(
+            {name: direction * unit * found[name] + zero for name in PLACES if name in found}
+        )
         found.update({name: direction * rate * found[name] for name in RATES if name in found})
         angles = [name for name in (*PLACES, *RATES) if name in found]
         found.update({name: hypothesis.with_shares(found[name]) for name in angles})
-        found.update({name: sign * channels[name][:, efforts] for name in TORQUES if name in channels})
+        found.update(
+            {name: sign * channels[name][:, efforts] for name in TORQUES if name in channels}
+        )
         return run.replace(**found)
 
     return session.replace(runs=[changed(run) for run in session.runs])
@@ -83,13 +91,17 @@ def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
     if moved:
         found["effort_order"] = {joints[j]: joints[k] for j, k in moved}
     found["direction"] = {joints[j]: -1 for j, sign in enumerate(hypothesis.direction) if sign < 0}
-    found["zero_rad"] = {joints[j]: round(ZEROS[k], 4) for j, k in enumerate(hypothesis.quarters) if k}
+    found["zero_rad"] = {
+        joints[j]: round(ZEROS[k], 4) for j, k in enumerate(hypothesis.quarters) if k
+    }
     found["unit"] = {joints[j]: unit for j, unit in enumerate(hypothesis.unit) if unit}
     gears = enumerate(hypothesis.gear)
     found["angle_factor"] = {joints[j]: factor for j, factor in gears if factor != 1.0}
     shares = enumerate(hypothesis.share)
     found["share_of_joint_before"] = {joints[j]: share for j, share in shares if share}
-    found["effort_sign"] = {joints[j]: -1 for j, sign in enumerate(hypothesis.effort_sign) if sign < 0}
+    found["effort_sign"] = {
+        joints[j]: -1 for j, sign in enumerate(hypothesis.effort_sign) if sign < 0
+    }
     if hypothesis.gravity == COMPENSATED:
         found["effort_kind"] = "gravity_compensated"
     elif hypothesis.gravity != AS_STATED:
@@ -97,33 +109,50 @@ def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
     if hypothesis.mass_factor != 1.0:
         found["mass_factor"] = float(f"{hypothesis.mass_factor:.3g}")
     if hypothesis.effort_scale:
-        found["effort_scale"] = {joints[j]: float(f"{scale:.3g}") for j, scale in hypothesis.effort_scale}
+        found["effort_scale"] = {
+            joints[j]: float(f"{scale:.3g}") for j, scale in hypothesis.effort_scale
+        }
     if hypothesis.body is not None:
         mass, *moment = hypothesis.body
-        found["body"] = {"mass_kg": round(mass, 3), "moment_kgm": [round(value, 4) for value in moment]}
+        found["body"] = {
+            "mass_kg": round(mass, 3),
+            "moment_kgm": [round(value, 4) for value in moment],
+        }
     if hypothesis.parameters is not None:
         found["masses"] = "guessed"
     return {name: value for name, value in found.items() if value != {}}
 
 
 def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryIssue]:
-    """One issue a kind of change, each with what the best two readings explain and the line to write."""
+    """One issue a kind of change.
+
+    Each has what the best two readings explain, and the line to write.
+    """
     best, joints = found.best.hypothesis, session.joints
     compared = "; ".join(in_words(other, joints) for other in rivals(found))
     seen: dict[str, Any] = {"explains": f"{100.0 * found.best.explains:.1f} %", "others": compared}
     known = describe(best, joints)
     issues = []
-    for kind, key in (("direction", "axis"), ("zero_rad", "zero"), ("unit", "joint_unit"), ("effort_sign", "sign")):
+    for kind, key in (
+        ("direction", "axis"),
+        ("zero_rad", "zero"),
+        ("unit", "joint_unit"),
+        ("effort_sign", "sign"),
+    ):
         if kind in known:
             names = ", ".join(known[kind])
-            lines = ", ".join(f"{toml_key(name)} = {json.dumps(value)}" for name, value in known[kind].items())
+            lines = ", ".join(
+                f"{toml_key(name)} = {json.dumps(value)}" for name, value in known[kind].items()
+            )
             issues.append(issue_of(key, session, known[kind], names=names, lines=lines, **seen))
     issues += _angle_issues(known, session, seen)
     moved = {**known.get("order", {}), **known.get("effort_order", {})}
     if moved:
         parts = columns_in_words(best, joints)
         lines = ", ".join(_column_lines(known))
-        issues.append(issue_of("swapped", session, moved, parts="; ".join(parts), lines=lines, **seen))
+        issues.append(
+            issue_of("swapped", session, moved, parts="; ".join(parts), lines=lines, **seen)
+        )
     if "gravity_mps2" in known:
         issues.append(_mount(known["gravity_mps2"], session, arm, seen))
     if "mass_factor" in known:
@@ -141,11 +170,17 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         key = "body_lacks" if best.body is not None and best.body[0] > 0.0 else "body_too_much"
         mass, *moment = best.body or (0.0, 0.0, 0.0, 0.0)
         centre = ", ".join(f"{value / mass:.2f}" for value in moment) if mass else ""
-        issues.append(issue_of(key, session, joints[-1:], mass=abs(mass), centre=centre, link=arm.links[-1], **seen))
+        issues.append(
+            issue_of(
+                key, session, joints[-1:], mass=abs(mass), centre=centre, link=arm.links[-1], **seen
+            )
+        )
     return issues
 
 
-def _angle_issues(known: dict[str, Any], session: Session, seen: dict[str, Any]) -> list[TelemetryIssue]:
+def _angle_issues(
+    known: dict[str, Any], session: Session, seen: dict[str, Any]
+) -> list[TelemetryIssue]:
     """Angles that are counted elsewhere than between a joint's two links."""
     joints = list(session.joints)
     issues = []
@@ -161,8 +196,14 @@ def _angle_issues(known: dict[str, Any], session: Session, seen: dict[str, Any])
 
 
 def weighs_better(arm: ArmModel, factor: float) -> bool:
-    """Whether an arm of its length weighs rather what it would with its masses multiplied than what its URDF says."""
-    steps = [float(np.linalg.norm(placement.translation)) for placement in list(arm.model.jointPlacements)[2:]]
+    """Whether an arm of its length weighs rather what it would with its masses multiplied.
+
+    Else it weighs rather what its URDF says.
+    """
+    steps = [
+        float(np.linalg.norm(placement.translation))
+        for placement in list(arm.model.jointPlacements)[2:]
+    ]
     last = arm.inertial_parameters[-10:-6]
     reach = sum(steps) + float(np.linalg.norm(last[1:])) / max(float(last[0]), 1e-9)
     usual = MASSES.usual_density * max(reach, 1e-3) ** 3
@@ -180,14 +221,19 @@ def _column_lines(known: dict[str, Any]) -> list[str]:
     """The lines of [columns] that give columns the joints' names."""
     lines = []
     for joint, place in known.get("order", {}).items():
-        names = [(f"{place}/{channel}", f"{joint}/{channel}") for channel in ("position", "velocity", "effort")]
+        names = [
+            (f"{place}/{channel}", f"{joint}/{channel}")
+            for channel in ("position", "velocity", "effort")
+        ]
         lines += [f"{json.dumps(foreign)} = {json.dumps(native)}" for foreign, native in names]
     for joint, place in known.get("effort_order", {}).items():
         lines.append(f"{json.dumps(f'{place}/effort')} = {json.dumps(f'{joint}/effort')}")
     return lines
 
 
-def _mount(gravity: list[float], session: Session, arm: ArmModel, seen: dict[str, Any]) -> TelemetryIssue:
+def _mount(
+    gravity: list[float], session: Session, arm: ArmModel, seen: dict[str, Any]
+) -> TelemetryIssue:
     """That the base is mounted otherwise: by which turn, and gravity's line."""
     now = np.array(arm.model.gravity.linear)
     best = np.array(gravity) / np.linalg.norm(gravity)
@@ -195,7 +241,11 @@ def _mount(gravity: list[float], session: Session, arm: ArmModel, seen: dict[str
     angle = float(np.degrees(np.arccos(np.clip(best @ now, -1.0, 1.0))))
     axis = np.cross(best, now)
     axis = axis / np.linalg.norm(axis) if np.linalg.norm(axis) > 1e-6 else np.eye(3)[0]
-    named = [name for name, part in zip(("x", "y", "z", "-x", "-y", "-z"), (*axis, *-axis), strict=True) if part > 0.99]
+    named = [
+        name
+        for name, part in zip(("x", "y", "z", "-x", "-y", "-z"), (*axis, *-axis), strict=True)
+        if part > 0.99
+    ]
     words = named[0] if named else f"({', '.join(f'{part:.2f}' for part in axis)})"
     line = f"gravity_mps2 = [{', '.join(f'{value:.2f}' for value in gravity)}]"
     key = "mounted" if session.gravity is None else "mounted_otherwise"
@@ -210,7 +260,8 @@ class Reading:
 
     session: Session
     arm: ArmModel  # the URDF's, as it is mounted
-    judged: ArmModel  # the same with the masses that the torques ask for: what later checks hold them against
+    # The same with the masses that the torques ask for: what later checks hold them against.
+    judged: ArmModel
     issues: list[TelemetryIssue]
     is_compensated: bool  # whether gravity is not in the effort
     conventions: tuple[dict[str, Any], ...]  # for JSON, the best two
@@ -221,7 +272,9 @@ def as_it_is(session: Session, arm: ArmModel) -> Reading:
     return Reading(session, arm, arm, [], False, ())
 
 
-def read_conventions(session: Session, arm: ArmModel, settings: EffortSettings = USUAL_EFFORT) -> Reading:
+def read_conventions(
+    session: Session, arm: ArmModel, settings: EffortSettings = USUAL_EFFORT
+) -> Reading:
     """Searches a session's conventions, tells what they are, and reads it so.
 
     Gravity that session.toml states stands; so does what it says of the effort.
@@ -231,7 +284,9 @@ def read_conventions(session: Session, arm: ArmModel, settings: EffortSettings =
     if found is None:
         return as_it_is(session, arm)
     kept = tuple(each for each in (found.best, found.second) if each is not None)
-    record = tuple({"hypothesis": describe(s.hypothesis, session.joints), "explains": s.explains} for s in kept)
+    record = tuple(
+        {"hypothesis": describe(s.hypothesis, session.joints), "explains": s.explains} for s in kept
+    )
     found = what_is_used(found, session, arm, settings.sign_explains)
     if found is None:
         return Reading(session, arm, arm, [], False, record)
@@ -244,16 +299,26 @@ def read_conventions(session: Session, arm: ArmModel, settings: EffortSettings =
             hypothesis = replace(hypothesis, gravity=AS_STATED)
         else:
             x, y, z = (float(value) for value in gravity)
-            turned, reread_session = arm.with_gravity(gravity), reread_session.replace(gravity=(x, y, z))
+            turned, reread_session = (
+                arm.with_gravity(gravity),
+                reread_session.replace(gravity=(x, y, z)),
+            )
             hypothesis = replace(hypothesis, gravity=(x, y, z))
         found = replace(found, best=replace(found.best, hypothesis=hypothesis))
     issues = tell(found, session, arm)
     compensated = hypothesis.gravity == COMPENSATED and not stated_kind
-    return Reading(reread_session, turned, corrected_arm(turned, hypothesis), issues, compensated, record)
+    return Reading(
+        reread_session, turned, corrected_arm(turned, hypothesis), issues, compensated, record
+    )
 
 
-def what_is_used(found: Conventions, session: Session, arm: ArmModel, least: float) -> Conventions | None:
-    """What is sure, else a mount that spares a torque; None where log and URDF are read as they say."""
+def what_is_used(
+    found: Conventions, session: Session, arm: ArmModel, least: float
+) -> Conventions | None:
+    """What is sure, else a mount that spares a torque.
+
+    None where log and URDF are read as they say.
+    """
     sure = what_is_sure(found, least)
     if sure is not None:
         return sure
@@ -283,7 +348,10 @@ def is_tilt(gravity: Float[Array, " 3"], arm: ArmModel) -> bool:
 
 
 def is_misread(session: Session, arm: ArmModel) -> bool:
-    """Whether a joint that carries much follows gravity at no size of a torque: it would be refused."""
+    """Whether a joint that carries much follows gravity at no size of a torque.
+
+    It would be refused.
+    """
     states = collect_states(session, arm)
     if states is None:
         return False
@@ -293,8 +361,13 @@ def is_misread(session: Session, arm: ArmModel) -> bool:
     return any(not low < size < high for size in sizes)
 
 
-def followed_gravity(session: Session, arm: ArmModel, found: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """Gravity's direction followed from where the search found it to where all joints' torque is likeliest [m/s²]."""
+def followed_gravity(
+    session: Session, arm: ArmModel, found: Float[Array, " 3"]
+) -> Float[Array, " 3"]:
+    """Gravity's direction [m/s²] where all joints' torque is likeliest.
+
+    Followed from where the search found it.
+    """
     states = collect_states(session, arm)
     pulls = {} if states is None else pulls_of(states, arm)
     if not pulls:

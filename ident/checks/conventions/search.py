@@ -145,7 +145,9 @@ class Search:
                 has_body = scored.hypothesis.body is not None
                 self._expanded.add((scored.hypothesis.motion, has_body))
                 # What is one change away is seen beside the body, where there is one.
-                model = Model(with_body(self.model.arm, scored.hypothesis)) if has_body else self.model
+                model = (
+                    Model(with_body(self.model.arm, scored.hypothesis)) if has_body else self.model
+                )
                 self.screen(list(self.neighbours(scored.hypothesis)), model, has_body)
             self.refine(LIMIT.refined)
 
@@ -171,7 +173,11 @@ class Search:
             if is_sought and key not in self._expanded:
                 fresh.setdefault(key, scored)
         if self._expanded and best.explains > LIMIT.well_explained:
-            return [scored for scored in fresh.values() if scored.hypothesis.motion == best.hypothesis.motion][:1]
+            return [
+                scored
+                for scored in fresh.values()
+                if scored.hypothesis.motion == best.hypothesis.motion
+            ][:1]
         classes: dict[tuple[object, ...], Scored] = {}
         for scored in fresh.values():
             classes.setdefault(self._shared(scored.hypothesis), scored)
@@ -192,7 +198,10 @@ class Search:
         plain = Hypothesis.as_it_is(self.n)
         orders = [plain.order, *self.usual_orders]
         units = ["", *UNITS]
-        return [replace(plain, order=order, unit=(unit,) * self.n) for order, unit in product(orders, units)]
+        return [
+            replace(plain, order=order, unit=(unit,) * self.n)
+            for order, unit in product(orders, units)
+        ]
 
     def neighbours(self, reading: Hypothesis) -> Iterator[Hypothesis]:
         """Readings of the motion that are one change away."""
@@ -240,7 +249,9 @@ class Search:
         """Looks closely at so many of the likeliest readings: all states, masses and bodies, any
         gravity.
         """
-        waiting = sorted(self._screened, key=lambda motion: min(each.cost for each in self._screened[motion]))
+        waiting = sorted(
+            self._screened, key=lambda motion: min(each.cost for each in self._screened[motion])
+        )
         self._refine(Hypothesis.as_it_is(self.n))
         for motion in waiting[:count]:
             readings = self._screened.pop(motion)
@@ -298,12 +309,16 @@ class Search:
         """Costs by column of effort, last axis: of a joint that stands little speaks for a reading,
         all against it.
         """
-        return np.asarray(np.where(costs < 0.0, self.weights[columns] * costs, self.alive[columns] * costs))
+        return np.asarray(
+            np.where(costs < 0.0, self.weights[columns] * costs, self.alive[columns] * costs)
+        )
 
     def is_apart(self, vector: Float[Array, " 3"]) -> bool:
         """Whether a direction is none of those that are tried anyway."""
         for other in self.vectors[:-1]:
-            cosine = vector @ other / max(float(np.linalg.norm(vector) * np.linalg.norm(other)), 1e-12)
+            cosine = (
+                vector @ other / max(float(np.linalg.norm(vector) * np.linalg.norm(other)), 1e-12)
+            )
             if cosine > np.cos(np.radians(LIMIT.snap_deg)):
                 return False
         return True
@@ -324,9 +339,13 @@ class Search:
         tables = []
         for scale in scales:
             costs, sizes = unexplained(sums, vectors, scale)
-            costs = self._weighed(costs.swapaxes(-1, -2)).swapaxes(-1, -2)  # reading, joint, gravity, column, sign
+            costs = self._weighed(costs.swapaxes(-1, -2)).swapaxes(
+                -1, -2
+            )  # reading, joint, gravity, column, sign
             turned = backwards[..., None, None, None]
-            tables.append([np.where(turned, values[..., ::-1], values) for values in (costs, sizes)])
+            tables.append(
+                [np.where(turned, values[..., ::-1], values) for values in (costs, sizes)]
+            )
         costs, sizes = (np.stack(each) for each in zip(*tables, strict=True))
         unlikely = np.array([gravity_length(gravity) for gravity in self.gravities])
         unlikely = unlikely + (KIND + sizes_told_apart()) * (scales != 1.0)
@@ -336,7 +355,9 @@ class Search:
             picks = self._picks(costs[:, k].swapaxes(1, 2), unlikely[:, k], orders[k])
             yield [self._scored(reading, pick, base, costs[:, k], sizes[:, k]) for pick in picks]
 
-    def _picks(self, table: Float[Array, "f g n n 2"], unlikely: Float[Array, "f g"], order: Array) -> list[Pick]:
+    def _picks(
+        self, table: Float[Array, "f g n n 2"], unlikely: Float[Array, "f g"], order: Array
+    ) -> list[Pick]:
         """The likeliest torques of one motion, one of them with gravity as stated.
 
         Args:
@@ -372,7 +393,9 @@ class Search:
         likeliest = picks[: 1 + READINGS_OF_MOTION]
         return likeliest + [pick for pick in picks[len(likeliest) :] if pick.gravity == 0][:1]
 
-    def _scored(self, reading: Hypothesis, pick: Pick, base: float, costs: Array, sizes: Array) -> Scored:
+    def _scored(
+        self, reading: Hypothesis, pick: Pick, base: float, costs: Array, sizes: Array
+    ) -> Scored:
         """A reading of the motion with one of its torques."""
         hypothesis = replace(
             reading,
@@ -381,7 +404,9 @@ class Search:
             effort_sign=tuple(int(value) for value in np.where(pick.signs == 1, -1, 1)),
         )
         place = (pick.factor, np.arange(self.n), pick.gravity, pick.columns, pick.signs)
-        return Scored(hypothesis, base + pick.cost, tuple(costs[place].tolist()), tuple(sizes[place].tolist()))
+        return Scored(
+            hypothesis, base + pick.cost, tuple(costs[place].tolist()), tuple(sizes[place].tolist())
+        )
 
 
 def with_body(arm: ArmModel, hypothesis: Hypothesis) -> ArmModel:

@@ -1,4 +1,4 @@
-"""A reading of a log and a URDF in plain words, for the lines in which it is compared with others."""
+"""A reading of a log and a URDF in plain words, for lines in which it is compared with others."""
 
 from __future__ import annotations
 
@@ -61,7 +61,9 @@ def _columns(hypothesis: Hypothesis, joints: Sequence[str]) -> list[str]:
     return phrases
 
 
-def _exchange(what: str, order: tuple[int, ...], usual: tuple[int, ...], joints: Sequence[str]) -> str:
+def _exchange(
+    what: str, order: tuple[int, ...], usual: tuple[int, ...], joints: Sequence[str]
+) -> str:
     """That columns stand in another order than the usual one."""
     moved = [joint for joint in range(len(order)) if order[joint] != usual[joint]]
     if len(moved) == 2:
