@@ -160,16 +160,31 @@ def _other(variant: Variant) -> int:
 class SpringTorque(Effect):
     """A spring across the joint (hoses, cables, a balancer).
 
-    Two laws: straight, τ = k (q − q₀), and with two rests a turn, τ = k sin(2 (q − q₀)) / 2 beside
-    a constant. Stiffness k is that at rest in both. A joint that slides has no turn.
+    Two laws: straight, τ = k (q − q₀), and with two rests a turn, τ = k sin(2 (q − q₀)) / 2.
+    Stiffness k is that at rest in both. A joint that slides has no turn. A constant beside the
+    wave is no part of a spring: it is an offset of the torque, and another effect's.
     """
 
     id = "spring_torque"
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         centre = sum(travel(session, joint)) / 2
+        low, high = _rests(session, joint)
         laws = (STRAIGHT,) if slides(session, joint) else (STRAIGHT, PERIODIC)
-        return tuple(Variant(shape={"centre_rad": centre, "law": float(law)}) for law in laws)
+        shape = {"centre_rad": centre, "least_rest_rad": low, "most_rest_rad": high}
+        return tuple(Variant(shape={**shape, "law": float(law)}) for law in laws)
+
+    def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
+        """Whether a spring has a rest where one can be: a pull that is the same everywhere is an
+        offset of the torque.
+        """
+        if variant.shape["law"] == PERIODIC:
+            return True
+        slope, pull = coefficients
+        centre = variant.shape["centre_rad"]
+        to_low = centre - variant.shape["least_rest_rad"]
+        to_high = variant.shape["most_rest_rad"] - centre
+        return bool(-slope * to_high <= pull <= slope * to_low)
 
     def signed(self, variant: Variant) -> tuple[int, ...]:
         """The slope of a straight spring; a wave pulls both ways."""
@@ -243,13 +258,13 @@ class SpringTorque(Effect):
         hold to as much the other way.
         """
         seen = travel(session, joint)
-        low, high = joint_range(session, joint, seen)
+        low, high = _rests(session, joint)
         most = 2.0 * rated_torque(session, joint) / max(seen[1] - seen[0], LIMIT.least_spring_range)
         return {
             "stiffness_Nm_rad": Range(
                 0.0, most, "a spring that pushes away from its rest, or is beyond the motor"
             ),
-            "rest_rad": Range(low - np.pi, high + np.pi, "the joint never comes near such a rest"),
+            "rest_rad": Range(low, high, "the joint never comes near such a rest"),
         }
 
     def prior_scale(
@@ -258,7 +273,7 @@ class SpringTorque(Effect):
         largest = max(
             LIMIT.largest_spring_share * rated_torque(session, joint), coulomb_level(session, joint)
         )
-        return np.full({STRAIGHT: 2, PERIODIC: 3}[int(variant.shape["law"])], largest)
+        return np.full(2, largest)
 
     def law_figures(
         self,
@@ -272,17 +287,21 @@ class SpringTorque(Effect):
         if not coefficients:
             values[0] = reported["stiffness_Nm_rad"]
         elif shape["law"] == PERIODIC:
-            values[-2:] = 0.5 * np.asarray(coefficients[:2])
-            values[1:2] = coefficients[2:]
+            values[-2:] = 0.5 * np.asarray(coefficients)
         else:
             values[: len(coefficients)] = coefficients
         parameters = dict(zip(names, map(float, values), strict=True))
         return {"centre_rad": shape.get("centre_rad", reported["rest_rad"]), **parameters}
 
 
+def _rests(session: SessionContext, joint: int) -> tuple[float, float]:
+    """Between which positions a spring can rest [rad]: the joint's range and half a turn more."""
+    low, high = joint_range(session, joint, travel(session, joint))
+    return low - np.pi, high + np.pi
+
+
 def _spring(q: Float[Array, " T"], variant: Variant) -> Float[Array, "T k"]:
-    """Columns of a spring at angles: a line, or a wave with two rests a turn beside a constant."""
-    constant = np.ones_like(q)
+    """Columns of a spring at angles: a line, or a wave with two rests a turn."""
     if variant.shape["law"] == PERIODIC:
-        return np.stack([0.5 * np.cos(2 * q), 0.5 * np.sin(2 * q), constant], axis=1)
-    return np.stack([q - variant.shape["centre_rad"], constant], axis=1)
+        return np.stack([0.5 * np.cos(2 * q), 0.5 * np.sin(2 * q)], axis=1)
+    return np.stack([q - variant.shape["centre_rad"], np.ones_like(q)], axis=1)
