@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ident import diagnose as diagnose_files
@@ -95,6 +96,18 @@ def test_twins_are_told_as_one_class(short_arm: ArmModel) -> None:
     assert finding.joints == ("joint_1",)
     assert {"torque_offset", "asymmetric_friction"} <= set(finding.estimate.rivals)
     assert finding.estimate.probability < 0.9
+
+
+@pytest.mark.parametrize("size", [2.0, 8.0, -20.0])
+def test_a_constant_torque_is_no_spring(short_arm: ArmModel, size: float) -> None:
+    """Law: torque that is the same at every angle is an offset, however large, beside a slight wave, too."""
+
+    def torque(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+        return at_joint(2, size + 0.5 * np.sin(2.0 * q[:, 2]))
+
+    names = {one.effect: one for one in analyse(short_arm, torque).diagnosis.findings if one.joints == ("joint_3",)}
+    offset = names["torque_offset"].estimate.parameters["offset_Nm"]
+    assert offset.low <= size <= offset.high
 
 
 @pytest.mark.xfail(strict=False, reason="evidence parts a constant torque from a slight spring beyond 20 : 1")

@@ -12,6 +12,7 @@ from smooth_motion import COULOMB, VISCOUS, Recover, edit_runs, make_session
 from ident.arrays import Array
 from ident.effects.base import RunContext, SessionContext, Variant
 from ident.effects.catalogue import find_effect
+from ident.effects.optional import stands_for
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import sliding_arm
 
@@ -310,3 +311,21 @@ def test_a_slide_need_not_go_as_far_in_metres_as_a_turn_in_radians() -> None:
     arm, spring = sliding_arm(), find_effect("spring_torque")
     assert spring.untestable(make_session(arm, 5.0, 2, size=0.05), 1) is None
     assert "m; 0.02 are needed" in str(spring.untestable(make_session(arm, 5.0, 2, size=0.002), 1))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_spring_has_its_rest_where_one_can_be(session: SessionContext, seed: int) -> None:
+    """Law: a line is a spring where it crosses zero within the joint's range and half a turn; a level one never is."""
+    rng, joint = np.random.default_rng(seed), 3
+    spring = find_effect("spring_torque")
+    straight = spring.variants(session, joint)[0]
+    nothing = np.zeros((2, 2))
+    seen = rng.uniform(-1.0, 1.0, size=100)
+    slopes = np.abs(rng.normal(size=100))
+    for slope, pull in zip(slopes, 10.0 * seen * slopes, strict=True):
+        line = np.array([slope, pull])
+        figures = spring.parameters(session, joint, straight, line, nothing)
+        rest = spring.physical(session, joint, figures)["rest_rad"]
+        inside = rest.low <= figures["rest_rad"].value <= rest.high
+        assert stands_for(spring, straight, line) == inside
+    assert not stands_for(spring, straight, np.array([0.0, 2.0]))
