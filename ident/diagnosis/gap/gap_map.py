@@ -30,6 +30,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.gap.residuals import RunResidual, block_labels
 from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
+from ident.recordings.blocks import block_length
 from ident.regression.noise import Whitening
 
 # The reach changes slowly: it is computed at this rate [1/s], at most for so many samples, and
@@ -103,7 +104,8 @@ def map_gap(
         settings: Bins, blocks, and the threshold above which a joint is mapped.
     """
     duration = sum(item.time[-1] - item.time[0] for item in series)
-    labels = block_labels(series, max(settings.shortest_block_s, duration / settings.most_blocks))
+    length = block_length(duration, settings.shortest_block_s, settings.most_blocks)
+    labels = block_labels(series, length)
     axes = session_axes(series)
     maps: dict[View, list[Place]] = {view: [] for view in VIEWS}
     for view, places in maps.items():
