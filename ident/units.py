@@ -48,6 +48,18 @@ OF_KEYS = {
 }
 
 
+def split_key(key: str) -> tuple[str, str]:
+    """A key without its unit, and the unit; "" for a key that ends in none.
+
+    Args:
+        key: As records have it: `amplitude_Nm`.
+    """
+    for ending, unit in OF_KEYS.items():
+        if key.endswith(ending):
+            return key.removesuffix(ending), unit
+    return key, ""
+
+
 def unit_for(unit: str, slides: bool) -> str:
     """The unit of a joint's number.
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ident.effects.effect_info import STATE
-from ident.units import OF_KEYS
+from ident.units import OF_KEYS, split_key
 
 MINUS, DASH = "−", "–"
 # A number below this is what sums leave of nothing, in any unit.
@@ -127,10 +127,8 @@ def parameter_name(name: str) -> tuple[str, str]:
     if name in TABLES["parameters"]:
         words, unit = TABLES["parameters"][name]
         return words, unit
-    for suffix, unit in OF_KEYS.items():
-        if name.endswith(suffix):
-            return effect_name(name.removesuffix(suffix)), unit
-    return effect_name(name), ""
+    stem, unit = split_key(name)
+    return effect_name(stem), unit
 
 
 def parameter_cells(name: str, value: Any) -> dict[str, str]:
