@@ -34,6 +34,7 @@ class ReportedEffect:
 
     @property
     def effect(self) -> str:
+        """Its id in the catalogue."""
         return self.estimate.group.effect.id
 
     @property

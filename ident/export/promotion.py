@@ -53,9 +53,11 @@ class LoadedHybrid(LoadedUrdf):
         self._whole = lambda q, dq, ddq: model.torque(q, dq, ddq, payload)
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        """Torque of bodies, losses, laws and net as the model has it, shape (T, n) [N m]."""
         return np.asarray(self._whole(q, dq, ddq))
 
     def missing(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        """What of that bodies and losses lack, shape (T, n) [N m]."""
         return self.joint_torque(q, dq, ddq, interval) - self.own_torque(q, dq, ddq, interval)
 
 

@@ -91,6 +91,7 @@ class NamedLaw:
 
     @property
     def kind(self) -> LawKind:
+        """What the table knows of the law."""
         return KINDS[self.effect]
 
     @property

@@ -155,10 +155,12 @@ class Session:
 
     @property
     def joints(self) -> tuple[str, ...]:
+        """Names of the joints, the same in every run."""
         return self.runs[0].joints
 
     @property
     def samples(self) -> int:
+        """Number of samples of all runs."""
         return sum(len(run) for run in self.runs)
 
     @property

@@ -37,10 +37,12 @@ class Sides:
 
     @property
     def later_blocks(self) -> Bool[Array, " B"]:
+        """Whether each block is of the later set."""
         return np.asarray(self.later[self.run_of_block])
 
     @property
     def later_folds(self) -> Bool[Array, " F"]:
+        """Whether each fold is of the later set; no fold holds blocks of both."""
         folds = self.partition.folds
         return np.array(
             [bool(self.later_blocks[folds == fold].any()) for fold in range(int(folds.max()) + 1)]

@@ -283,7 +283,16 @@ def _with_p_values(cells: Sequence[_Cell], rng: np.random.Generator, flips: int)
 
 
 def session_axes(series: Sequence[RunResidual]) -> dict[str, Axis]:
-    """The axes for which these recordings have data, by their names in the record."""
+    """The axes of the map for which these recordings have data.
+
+    Args:
+        series: Residuals of all runs.
+
+    Returns:
+        By the axis's name in the record, a function of a run and a joint's number to the axis's
+        value at the run's t filtered samples [rad/s, N m, rad, m, s or °C; m/s, N and m for joints
+        that slide]; `direction` is 1, 0 or -1.
+    """
     duration = sum(item.time[-1] - item.time[0] for item in series)
     rate = min(REACH_RATE, MOST_REACHES / max(duration, 1.0))
 

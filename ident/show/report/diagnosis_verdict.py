@@ -227,7 +227,14 @@ def verdict_key(record: Mapping[str, Any]) -> str:
 
 
 def first_action(record: Mapping[str, Any]) -> str:
-    """What to do first, about the leading joint: set its torque if that is off by a factor."""
+    """What to do first, about the leading joint: set its torque right if that is off by a factor.
+
+    Args:
+        record: Of a diagnosis, `ident.diagnosis/1`.
+
+    Returns:
+        One or two sentences with their full stops; "" where there is nothing to do.
+    """
     scale, (joint, beyond) = _misread(record), leading_joint(record)
     if scale and not scale["bodily"] and joint in ("", *scale["joints"]):
         return f"At {scale['places']}: {scale['remedy']}."

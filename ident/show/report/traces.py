@@ -63,6 +63,7 @@ class Traces:
 
     @property
     def curves(self) -> tuple[str, ...]:
+        """Names of a run's curves, the same in every run."""
         return tuple(self.runs[0].values)
 
     def to_json(self) -> Markup:
