@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -207,7 +206,7 @@ def named_columns(
 
 
 def held_columns(
-    columns: Mapping[str, Sequence[Any] | Array],
+    columns: Mapping[str, Sequence[object] | Array],
     source: Path,
     issues: tuple[TelemetryIssue, ...] = (),
 ) -> NamedColumns:
@@ -238,7 +237,7 @@ def held_columns(
     return named_columns(names, load, source, numbers, issues)
 
 
-def as_numbers(values: Sequence[Any] | Array) -> Float[Array, " T"] | None:
+def as_numbers(values: Sequence[object] | Array) -> Float[Array, " T"] | None:
     """A column as numbers, None as NaN; None where it holds anything else, or is no column."""
     try:
         column = np.asarray(values, dtype=float)
