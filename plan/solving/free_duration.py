@@ -77,11 +77,12 @@ def solve_free_duration(
         known=best.candidate,
     )
     rows = tuple((look.duration, look.energy) for look in curve if np.isfinite(look.energy))
-    duration = best.duration
-    history = tuple((*when, energy_cost(energy, duration, standby)) for *when, energy in result.history)
+    history = []
+    for count, seconds, energy in result.history:
+        history.append((count, seconds, energy_cost(energy, best.duration, standby)))
     said = f"the duration is free: {best.duration:.3g} s costs least of {len(rows)} looked at"
     notes = (said, *result.notes) if rows else result.notes
-    return replace(result, standby=standby, energy_curve=rows, history=history, bound=None, notes=notes)
+    return replace(result, standby=standby, energy_curve=rows, history=tuple(history), bound=None, notes=notes)
 
 
 def energy_curve(problem: PlanningProblem, options: SolveOptions) -> list[Look]:
