@@ -16,10 +16,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ident.show.palette import FLEXIBLE, NAMED, ORANGE, SKY, TUNED, UNTUNED
+
 HERE = Path(__file__).parent
-# Okabe and Ito's colours: told apart by colour-blind eyes.
-RIGHT, SILENT, WRONG, PLAIN, LINE = "#009e73", "#b0b0b0", "#d55e00", "#0072b2", "#555555"
-TOOLS = ("#009e73", "#56b4e9", "#e69f00", "#cc79a7", "#999999")
+RIGHT = NAMED
+WRONG = TUNED
+PLAIN = FLEXIBLE
+SILENT = "#b0b0b0"
+LINE = "#555555"
+TOOLS = (NAMED, SKY, ORANGE, UNTUNED, "#999999")
 WIDTH = 7.2  # [inch]
 # Text stays text, and two drawings of the same numbers are the same file.
 STYLE: dict[Any, Any] = {

@@ -28,6 +28,8 @@ LUMPED = 3
 # Seeds of the arms that follow the first fit below the simulator's own bound.
 LARGEST_SEED = 2**62 - 1
 READ = "read"
+# What `--robot` takes.
+ROBOT_HELP = "URDF path, tm5-900, or a name of example-robot-data (panda, baxter:left_w2, …)"
 # How long a model is driven by the logged torque alone [s].
 HORIZON = 0.25
 FORMATS_HELP = (
@@ -244,9 +246,7 @@ class FitOptions(Options):
 class WatchOptions(Options):
     """How a folder is watched; the robot is a URDF path or a name."""
 
-    robot: str | None = option(
-        None, "URDF path, tm5-900, or a name of example-robot-data (panda, baxter:left_w2, …).", place=READ
-    )
+    robot: str | None = option(None, f"{ROBOT_HELP}.", place=READ)
     model: str | Path | None = option(None, "Fitted model whose inertias all figures refer to.", typed=Path | None)
     diagnosed: bool = option(True, "Diagnose each session too (ten times the work).", "--diagnose/--no-diagnose")
     level: float = option(0.05, "Chance of any false alarm in an arm's life.", min=1e-6, max=0.5)
@@ -291,7 +291,7 @@ class CheckOptions(Options):
     out: Path = option(Path("out/blind"), "Folder of the check; one that was stopped there goes on.")
     workers: int = option(1, "Processes on this machine.", min=1)
     scheduler: str | None = option(None, "Address of a Dask scheduler instead.")
-    robot: str = option("tm5-900", "URDF path or name.", place=READ)
+    robot: str = option("tm5-900", f"{ROBOT_HELP}.", place=READ)
     worlds: str = option("", "Arms and sensors of other worlds: all, development, quoted, NAME,… (-NAME: without).")
     oracle: bool = option(True, "Work out what an oracle would name (in worlds; takes time).")
     edit: bool = option(False, "Take named causes out of the patched model; judge it on the arm without them.")
@@ -319,7 +319,7 @@ class SimulateOptions(Options):
     """A session of the simulated arm; what is not given is as usual, or as the world has it."""
 
     effect: tuple[str, ...] = option((), "ID:JOINT:SIZE; SIZE in SI units, or 3x the noise.", typed=list[str] | None)
-    robot: str | None = option(None, "URDF path or name; tm5-900 if not given.", place=READ)
+    robot: str | None = option(None, f"{ROBOT_HELP}; tm5-900 if not given.", place=READ)
     world: str | None = option(
         None, "Another arm and sensors: a preset's name, or a TOML file. Other options hold.", place=READ
     )

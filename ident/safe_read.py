@@ -80,14 +80,27 @@ def read_json(path: Path, remedy: str, error: type[InputError] = InputError) -> 
     Raises:
         InputError: As `read_text`; or not JSON, no object, too deep, or with integers beyond 64 bit.
     """
-    text = read_text(path, remedy, error)
+    return parse_json(read_text(path, remedy, error), path, remedy, error)
+
+
+def parse_json(text: str, where: str | Path, remedy: str, error: type[InputError] = InputError) -> dict[str, Any]:
+    """The object that a JSON text holds.
+
+    Args:
+        text: The text.
+        where: The file, or its line, for messages.
+        remedy, error: What the user can do about another text; what is raised.
+
+    Raises:
+        InputError: Not JSON, no object, too deep, or with integers beyond 64 bit.
+    """
     try:
         record = json.loads(text, parse_constant=_no_number)
         _look_through(record)
     except (ValueError, RecursionError) as failed:
-        raise error(path, f"not JSON that can be used ({first_line(failed)})", remedy) from None
+        raise error(where, f"not JSON that can be used ({first_line(failed)})", remedy) from None
     if not isinstance(record, dict):
-        raise error(path, "holds no JSON object", remedy)
+        raise error(where, "holds no JSON object", remedy)
     return record
 
 

@@ -85,8 +85,8 @@ print(json.dumps(told))
 
 
 @pytest.fixture(scope="module")
-def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What a copy of the package says that has the file and the row."""
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the package that has the file and the row."""
     place = tmp_path_factory.mktemp("package")
     (place / "ident").mkdir()
     for source in (*ROOT.glob("*"), *(ROOT / "ident").glob("*")):
@@ -99,8 +99,14 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     (place / "ident/laws/magnets.py").write_text(FILE)
     with (place / "ident/effects/effects.toml").open("a") as table:
         table.write(ROW)
+    return place
+
+
+@pytest.fixture(scope="module")
+def seen(package: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What that copy says."""
     work = tmp_path_factory.mktemp("work")
-    environment = {**os.environ, "PYTHONPATH": str(place)}
+    environment = {**os.environ, "PYTHONPATH": str(package)}
     command = [sys.executable, "-c", COMMANDS]
     done = subprocess.run(command, cwd=work, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
@@ -124,3 +130,18 @@ def test_its_torque_is_the_same_everywhere(place: str, seen: dict[str, Any]) -> 
 def test_its_slope_is_its_torques(seen: dict[str, Any]) -> None:
     """Law: planners differentiate it by the angle."""
     assert seen["slope"] == pytest.approx(6.0 * np.cos(3.0 * np.array(seen["q"])), abs=0.3)
+
+
+def test_the_tests_of_the_catalogue_hold_for_it(package: Path) -> None:
+    """Law: whoever adds a law need not touch them; they are run for it as for all others."""
+    (package / "tests").unlink()
+    copytree(ROOT / "tests/ident/effects", package / "tests/ident/effects")
+    for source in ("tests/conftest.py", "tests/fuzz", "tests/ident/conftest.py"):
+        (package / source).symlink_to(ROOT / source)
+    environment = {**os.environ, "PYTHONPATH": str(package)}
+    files = ("test_effect_catalogue.py", "test_effect_sentences.py")
+    command = [sys.executable, "-m", "pytest", "-vv", "-k", "magnet or fixed or rows_of_the_table"]
+    command += [str(package / "tests/ident/effects" / name) for name in files]
+    done = subprocess.run(command, cwd=package, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert done.stdout.count("[magnet] PASSED") >= len(files)

@@ -91,7 +91,12 @@ class Pairs:
         ]
 
     def choices(self) -> list[Choice]:
-        """Changes that are what was planted or have it among their rivals, with the deficits."""
+        """For each planted change that a name or one of its rivals stands for, how likely each is.
+
+        Returns:
+            For each, the least deficit of those that are right [nats], and the deficits of the name
+            (zero) and of all its rivals. A change that none of them stands for is left out.
+        """
         choices = []
         for case, row in self.rows():
             members = [(as_finding(row, []), 0.0)]

@@ -79,6 +79,7 @@ class Entry:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Entry:
+        """An entry from its row of the stored corpus."""
         truth = tuple(_truth(effect) for effect in values["truth"])
         return cls(**{**values, "truth": truth, "excused": tuple(values["excused"])})
 

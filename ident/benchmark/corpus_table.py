@@ -92,18 +92,22 @@ class Table:
 
     @property
     def named(self) -> Bool[Array, " N"]:
+        """Whether each row was named."""
         return np.array([row["named"] for row in self.rows], dtype=bool)
 
     @property
     def cases(self) -> Array:
+        """Case of each row, N texts."""
         return np.array([row["case"] for row in self.rows], dtype=object)
 
     @property
     def units(self) -> Array:
+        """What each row is left out with (`SessionRow.unit`), N texts."""
         return np.array([self.sessions[row["case"]].unit for row in self.rows], dtype=object)
 
     @property
     def groups(self) -> Array:
+        """Group of the corpus that each row's session is of, N texts."""
         return np.array([self.sessions[row["case"]].group for row in self.rows], dtype=object)
 
     def matrix(self, names: Sequence[str]) -> Float[Array, "N k"]:

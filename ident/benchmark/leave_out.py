@@ -91,7 +91,15 @@ def left_out(
 
 
 def score_ridges(problem: Problem) -> dict[float, float]:
-    """Log score on units left out, by ridge; each fit starts at the stiffer one before."""
+    """Log score on units left out, by the ridge of the regression.
+
+    Args:
+        problem: Features, truths and weights of all rows, and the units that are left out whole.
+
+    Returns:
+        Weighted mean log probability of what is true [nats a row], by ridge. Each fit starts at the
+        one of the ridge before.
+    """
     scores: dict[float, float] = {}
     starts: dict[str, Logistic] = {}
     for ridge in RIDGES:

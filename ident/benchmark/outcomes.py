@@ -41,6 +41,7 @@ class SessionOutcome:
 
     @property
     def sure(self) -> list[Said]:
+        """The names with a probability from which on a diagnosis names."""
         return [name for name in self.said if name.probability >= NAMED_FROM]
 
     @property

@@ -59,7 +59,17 @@ Finding = Mapping[str, Any]
 def rows_of(
     answers: Mapping[str, Row], results: Mapping[str, Row]
 ) -> tuple[list[Row], list[Row], list[Row]]:
-    """One row an effect that was planted, one a name that was given, one a case."""
+    """What became of planted effects, names and cases, a row each.
+
+    Args:
+        answers: By case, what was planted, its arm, kind and control.
+        results: By case, the record of its diagnosis; a case without one is passed over.
+
+    Returns:
+        A row an effect that was planted (`named` in its class, `strict` as itself, `covered` by its
+        intervals); a row a name that was given (whether it is `right`, or `old`: the control's or
+        measured); a row a case.
+    """
     effects: list[Row] = []
     names: list[Row] = []
     cases: list[Row] = []

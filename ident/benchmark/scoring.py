@@ -200,6 +200,7 @@ class Outcome:
 
     @property
     def has_false_name(self) -> bool:
+        """Whether a name is false that is not excused."""
         return any(not right for _, _, right in self.judged)
 
     @property

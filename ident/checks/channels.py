@@ -12,13 +12,8 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int
 from ident.checks.filtered_run import CHANNELS as LIMIT
 from ident.checks.report import Findings, issue_of
-from ident.recordings.recording import (
-    FEWEST_BLOCKS,
-    SHORTEST_BLOCK_S,
-    Recording,
-    Session,
-    TelemetryIssue,
-)
+from ident.recordings.blocks import FEWEST_BLOCKS, count_blocks
+from ident.recordings.recording import Recording, Session, TelemetryIssue
 
 # Share of a channel's range by which values that a limit cuts off may differ (chosen: below a
 # converter's step).
@@ -63,7 +58,7 @@ def _blocks(runs: list[Recording]) -> int:
     blocks = 0
     for run in runs:
         if len(run) > 1:
-            blocks += int(len(run) * run.sample_interval / SHORTEST_BLOCK_S)
+            blocks += count_blocks(len(run) * run.sample_interval)
     return blocks
 
 

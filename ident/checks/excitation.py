@@ -18,13 +18,8 @@ from ident.arrays import Array, Float, Int
 from ident.checks.filtered_run import USUAL_EXCITATION, ExcitationSettings, filter_run
 from ident.checks.report import TelemetryReport, issue_of, joints_at
 from ident.errors import RecordingError, plural
-from ident.recordings.recording import (
-    FEWEST_BLOCKS,
-    SHORTEST_BLOCK_S,
-    Session,
-    Severity,
-    TelemetryIssue,
-)
+from ident.recordings.blocks import FEWEST_BLOCKS, SHORTEST_BLOCK_S, count_blocks
+from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 
 # Parts of a single recording that are left out in turn, as the held-out splits do.
@@ -150,7 +145,7 @@ class Amount:
         self._runs += len(session.runs)
         self._seconds += session.duration
         for run in session.runs:
-            self._blocks += int(run.duration / SHORTEST_BLOCK_S)
+            self._blocks += count_blocks(run.duration)
             if len(run):
                 self._low = np.minimum(self._low, run.position.min(axis=0))
                 self._high = np.maximum(self._high, run.position.max(axis=0))

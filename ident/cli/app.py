@@ -252,7 +252,7 @@ def patch(
         Path, typer.Argument(help="The JSON of ident diagnose.", show_default=False)
     ],
     robot: Annotated[
-        str, typer.Option(help="The robot that was diagnosed: URDF path or name."), READS
+        str, typer.Option(help=f"The robot that was diagnosed: {given.ROBOT_HELP}."), READS
     ],
     out: Annotated[Path, typer.Option(help="Folder of the patch."), Writes("patch")],
     options: given.PatchOptions,
@@ -294,7 +294,7 @@ def open_(
         Path | None, typer.Argument(help="Session folder or file; may be given on the page.")
     ] = None,
     robot: Annotated[
-        str | None, typer.Argument(help="URDF path or name; may be given on the page."), READS
+        str | None, typer.Argument(help=f"{given.ROBOT_HELP}; may be given on the page."), READS
     ] = None,
     port: Annotated[
         int, typer.Option(help="Port on this machine; any free one if 0.", min=0, max=65535)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args, get_type
 import typer
 from typer.core import TyperGroup
 
+from ident.command_options import ROBOT_HELP
 from ident.files import deliver, write_record
 from ident.outputs import STANDARD_OUTPUT, check_outputs
 from ident.results import own_version
@@ -224,10 +225,7 @@ Sessions = Annotated[
 Model = Annotated[Path, typer.Argument(help="Folder of a fitted model.", show_default=False)]
 Robot = Annotated[
     str | None,
-    typer.Option(
-        "--robot",
-        help="URDF path, tm5-900, or a name of example-robot-data (panda, baxter:left_w2, …).",
-    ),
+    typer.Option("--robot", help=f"{ROBOT_HELP}."),
     READS,
 ]
 JsonFile = Annotated[

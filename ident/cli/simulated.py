@@ -21,6 +21,7 @@ from ident.cli.shared import (
     hand_over,
 )
 from ident.command_options import (
+    ROBOT_HELP,
     BoardOptions,
     CheckOptions,
     CloseOptions,
@@ -266,9 +267,7 @@ def close(
         Path, typer.Option(help="Folder for close.json and each arm's diagnosis and patch.")
     ],
     options: CloseOptions,
-    robot: Annotated[
-        str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data."), READS
-    ] = "tm5-900",
+    robot: Annotated[str, typer.Option(help=f"{ROBOT_HELP}."), READS] = "tm5-900",
     json_file: JsonFile = None,
 ) -> None:
     """Closes the gap: diagnose, patch, record what is open, and again, until only noise is left;

@@ -90,7 +90,16 @@ def _used_in_part(held: Held) -> TelemetryIssue:
 
 
 def caveat_of(finding: Finding, issues: Sequence[TelemetryIssue]) -> str:
-    """Unmeasured assumptions of a finding's action: a guessed drive gain, or a torque that is off by a factor."""
+    """What a finding's action takes for granted: a guessed drive gain, or a torque off by a factor.
+
+    Args:
+        finding: The finding.
+        issues: What the check of the recordings told.
+
+    Returns:
+        Text that goes on behind the action, from a semicolon on; "" where nothing is taken for
+        granted at its joints.
+    """
     words = {"guessed_gains": "; the drive gain of {} is a guess"}
     change = finding.estimate.group.effect.as_change
     if not change.exact:  # an exact change may be that factor itself, and so may a body

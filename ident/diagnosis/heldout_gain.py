@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,10 +12,8 @@ from ident.inference.conclusion import EVEN_ODDS
 from ident.inference.estimate import Estimate
 from ident.regression.design import Group
 from ident.robot.arm import ArmModel
+from ident.units import in_linear_units
 
-# Units of a revolute joint, longest first, and those of a prismatic one.
-LINEAR_UNITS = {"N m s/rad": "N s/m", "N m/rad": "N/m", "N m": "N", "kg m²": "kg"}
-LINEAR_UNITS |= {"mrad": "mm", "rad/s": "m/s", "rad": "m"}
 # Placeholder for the joint's name, which must not be mistaken for a unit.
 JOINT = "\0"
 
@@ -37,6 +34,7 @@ class ReportedEffect:
 
     @property
     def effect(self) -> str:
+        """Its id in the catalogue."""
         return self.estimate.group.effect.id
 
     @property
@@ -104,12 +102,6 @@ class ReportedEffect:
 def slides(group: Group, arm: ArmModel) -> bool:
     """Whether an effect belongs to a single joint that is prismatic."""
     return group.effect.scope == "joint" and bool(arm.sliding_joints[group.joint])
-
-
-def in_linear_units(sentence: str) -> str:
-    """A sentence about a revolute joint with its units replaced by those of a prismatic one."""
-    units = "|".join(re.escape(unit) for unit in LINEAR_UNITS)
-    return re.sub(rf"(?<!\w)({units})(?!\w)", lambda found: LINEAR_UNITS[found[0]], sentence)
 
 
 def measure_shrink(old: Array, new: Array, floor: Array) -> float:

@@ -29,6 +29,7 @@ from ident.recordings.recording import TelemetryIssue
 from ident.regression.design import NotTestable
 from ident.results import ONE_RUN, Result
 from ident.safe_read import read_record
+from ident.units import FORCE
 
 SCHEMA = "ident.diagnosis/1"
 
@@ -100,7 +101,7 @@ class JointGap:
         mean, std = self.energy_error
         own = {} if self.model_rms is None else {"model_rms_Nm": self.model_rms}
         return {
-            **({"unit": "N"} if self.slides else {}),
+            **({"unit": FORCE} if self.slides else {}),
             "rms_Nm": self.rms,
             "fixed_rms_Nm": self.fixed_rms,
             "noise_floor_Nm": self.noise_floor,

@@ -69,18 +69,22 @@ class SavedParts:
 
     @property
     def robot(self) -> str:
+        """Name of the arm."""
         return str(self.record["robot"])
 
     @property
     def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the arm's order."""
         return tuple(self.record["joints"])
 
     @property
     def verdict(self) -> str:
+        """`no_gap`, `named`, `partial`, `none_of_catalogue`, `not_testable` or `refused`."""
         return str(self.record["verdict"])
 
     @property
     def session(self) -> Mapping[str, float]:
+        """How much was recorded: `runs`, `samples`, `duration_s`."""
         return dict(self.record["session"])
 
     @property
@@ -95,11 +99,13 @@ class SavedParts:
 
     @cached_property
     def telemetry(self) -> tuple[TelemetryIssue, ...]:
+        """What the check of the recordings told."""
         rows = self.record["telemetry"]
         return tuple(TelemetryIssue(**{**row, "joints": tuple(row["joints"])}) for row in rows)
 
     @cached_property
     def where(self) -> tuple[Place, ...]:
+        """The cells of the map in which the gap stands out, in the record's order."""
         names = [one.name for one in fields(Place)]
         usual: dict[str, Any] = {"share_of_time": 0.0, "energy_J": None}
         rows = ({**usual, **row} for row in self.record["where"])
@@ -107,10 +113,12 @@ class SavedParts:
 
     @cached_property
     def findings(self) -> tuple[SavedFinding, ...]:
+        """The names, in the order of the gap that each closes."""
         return tuple(SavedFinding.of(row) for row in self.record["findings"])
 
     @cached_property
     def heldout(self) -> SavedGain | None:
+        """Error on held-out runs before and after all names; None where the record has none."""
         row = self.record["heldout"]
         if "shrink" not in row:
             return None

@@ -30,6 +30,7 @@ from ident.effects.session_context import (
     lacking,
     rated_torque,
 )
+from ident.units import split_key
 
 __all__ = ["Effect", "Expression", "Interval", "Range", "RunContext", "SessionContext", "Variant"]
 __all__ += ["delta_interval", "impossible", "linear_interval"]
@@ -119,7 +120,10 @@ class Effect(EffectRecord, ABC):
         if self.sentence:
             return self.sentence.format(where=where, **estimates)
         effect = self.id.replace("_", " ")
-        values = [f"{name} {interval.value:.3g}" for name, interval in estimates.items()]
+        values = []
+        for key, interval in estimates.items():
+            name, unit = split_key(key)
+            values.append(f"{name.replace('_', ' ')} {interval.words(unit)}")
         stated = ", ".join(values)
         return f"add {effect} of {where} to the model ({stated}): `ident patch` writes it"
 

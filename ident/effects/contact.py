@@ -22,6 +22,7 @@ from ident.effects.session_context import arm_reach, rated_torque
 from ident.effects.settings import CONTACT as LIMIT
 from ident.robot.arm import ArmModel
 from ident.robot.chain import compute_joint_poses
+from ident.units import FORCE
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,7 @@ class ExternalContact(Effect):
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
         start = estimates["start_s"].value
         end = estimates["end_s"].value
-        force = estimates["force_N"].words("N")
+        force = estimates["force_N"].words(FORCE)
         link = round(estimates["link"].value)
         what = (
             f"link {link} or one behind it (with {force} if at the centre of mass of link {link})"

@@ -71,7 +71,7 @@ class Interval:
         known.
 
         Args:
-            unit: Its unit.
+            unit: Its unit; "" for a plain number.
             scale: What that unit is the inverse of, in the parameter's own: 1000 for milliradians.
             size: Whether only its size is of interest, not its sign.
         """
@@ -80,12 +80,13 @@ class Interval:
         middle = _three_digits(factor * self.value)
         least = _three_digits(ends[0])
         most = _three_digits(ends[1])
+        unit = f" {unit}" if unit else ""
         known = {
-            "high": f"at least {least} {unit}",
-            "low": f"at most {most} {unit}",
-            "both": f"{middle} {unit} (a guess: the recordings leave it open)",
+            "high": f"at least {least}{unit}",
+            "low": f"at most {most}{unit}",
+            "both": f"{middle}{unit} (a guess: the recordings leave it open)",
         }
-        return known.get(self.open, f"{middle} {unit} [{least}, {most}]")
+        return known.get(self.open, f"{middle}{unit} [{least}, {most}]")
 
 
 def _three_digits(value: float) -> str:

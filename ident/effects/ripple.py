@@ -25,6 +25,7 @@ from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import exactly, wave_parameters
 from ident.effects.session_context import travel, typical_load, wave
 from ident.effects.settings import RIPPLE as LIMIT
+from ident.units import TORQUE
 
 # Where a line is looked for around what stood out, in lines that the joint's travel tells apart.
 FINE_LINES = tuple(0.05 * k for k in range(-8, 9))
@@ -127,9 +128,9 @@ class TorqueRipple(Effect):
         }
 
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
-        amplitude = estimates["amplitude_Nm"].words("N m")
+        amplitude = estimates["amplitude_Nm"].words(TORQUE)
         load = estimates["at_load_Nm"]
-        under = f" under {load.reported('N m')} of load" if load.value else ""
+        under = f" under {load.reported(TORQUE)} of load" if load.value else ""
         return (
             f"compensate ± {amplitude} of tooth ripple at {where}{under}; have its gear looked at "
             "if that has risen"

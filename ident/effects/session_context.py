@@ -17,6 +17,7 @@ from ident.effects.settings import TYPICAL as LIMIT
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from ident.robot.limits import is_placeholder
+from ident.units import ANGLE, unit_for
 
 # A joint that covers less than this shows nothing of its friction [rad or m].
 LEAST_TRAVEL = 0.03
@@ -228,7 +229,9 @@ def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> 
     """
     name = session.joint_names[joint]
     reasons = list[str | None]()
-    scale, unit = (LIMIT.slide_per_turn, "m") if slides(session, joint) else (1.0, "rad")
+    is_sliding = slides(session, joint)
+    scale = LIMIT.slide_per_turn if is_sliding else 1.0
+    unit = unit_for(ANGLE, is_sliding)
     for need, least in needs.items():
         if need == "moves":
             reasons.append(hardly_moves(session, joint))

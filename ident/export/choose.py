@@ -252,7 +252,13 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
 
 
 def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]) -> IdentifiedArm:
-    """The bodies of one candidate, with the losses and laws of one at each joint."""
+    """An arm of several candidates' parts.
+
+    Args:
+        options: The candidates by name.
+        bodies: The one whose bodies are taken, with what a diagnosis changed of them.
+        joints: For each joint the name of the candidate whose losses and laws it gets.
+    """
     mixed = ([getattr(options[name].losses, one.name)[j] for j, name in enumerate(joints)] for one in fields(Losses))
     losses = Losses(*map(np.array, mixed))
     changes = [change for change in options[bodies].changes if change.of_the_bodies]

@@ -24,13 +24,14 @@ from ident.export.loaded import LoadedModel, LoadedUrdf, log_error
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
+from ident.units import TORQUE
 
 Record = Mapping[str, Any]
 # Errors by their names in a record, and the least that is one: [N m], [rad], [m].
 LEAST = {"torque_rms_Nm": 1e-6, "replay_rms_rad": 1e-7, "tool_rms_m": 1e-7}
 # In words: what it is of, its unit, and how many of these units the record's unit has.
 SAID = {
-    "torque_rms_Nm": ("torque", "N m", 1.0),
+    "torque_rms_Nm": ("torque", TORQUE, 1.0),
     "replay_rms_rad": ("replay", "mrad", 1e3),
     "tool_rms_m": ("tool", "mm", 1e3),
 }
@@ -52,9 +53,11 @@ class LoadedHybrid(LoadedUrdf):
         self._whole = lambda q, dq, ddq: model.torque(q, dq, ddq, payload)
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        """Torque of bodies, losses, laws and net as the model has it, shape (T, n) [N m]."""
         return np.asarray(self._whole(q, dq, ddq))
 
     def missing(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        """What of that bodies and losses lack, shape (T, n) [N m]."""
         return self.joint_torque(q, dq, ddq, interval) - self.own_torque(q, dq, ddq, interval)
 
 

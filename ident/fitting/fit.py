@@ -62,10 +62,12 @@ class FitResults(Result):
 
     @property
     def loss(self) -> LossResults:
+        """Friction and rotors, with intervals."""
         return self.identified.loss
 
     @property
     def inertia(self) -> InertiaResults:
+        """Inertias of the links, with intervals."""
         return self.identified.inertia
 
     def to_dict(self) -> dict[str, Any]:

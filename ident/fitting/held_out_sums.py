@@ -53,6 +53,7 @@ class HeldOutSums:
 
     @property
     def parts(self) -> int:
+        """Number f of parts that are left out in turn."""
         return len(self.counts)
 
     def law_columns(self, number: int) -> Int[Array, " k"]:

@@ -46,6 +46,7 @@ class JointEstimate:
 
     @property
     def std(self) -> Float[Array, " m"]:
+        """Standard deviation of each value, in its own unit."""
         return np.sqrt(np.diag(self.covariance))
 
     def shift(self, values: Float[Array, " m"]) -> Float[Array, " m"]:

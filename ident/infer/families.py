@@ -15,14 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ident.recordings.lerobot import ENDINGS, joint_name
+from ident.recordings.session_toml import TIME_UNITS
 
 WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 TIMES = frozenset(WORDS["others"]["times"])
 COMMANDS = frozenset(WORDS["others"]["commands"])
 DERIVED = frozenset(WORDS["others"]["derived"])
 MEASURED_AS = frozenset(WORDS["others"]["measured"])
-# Units of time, beside the word.
-TIME_UNITS = ("s", "ms", "us", "ns")
 # A shorter word of a channel ends no other by chance alone.
 SHORTEST_GLUED = 5
 # What a goal of each channel is.

@@ -21,6 +21,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.laws.friction_laws import JointStates
 from ident.laws.motion import direction
+from ident.units import TORQUE
 
 # Torque of a joint for coefficients of one, by its states and what bends the law [N m].
 Columns = Callable[[JointStates, Mapping[str, float]], list[Any]]
@@ -45,7 +46,7 @@ class LawKind(NamedTuple):
     shape: tuple[str, ...] = ()
     optional: tuple[str, ...] = ()
     usual: Shape = {}  # noqa: RUF012 (read alone)
-    units: tuple[str, ...] = ("N m",)
+    units: tuple[str, ...] = (TORQUE,)
     nonnegative: tuple[int, ...] = ()
     bears_load: bool = False
 
@@ -90,6 +91,7 @@ class NamedLaw:
 
     @property
     def kind(self) -> LawKind:
+        """What the table knows of the law."""
         return KINDS[self.effect]
 
     @property

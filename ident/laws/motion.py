@@ -177,6 +177,11 @@ class MovingArm:
 
     @cached_property
     def direction(self) -> Array:
+        """Direction of sliding in [-1, 1], shape (T, n).
+
+        As given (`slip`); of single states tanh(dq / v) with the losses' transition v [rad/s]; else
+        along the run, as the losses have it.
+        """
         if self.slip is not None:
             return np.asarray(self.slip, dtype=float)
         if self.interval <= 0.0:

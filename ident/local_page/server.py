@@ -26,10 +26,13 @@ from tornado.web import Application, HTTPError, RequestHandler
 from ident.errors import InputError
 from ident.local_page.desk import PAGE, Desk
 from ident.records import as_json
+from ident.show.palette import style_colours
 
 LOOPBACK = "127.0.0.1"
 # The largest recording that a browser may hand over [bytes]; larger ones are given on the command line.
 LARGEST = 1 << 30
+# In its style sheet; what it gives way to.
+COLOURS_GO_HERE = "/* Colours: ident/show/palette.py. */"
 KINDS = {".json": "application/json", ".html": "text/html", ".toml": "text/plain", ".zip": "application/zip"}
 # What a page may load: nothing but what is in it, and this server.
 POLICY = "default-src 'self' 'unsafe-inline' data:; frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
@@ -67,7 +70,7 @@ class Front(Handler):
 
     def get(self) -> None:
         page = files("ident.local_page").joinpath("page.html").read_text(encoding="utf-8")
-        self.write(page)
+        self.write(page.replace(COLOURS_GO_HERE, style_colours()))
 
 
 class State(Handler):

@@ -42,6 +42,7 @@ class DenseNet(torch.nn.Module):
         self.stack = torch.nn.Sequential(*modules, torch.nn.Linear([inputs, *hidden][-1], outputs))
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Outputs for a batch of inputs: (B, inputs) to (B, outputs), both scaled."""
         return self.stack(x)
 
     @classmethod

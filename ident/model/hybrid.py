@@ -94,6 +94,7 @@ class HybridModel:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
+        """Names of the n joints, in the order of all arrays."""
         return self.arm.joint_names
 
     @property

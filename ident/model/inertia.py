@@ -35,6 +35,7 @@ class BaseParameters:
 
     @property
     def rank(self) -> int:
+        """Number r of base parameters."""
         return len(self.columns)
 
 

@@ -15,9 +15,10 @@ import numpy as np
 from ident.arrays import Array, Float, freeze
 from ident.laws.motion import direction
 from ident.model.intervals import limits
+from ident.units import DAMPING, INERTIA, TORQUE
 
 NAMES = ("motor_inertia", "viscous", "coulomb", "offset")
-UNITS = ("kg m²", "N m s/rad", "N m", "N m")
+UNITS = (INERTIA, DAMPING, TORQUE, TORQUE)
 WORDS = {
     "motor_inertia": "rotor inertia",
     "viscous": "damping",

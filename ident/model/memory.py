@@ -115,6 +115,7 @@ class JointMemory:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return len(self.trees)
 
     @property

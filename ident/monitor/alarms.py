@@ -38,6 +38,7 @@ import numpy as np
 from scipy.special import chdtrc, ndtri, stdtr, stdtrit
 
 from ident.arrays import Array, Float, Int
+from ident.command_options import WatchOptions
 from ident.monitor.estimates import ParameterEstimate
 from ident.monitor.parameters import SCALED, UNITS
 from ident.monitor.settings import ALARMS as LIMIT
@@ -228,7 +229,7 @@ def find_changes(
     arm: str,
     history: Mapping[tuple[str, str], Sequence[Point]],
     order: Sequence[str],
-    level: float = LIMIT.level,
+    level: float = WatchOptions.level,
 ) -> tuple[tuple[Alarm, ...], Alarm | None]:
     """All alarms in an arm's history, as they would have been raised session by session, and what
     may be the next.

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
+from ident.units import DAMPING, INERTIA, LENGTH, MASS, MOMENT, TIME, TORQUE
+
 # Parameter -> unit.
 UNITS = {
     "gain": "1",
-    "rotor": "kg m²",
-    "viscous": "N m s/rad",
-    "coulomb": "N m",
-    "offset": "N m",
-    "gap": "N m",
+    "rotor": INERTIA,
+    "viscous": DAMPING,
+    "coulomb": TORQUE,
+    "offset": TORQUE,
+    "gap": TORQUE,
 }
 # Further ones, of links and of the whole arm, of which there are ranges alone.
 BODY_UNITS = {
-    "mass_kg": "kg",
-    "centre_x_m": "m",
-    "centre_y_m": "m",
-    "centre_z_m": "m",
-    "payload_kg": "kg",
-    "payload_moment_x_kgm": "kg m",
-    "payload_moment_y_kgm": "kg m",
-    "payload_moment_z_kgm": "kg m",
-    "delay_s": "s",
+    "mass_kg": MASS,
+    "centre_x_m": LENGTH,
+    "centre_y_m": LENGTH,
+    "centre_z_m": LENGTH,
+    "payload_kg": MASS,
+    "payload_moment_x_kgm": MOMENT,
+    "payload_moment_y_kgm": MOMENT,
+    "payload_moment_z_kgm": MOMENT,
+    "delay_s": TIME,
 }
 RANGED_UNITS = {**UNITS, **BODY_UNITS}
 # What each is called.

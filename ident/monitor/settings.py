@@ -1,5 +1,7 @@
 """Numbers that decide, each with its unit, its meaning and where it comes from: when a
 change from day to day is an alarm.
+
+The chance of any false alarm in an arm's life is the user's: `ident.command_options.WatchOptions`.
 """
 
 from __future__ import annotations
@@ -57,12 +59,6 @@ class AlarmSettings(Numbers):
         "sessions",
         "other sessions by which the usual is known",
         "chosen: a spread of three degrees of freedom",
-    )
-    level: float = number(
-        0.05,
-        "1",
-        "chance of any false alarm in an arm's life",
-        "chosen: usual",
     )
     hint: float = number(
         10.0,

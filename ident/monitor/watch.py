@@ -20,7 +20,7 @@ from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError, plural
 from ident.files import write_record
 from ident.model.hybrid import HybridModel
-from ident.monitor.alarms import LIMIT, Alarm, Outlier, Point, find_changes, find_outliers
+from ident.monitor.alarms import Alarm, Outlier, Point, find_changes, find_outliers
 from ident.monitor.estimates import estimate_session
 from ident.monitor.parameters import UNITS, unit_of
 from ident.monitor.store import (
@@ -189,7 +189,7 @@ class Watch(Result):
     arms: tuple[ArmHistory, ...]  # every arm in the store
     fresh: tuple[str, ...] = ()  # sessions that were examined this time
     waiting: tuple[str, ...] = ()  # sessions that are still being written
-    level: float = LIMIT.level  # chance of any false alarm in an arm's life
+    level: float = WatchOptions.level  # chance of any false alarm in an arm's life
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
@@ -313,7 +313,7 @@ def look(
     return Watch(arms, tuple(sorted(finished)), waiting, options.level)
 
 
-def read_histories(store: Store, level: float = LIMIT.level) -> tuple[ArmHistory, ...]:
+def read_histories(store: Store, level: float = WatchOptions.level) -> tuple[ArmHistory, ...]:
     """Every arm's history and alarms, from the store alone."""
     tables: list[dict[str, list[dict[str, Any]]]] = []
     for kind in ("sessions", "figures", "effects"):
@@ -328,7 +328,7 @@ def read_histories(store: Store, level: float = LIMIT.level) -> tuple[ArmHistory
 
 
 def make_history(
-    arm: str, sessions: Rows, figures: Rows, effects: Rows = (), level: float = LIMIT.level
+    arm: str, sessions: Rows, figures: Rows, effects: Rows = (), level: float = WatchOptions.level
 ) -> ArmHistory:
     """An arm's history from the rows of the store."""
     ordered = tuple(sorted(sessions, key=lambda row: (row["date"], row["session"])))

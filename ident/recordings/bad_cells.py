@@ -206,13 +206,44 @@ def named_columns(
 
 
 def held_columns(
-    columns: Mapping[str, Float[Array, " T"]], source: Path, issues: tuple[TelemetryIssue, ...] = ()
+    columns: Mapping[str, Sequence[object] | Array],
+    source: Path,
+    issues: tuple[TelemetryIssue, ...] = (),
 ) -> NamedColumns:
-    """Columns of numbers that are in memory already, by the file's own names."""
+    """Columns that are in memory already: all that a reader of a further format has to make.
+
+    Args:
+        columns: By the file's own names, T values each; None is a missing number. Those that hold
+            no numbers are passed over, and refused where they are asked for.
+        source: The file, for messages.
+        issues: What the reader found and mended.
+    """
     names = list(columns)
-    return named_columns(
-        names, lambda chosen: [columns[names[i]] for i in chosen], source, lambda: columns, issues
-    )
+
+    def load(chosen: Sequence[int]) -> list[Float[Array, " T"]]:
+        loaded = []
+        for name in (names[index] for index in chosen):
+            values = as_numbers(columns[name])
+            if values is None:
+                remedy = "a native column holds one number a row"
+                raise RecordingError(f"{source}, column {name}", "holds no numbers", remedy)
+            loaded.append(values)
+        return loaded
+
+    def numbers() -> dict[str, Float[Array, " T"]]:
+        every = {name: as_numbers(values) for name, values in columns.items()}
+        return {name: values for name, values in every.items() if values is not None}
+
+    return named_columns(names, load, source, numbers, issues)
+
+
+def as_numbers(values: Sequence[object] | Array) -> Float[Array, " T"] | None:
+    """A column as numbers, None as NaN; None where it holds anything else, or is no column."""
+    try:
+        column = np.asarray(values, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return column if column.ndim == 1 else None
 
 
 def drop_empty(

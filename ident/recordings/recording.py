@@ -54,11 +54,6 @@ class Payload:
     com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-FEWEST_BLOCKS = 5  # of held-out splits: a median over them, and a spread, need this many
-# Five of them are a short jog; a block of much less is a copy of its neighbours [s]
-SHORTEST_BLOCK_S = 0.9
-
-
 @dataclass(frozen=True, eq=False)
 class Recording:
     """One run: T samples of n joints; arrays are copied in and read-only."""
@@ -160,10 +155,12 @@ class Session:
 
     @property
     def joints(self) -> tuple[str, ...]:
+        """Names of the joints, the same in every run."""
         return self.runs[0].joints
 
     @property
     def samples(self) -> int:
+        """Number of samples of all runs."""
         return sum(len(run) for run in self.runs)
 
     @property

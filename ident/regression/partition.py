@@ -15,6 +15,7 @@ from ident.arrays import Array, Float, Int
 from ident.effects.base import SessionContext
 from ident.motion.motion import Motion
 from ident.motion.stretches import CHOICE_SEED
+from ident.recordings.blocks import block_length
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 
 
@@ -123,10 +124,12 @@ def partition_motions(
             block, lengths, settings.block_draws, np.random.default_rng(CHOICE_SEED)
         )
         return Partition(starts, block, fold, alone, draws)
-    target = max(settings.shortest_block_s, float((lengths * steps).sum()) / settings.most_blocks)
+    seconds = lengths * steps
+    total = float(seconds.sum())
+    target = block_length(total, settings.shortest_block_s, settings.most_blocks)
     return Partition.cut(
         lengths,
-        lengths * steps,
+        seconds,
         target,
         lambda run: _deal_folds(recorded[run], folds, few),
         settings,

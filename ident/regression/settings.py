@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ident.recordings.blocks import SHORTEST_SUMMED_S
 from ident.records import Numbers, number
 
 
@@ -63,7 +64,7 @@ class RegressionSettings(Numbers):
         "chosen: usual where data are few",
     )
     shortest_block_s: float = number(
-        0.6,
+        SHORTEST_SUMMED_S,
         "s",
         "and their least length",
         "chosen: some correlation times of what an arm's model leaves",

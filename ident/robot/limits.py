@@ -43,6 +43,15 @@ def is_placeholder(values: Float[Array, " n"]) -> Bool[Array, " n"]:
     return np.isin(np.asarray(values, dtype=float), PLACEHOLDERS)
 
 
+def has_room(lower: Float[Array, " n"], upper: Float[Array, " n"]) -> Bool[Array, " n"]:
+    """Of which joints the limits of position leave room; 0 to 0 says that nobody knows them.
+
+    Args:
+        lower, upper: Limits of position, as the URDF has them [rad or m].
+    """
+    return np.asarray(upper > lower)
+
+
 def known_limits(
     lower: Float[Array, " n"],
     upper: Float[Array, " n"],
@@ -59,12 +68,12 @@ def known_limits(
     lower, upper, speed, effort = (
         np.asarray(values, dtype=float) for values in (lower, upper, speed, effort)
     )
-    has_room = (upper > lower) & (upper - lower < LARGEST_POSITION)
+    bounded = has_room(lower, upper) & (upper - lower < LARGEST_POSITION)
     moves = (speed > 0.0) & (speed < LARGEST_SPEED) & ~is_placeholder(speed)
     pulls = (effort > 0.0) & (effort < LARGEST_EFFORT) & ~is_placeholder(effort)
     return KnownLimits(
-        np.where(has_room, lower, -np.inf),
-        np.where(has_room, upper, np.inf),
+        np.where(bounded, lower, -np.inf),
+        np.where(bounded, upper, np.inf),
         np.where(moves, speed, np.inf),
         np.where(pulls, effort, np.inf),
     )

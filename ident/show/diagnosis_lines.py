@@ -42,6 +42,7 @@ from ident.show.report.words import (
     sentence,
 )
 from ident.show.terminal import REST, describe_limits, describe_name, group_silent
+from ident.units import TORQUE
 
 # What a model is whose error has a column.
 MEANINGS = {"tuned": "tuned: with your arm's numbers above", "named": "named: with the named effects, too"}
@@ -210,7 +211,7 @@ def describe_gap(joint: str, gap: Mapping[str, Any], after: float | None) -> str
     ceiling = f"{gap['ceiling_rms_Nm']:.3f}"
     if not gap["unexplained"] or ceiling == left:
         return ""
-    unit = gap.get("unit", "N m")
+    unit = gap.get("unit", TORQUE)
     follows = TABLES["follows"][gap["unexplained"]]
     return f"What is left at {joint} depends on {follows}: a model of that would leave {ceiling} of {left} {unit}"
 

@@ -1,8 +1,10 @@
-"""One colour for each rung of the ladder and each part of a gap: on pages, in `plot()` and in the timeline."""
+"""The one place of colours: of each rung of the ladder and each part of a gap, on pages, in `plot()`
+and in the timeline; and of the pages themselves, light, dark and printed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 # Okabe and Ito's colours: distinguished by colour-blind eyes, and of different grey on paper.
 MEASURED = "#111111"
@@ -10,6 +12,63 @@ MEASURED = "#111111"
 # them, noise.
 UNTUNED, TUNED, NAMED, FLEXIBLE, NOISE = "#cc79a7", "#d55e00", "#009e73", "#0072b2", "#9a9a9a"
 SKY, ORANGE = "#56b4e9", "#e69f00"
+# Of our pages, by the names that style sheets know them by, where the reader prefers light ones.
+LIGHT = {
+    "ink": "#1a1a1a",  # text
+    "soft": "#595959",  # text of less weight
+    "line": "#cfcfcf",  # between parts
+    "thin": "#e6e6e6",  # between rows
+    "firm": "#8f8f8f",  # below the last row of a group
+    "edge": "#8a8a8a",  # around what can be typed into or pressed
+    "paper": "#ffffff",
+    "shade": "#ececec",  # behind what stands apart
+    "panel": "#f2f2f2",  # behind controls
+    "link": "#0b5394",
+    "focus": "#f0a500",  # around what the keyboard is at
+    "good": "#006b4f",
+    "warn": "#9a4a00",
+    "caution": "#c77700",  # beside what weakens a result
+    "danger": "#c0392b",  # beside what forbids one
+    "alarm": "#fdf1ef",  # behind it
+    "do": "#eef6f2",  # behind what is to be done
+    "go": "#00664a",  # of what starts the work
+    "on-go": "#ffffff",
+    "bar": NAMED,
+    "point": FLEXIBLE,
+    "since": TUNED,
+    "named": NAMED,
+    "heat": "#f09646",
+    "on-fatal": "#8e1b10",  # of severities: text, and behind it
+    "fatal": "#fdecea",
+    "on-warning": "#7a3b00",
+    "warning": "#fff3e0",
+    "on-remark": "#3d3d3d",
+    "remark": "#f2f2f2",
+}
+# The same where the reader prefers dark ones.
+DARK = LIGHT | {
+    "ink": "#e8e6e3",
+    "soft": "#b3aea6",
+    "line": "#55524d",
+    "thin": "#3a3835",
+    "edge": "#8d887f",
+    "paper": "#1b1a18",
+    "shade": "#33312e",
+    "panel": "#2a2826",
+    "link": "#8cc4ff",
+    "good": "#4fd1a5",
+    "warn": "#ffb870",
+    "alarm": "#3b2320",
+    "do": "#1d2f28",
+    "go": "#4fd1a5",
+    "on-go": "#10201a",
+    "bar": "#00664a",
+    "point": SKY,
+    "since": "#ff9a4d",
+    "named": "#2fc79a",
+    "heat": "#9c500e",
+}
+PRINTED = LIGHT | {"alarm": "#ffffff", "do": "#ffffff"}
 RUNG_COLOURS = {
     "analytic": TUNED,
     "urdf": ORANGE,
@@ -36,6 +95,19 @@ RUNG_MEANINGS = {
     "named": "laws of joints that a diagnosis named",
     "net": "neural net for the rest",
 }
+
+
+def style_colours() -> str:
+    """The colours of our pages as CSS, a custom property each (`--ink`), as the reader prefers."""
+    dark = f"@media (prefers-color-scheme: dark) {{ {_properties(DARK)} }}"
+    printed = f"@media print {{ {_properties(PRINTED, 'color-scheme: light')} }}"
+    return "\n".join([_properties(LIGHT, "color-scheme: light dark"), dark, printed])
+
+
+def _properties(colours: Mapping[str, str], *first: str) -> str:
+    """A rule of CSS that sets each colour, and what stands before them."""
+    settings = [*first, *(f"--{name}: {colour}" for name, colour in colours.items())]
+    return f":root {{ {'; '.join(settings)}; }}"
 
 
 def rung_colours(rungs: Sequence[str]) -> dict[str, str]:

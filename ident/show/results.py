@@ -19,6 +19,7 @@ from ident.results import Result
 from ident.show.console import WIDE, PlainConsole, ladder_table, print_issues, say, say_lines
 from ident.show.palette import FLEXIBLE, MEASURED, NAMED, NOISE, TUNED, rung_colours, rung_name
 from ident.show.report.words import TABLES, significant, with_units
+from ident.units import DAMPING, INERTIA, TORQUE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -156,9 +157,9 @@ def draw_fit(result: FitResults) -> Figure:
     """Loss parameters: rotor inertia, viscous and Coulomb friction of each joint."""
     loss = result.model.loss
     rows = {
-        "rotor inertia [kg m²]": (MEASURED, list(loss.motor_inertia)),
-        "viscous [N m s/rad]": (TUNED, list(loss.viscous)),
-        "Coulomb [N m]": (NOISE, list(loss.coulomb)),
+        f"rotor inertia [{INERTIA}]": (MEASURED, list(loss.motor_inertia)),
+        f"viscous [{DAMPING}]": (TUNED, list(loss.viscous)),
+        f"Coulomb [{TORQUE}]": (NOISE, list(loss.coulomb)),
     }
     return draw_bars(list(result.model.joint_names), rows, "loss parameters", result.model.robot.name)
 

@@ -32,6 +32,7 @@ from ident.show.report.words import (
     with_units,
 )
 from ident.show.results import draw_bars
+from ident.units import TORQUE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -131,7 +132,7 @@ def describe_unforetold(record: Record) -> list[str]:
     rows = [one for one in record.get("unforetold", ()) if one["joint"] not in named]
     rows.sort(key=lambda one: -one["ratio"])
     return [
-        f"{one['joint']} is off by {significant(one['error_Nm'])} {in_units_of([one['joint']], record, 'N m')} (rms), "
+        f"{one['joint']} is off by {significant(one['error_Nm'])} {in_units_of([one['joint']], record, TORQUE)} (rms), "
         f"{one['ratio']:.1f} times the usual ({one['low']:.1f} to {one['high']:.1f})"
         for one in rows
     ]
@@ -220,7 +221,7 @@ def describe_fall(cause: Record, record: Record) -> str:
     old = significant(before[worst])
     new = significant(after[worst])
     fall = f"{old} → {new}" if old != new else f"stays at {old}"
-    return f"{fall} {in_units_of([worst], record, 'N m')} at {worst}"
+    return f"{fall} {in_units_of([worst], record, TORQUE)} at {worst}"
 
 
 def describe_sizes(change: Record, record: Record) -> str:
@@ -228,7 +229,7 @@ def describe_sizes(change: Record, record: Record) -> str:
     heldout = change["heldout"]
     after = heldout["rms_after_Nm"]
     parts = [
-        f"{name} {fixed(before)} → {fixed(after[name])} {in_units_of([name], record, 'N m')}"
+        f"{name} {fixed(before)} → {fixed(after[name])} {in_units_of([name], record, TORQUE)}"
         for name, before in heldout["rms_before_Nm"].items()
     ]
     words = parameters_in_words(change["parameters"])

@@ -238,6 +238,7 @@ class Hardware:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return self.arm.n
 
     def replace(self, **changes: Any) -> Hardware:

@@ -148,6 +148,7 @@ class EffectRequest:
 
     @property
     def cause(self) -> Cause:
+        """The cause that the id names."""
         return find_cause(self.effect)
 
 

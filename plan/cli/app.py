@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ident.cli.shared import JsonFile, Writes, commands_of, console, hand_over, make_app
+from ident.command_options import ROBOT_HELP
 from ident.errors import InputError
 from ident.outputs import check_outputs, remove_own_file
 from ident.process import run_command
@@ -216,7 +217,7 @@ def paper(
 @command
 def excite(
     options: ExciteOptions,
-    robot: Annotated[str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data.")] = "tm5-900",
+    robot: Annotated[str, typer.Option(help=f"{ROBOT_HELP}.")] = "tm5-900",
     diagnosis: Annotated[
         Path | None, typer.Option(help="File of `ident diagnose --json`: its open question, sizes and noise.")
     ] = None,

@@ -100,6 +100,7 @@ class Hypotheses:
 
     @property
     def ids(self) -> tuple[str, ...]:
+        """Ids of the effects, in their order."""
         return tuple(effect.id for effect, _ in self.effects)
 
     @property
@@ -121,7 +122,14 @@ class Hypotheses:
         return view.between() if self.aim == "separate" else view.visible()
 
     def counted(self, distances: Distances) -> list[float]:
-        """Those distances that motion can make large; all where it can make none large [nats]."""
+        """Of the distances between effects those that motion can make large.
+
+        Args:
+            distances: By pair (true, rival) [nats].
+
+        Returns:
+            Their sizes [nats]; those of all pairs where `testable` names none.
+        """
         return [
             value for pair, value in distances.items() if not self.testable or pair in self.testable
         ]

@@ -17,6 +17,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError
 from plan.dynamics.power import energy
 from plan.planners.base import Ledger, Planner
+from plan.problem.cost import plan_cost
 from plan.problem.problem import PlanningProblem
 
 # Trajectories whose cost, and whose limits, are computed at once.
@@ -82,8 +83,11 @@ def _costs_of_grid(
     def fill(rows: Array) -> None:
         """Enters the costs of some grid points."""
         splines = problem.decode(grid_points(axes, rows))
-        timed = problem.objective == "time"
-        costs[rows] = splines.total if timed else energy(problem.model, splines, problem.metric)
+        costs[rows] = plan_cost(
+            problem.objective,
+            splines.total,
+            lambda: energy(problem.model, splines, problem.metric),
+        )
 
     with ThreadPoolExecutor(workers) as pool:
         for first in range(0, points, COSTS * ROUND * workers):

@@ -66,10 +66,12 @@ class SmoothStates(JointStates):
 
     @property
     def speed(self) -> Symbol:
+        """|dq|, rounded at zero: √(dq² + w²) [rad/s]."""
         return ca.sqrt(self.dq * self.dq + self.width * self.width + ROUNDING)
 
     @property
     def burden(self) -> Symbol:
+        """|load|, rounded at zero: √(load² + b²) [N m]."""
         return ca.sqrt(self.load * self.load + BURDEN**2)
 
 

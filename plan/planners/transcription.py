@@ -119,7 +119,15 @@ class Grid:
     def coefficients(
         self, free: Float[Array, "F n"], start: Float[Array, " n"], goal: Float[Array, " n"]
     ) -> Float[Array, "C n"]:
-        """All coefficients, the held ones included."""
+        """All coefficients of the B-spline, those that are held at its ends included.
+
+        Args:
+            free: The coefficients that a planner moves [rad or m].
+            start, goal: Ends of the motion: the values of the held ones [rad or m].
+
+        Returns:
+            The C = F + 2 `held` coefficients.
+        """
         before = np.repeat(start[None], self.held, 0)
         behind = np.repeat(goal[None], self.held, 0)
         return np.concatenate([before, free, behind])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from ident.results import Result
+from plan.problem.cost import energy_cost
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.stops import Stop
@@ -116,7 +117,7 @@ class CycleResult(Result):
         for leg in self.legs:
             assert leg.plan.certificate is not None
             moved += leg.plan.certificate.energy[leg.plan.metric]
-        return moved + self.standby * self.duration
+        return energy_cost(moved, self.duration, self.standby)
 
     def to_dict(self) -> dict[str, Any]:
         """The record of `plan.cycle/1`."""

@@ -13,6 +13,7 @@ from ident.model.training_range import TrainingRange
 from plan.dynamics.power import ChainTorque, Metric, power_integral, section_nodes
 from plan.geometry.clearance_proof import find_margins
 from plan.geometry.scene import Scene
+from plan.problem.cost import plan_cost
 from plan.problem.rule_values import Rules
 from plan.problem.rules import WayRules
 from plan.spline import Splines
@@ -217,10 +218,8 @@ class PlanningProblem:
         q, dq, ddq = splines.states(s)
         tau = self.model.torque(q, dq, ddq)
         weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
-        cost = (
-            splines.total
-            if self.objective == "time"
-            else power_integral(tau, dq, weights, self.metric)
+        cost = plan_cost(
+            self.objective, splines.total, lambda: power_integral(tau, dq, weights, self.metric)
         )
         peak = np.abs(tau).max(axis=1)
         clearance, shortfall = self.scene.sweep(splines, self.margins)

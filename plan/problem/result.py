@@ -16,6 +16,7 @@ from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
 from plan.geometry.clearance_proof import SHORT, Clearance, Cut, find_cuts, prove_clearance
 from plan.geometry.scene import Scene
 from plan.problem.controllers import Controller
+from plan.problem.cost import plan_cost
 from plan.problem.problem import TICK, PlanningProblem
 from plan.problem.ramps import STANDING, TimeLaw, find_time_law, measure
 from plan.problem.rule_values import RuleCheck
@@ -381,10 +382,9 @@ class PlanResult(Result):
         """
         if self.certificate is None or self.splines is None or not self.solved:
             return float("inf")
+        energies = self.certificate.energy
         duration = float(self.splines.total[0])
-        if self.objective == "time":
-            return duration
-        return self.certificate.energy[self.metric] + self.standby * duration
+        return plan_cost(self.objective, duration, lambda: energies[self.metric], self.standby)
 
     @property
     def executed_cost(self) -> float:
@@ -392,14 +392,13 @@ class PlanResult(Result):
 
         Infinite without a plan.
         """
-        if self.objective == "time" and self.solved:
-            return self.execution.duration
         if not self.solved:
             return float("inf")
-        known = dict(self.execution.energy)
-        if self.metric not in known:
+        duration = self.execution.duration
+        energies = dict(self.execution.energy)
+        if self.objective != "time" and self.metric not in energies:
             return self.cost
-        return known[self.metric] + self.standby * self.execution.duration
+        return plan_cost(self.objective, duration, lambda: energies[self.metric], self.standby)
 
     def to_dict(self) -> dict[str, Any]:
         """The record of `plan.result/1`; lengths in m, angles in rad."""

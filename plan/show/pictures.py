@@ -17,6 +17,7 @@ from ident.errors import InputError
 from ident.files import atomic_write
 from ident.outputs import mark_file
 from plan.geometry.scene import FLOOR
+from plan.problem.cost import energy_cost
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.solving.compare import Comparison
@@ -61,7 +62,7 @@ def draw_energy_curve(result: PlanResult) -> Figure:
     figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
     axes.plot(durations, energies, color=BEFORE, marker=".", label="motion")
     if result.standby > 0.0:
-        whole = energies + result.standby * durations
+        whole = energy_cost(energies, durations, result.standby)
         axes.plot(
             durations, whole, color=AFTER, marker=".", label=f"with {result.standby:g} W standby"
         )
@@ -82,7 +83,8 @@ def save_energy_curve(result: PlanResult, path: Path) -> None:
         return
     lines = ["duration_s,energy_J,cost_J"]
     for duration, energy in result.energy_curve:
-        lines.append(f"{duration:.6g},{energy:.6g},{energy + result.standby * duration:.6g}")
+        cost = energy_cost(energy, duration, result.standby)
+        lines.append(f"{duration:.6g},{energy:.6g},{cost:.6g}")
     with atomic_write(path) as part:
         part.write_text("\n".join(lines) + "\n", encoding="utf-8")
     mark_file(path)

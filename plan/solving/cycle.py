@@ -26,6 +26,7 @@ from ident.model.hybrid import HybridModel
 from ident.progress import stage
 from plan.command_options import SolveOptions
 from plan.planners.base import Ledger
+from plan.problem.cost import energy_cost
 from plan.problem.cycle_result import CycleResult, Leg
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
@@ -184,7 +185,7 @@ def share_duration(curves: Sequence[Sequence[Look]], needs: Float[Array, " m"], 
     def cost(durations: Array) -> float:
         """Energy of all motions, and of the cell [J]."""
         moved = sum(spline(t) for spline, t in zip(splines, durations, strict=True))
-        return float(moved + standby * durations.sum())
+        return float(energy_cost(moved, durations.sum(), standby))
 
     if low.sum() > free:  # what is known is longer throughout: nothing to weigh
         return Shared(needs * (free / needs.sum()), None, None)

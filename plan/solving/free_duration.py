@@ -15,6 +15,7 @@ from plan.command_options import SolveOptions
 from plan.planners.base import Candidate, Ledger, Planner, processor_seconds
 from plan.planners.sequential import Sequential, descend_on_knots
 from plan.problem.controllers import Controller
+from plan.problem.cost import energy_cost
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.solving.obstruction import find_obstruction, shortest_duration
@@ -39,7 +40,7 @@ class Look:
 
     def cost(self, standby: float) -> float:
         """Energy with what the cell takes meanwhile [J]."""
-        return self.energy + standby * self.duration
+        return energy_cost(self.energy, self.duration, standby)
 
 
 def lasting(problem: PlanningProblem, duration: float) -> PlanningProblem:
@@ -76,11 +77,12 @@ def solve_free_duration(
         known=best.candidate,
     )
     rows = tuple((look.duration, look.energy) for look in curve if np.isfinite(look.energy))
-    more = standby * best.duration
-    history = tuple((count, seconds, cost + more) for count, seconds, cost in result.history)
+    history = []
+    for count, seconds, energy in result.history:
+        history.append((count, seconds, energy_cost(energy, best.duration, standby)))
     said = f"the duration is free: {best.duration:.3g} s costs least of {len(rows)} looked at"
     notes = (said, *result.notes) if rows else result.notes
-    return replace(result, standby=standby, energy_curve=rows, history=history, bound=None, notes=notes)
+    return replace(result, standby=standby, energy_curve=rows, history=tuple(history), bound=None, notes=notes)
 
 
 def energy_curve(problem: PlanningProblem, options: SolveOptions) -> list[Look]:

@@ -17,6 +17,7 @@ from plan.planners.base import Candidate, Ledger, Planner, make_planner
 from plan.planners.evolution import Evolution, start_compressed
 from plan.planners.sequential import Sequential, descend_on_knots
 from plan.problem.controllers import Controller
+from plan.problem.cost import plan_cost
 from plan.problem.problem import STRAIGHT, Limits, PlanningProblem
 from plan.problem.ramps import find_time_law
 from plan.problem.result import Certificate, PlanResult, certify, certify_standing
@@ -206,7 +207,8 @@ def _history(
     """What was found when, at last the certified motion, which mending may have made another one."""
     if splines is None or found is None or found.broken:
         return tuple(ledger.history)
-    cost = float(splines.total[0]) if problem.objective == "time" else found.energy[problem.metric]
+    duration = float(splines.total[0])
+    cost = plan_cost(problem.objective, duration, lambda: found.energy[problem.metric])
     return (*ledger.history, (ledger.evaluations, ledger.cpu_seconds, cost))
 
 

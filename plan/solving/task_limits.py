@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array
 from ident.errors import InputError
 from ident.model.training_range import TrainingRange
 from ident.robot.arm import ArmModel
+from ident.robot.limits import has_room
 from plan.command_options import TaskOptions
 from plan.problem.makers_limits import MakersLimits
 from plan.problem.problem import ADVICE, TRAINING, Limits, PlanningProblem
@@ -21,6 +22,8 @@ TURN = 2.0 * np.pi
 # A joint that the training left standing may move with this [rad/s, rad/s²]: a limit has to lie
 # above nought.
 LEAST_RATE = 1e-6
+# How a URDF says that a limit of speed or torque is unknown: see `ident.robot.limits`.
+NOT_GIVEN = "0, 1 or a giant in the URDF"
 
 
 def task_limits(
@@ -39,7 +42,8 @@ def task_limits(
     """
     lower = arm.lower if task.lower is None else np.maximum(arm.lower, task.lower)
     upper = arm.upper if task.upper is None else np.minimum(arm.upper, task.upper)
-    torque = _where_known(arm.effort_limit) if task.torque is None else task.torque
+    known = arm.known_limits
+    torque = known.effort if task.torque is None else task.torque
     usable = torque if reserve is None else torque - reserve
     for j, joint in enumerate(arm.joint_names):
         if lower[j] >= upper[j]:
@@ -50,7 +54,7 @@ def task_limits(
             what = f"{joint} may use {torque[j]:g} N m, and the model's torque is known to {reserve[j]:.2g} N m only"
             raise InputError(task.source, what, "raise limits.torque_Nm, or give --no-reserve")
     asked = makers if task.makers else None
-    speed = _where_known(arm.velocity_limit) if task.speed is None else task.speed
+    speed = known.speed if task.speed is None else task.speed
     if task.speed is None and asked is not None and asked.speed is not None:  # of all the arm's joints, held ones last
         speed = np.minimum(speed, asked.speed[: task.n])
     bound = asked if asked is not None and (asked.binding or advised) else None
@@ -62,30 +66,26 @@ def task_limits(
     return Limits(lower, upper, speed, usable, task.clearance, acceleration, jerk, reserve)
 
 
-def _where_known(limit: Float[Array, " n"]) -> Float[Array, " n"]:
-    """A URDF's limits, those of nought as endless: files that leave a limit out, or do not know it, have a nought."""
-    return np.where(limit > 0.0, limit, np.inf)
-
-
 def with_known_positions(arm: ArmModel, task: Task) -> tuple[ArmModel, tuple[str, ...]]:
-    """The arm with a whole turn either way for joints whose limits are both nought, and what is to be said of it.
+    """The arm with a whole turn either way for joints whose limits leave no room, and what is to be said of it.
 
     Raises:
         InputError: A joint that slides has none, and the task gives none.
     """
-    unknown = (arm.lower == 0.0) & (arm.upper == 0.0)
+    unknown = ~has_room(arm.lower, arm.upper)
     if not unknown.any():
         return arm, ()
     names = [name for name, missing in zip(arm.joint_names, unknown, strict=True) if missing]
     if np.any(unknown & arm.sliding_joints) and (task.lower is None or task.upper is None):
-        what = f"the URDF gives {' and '.join(names)} no limits of position (0 to 0)"
+        what = f"the URDF gives {' and '.join(names)} no limits of position (no room between them)"
         raise InputError(task.source, what, "give limits.lower_deg and upper_deg, of joints that slide in metres")
     lower, upper = np.where(unknown, -TURN, arm.lower), np.where(unknown, TURN, arm.upper)
     if task.lower is not None:
         lower = np.where(unknown, task.lower, lower)
     if task.upper is not None:
         upper = np.where(unknown, task.upper, upper)
-    said = f"limits of position of {', '.join(names)} are unknown (0 to 0 in the URDF): a turn either way is taken"
+    what = f"limits of position of {', '.join(names)} are unknown (no room between them in the URDF)"
+    said = f"{what}: a turn either way is taken"
     return arm.with_position_limits(lower, upper), (said,)
 
 
@@ -95,7 +95,7 @@ def say_unknown(arm: ArmModel, limits: Limits) -> tuple[str, ...]:
     for name, values in (("torque", limits.torque), ("speed", limits.speed)):
         missing = [joint for joint, value in zip(arm.joint_names, values, strict=True) if np.isinf(value)]
         if missing:
-            what = f"limits of {name} of {', '.join(missing)} are unknown (0 in the URDF)"
+            what = f"limits of {name} of {', '.join(missing)} are unknown ({NOT_GIVEN})"
             said.append(f"{what}: none is kept")
     return tuple(said)
 
@@ -104,11 +104,12 @@ def require_known_rates(task: Task, arm: ArmModel, limits: Limits, objective: st
     """Raises InputError where a joint's speed has no limit: a time task has no end, and no search a scale."""
     missing = [name for name, speed in zip(arm.joint_names, limits.speed, strict=True) if np.isinf(speed)]
     if missing:
-        what = f"nobody says how fast {', '.join(missing)} may be (0 in the URDF)"
+        what = f"nobody says how fast {', '.join(missing)} may be ({NOT_GIVEN})"
         raise InputError(task.source, what, "give limits.speed_deg_s")
     endless = [name for name, torque in zip(arm.joint_names, limits.torque, strict=True) if np.isinf(torque)]
     if objective == "time" and endless and limits.acceleration is None:
-        what = f"nobody says how strong {', '.join(endless)} may be (0 in the URDF), nor how fast speed may change"
+        strength = f"nobody says how strong {', '.join(endless)} may be ({NOT_GIVEN})"
+        what = f"{strength}, nor how fast speed may change"
         raise InputError(task.source, what, "give limits.torque_Nm or acceleration_deg_s2")
 
 

@@ -124,6 +124,7 @@ class Residual:
         return cls(groups, listed[seen], inner, target, power, samples, tuple(joints))
 
     def name_of(self, group: Group) -> Name:
+        """A group's effect, and its joint; "" in place of a joint for one of the whole arm."""
         joint = self.joints[group.joint] if group.effect.scope == "joint" else ""
         return group.effect.id, joint
 

@@ -44,7 +44,16 @@ def prepared(unseen: Recording) -> Motion:
 
 
 def at_rows(torque: Torque, motion: Motion, run: Recording) -> Torque:
-    """Torque at the rows of the recording."""
+    """Torque of a run's motion, interpolated linearly to the rows of its recording.
+
+    Args:
+        torque: At the motion's t samples, by joint, shape (t, n) [N m].
+        motion: The motion.
+        run: The recording that it was made of.
+
+    Returns:
+        Torque at its T rows, shape (T, n) [N m]; before and after the motion that of its ends.
+    """
     columns = [np.interp(run.time, motion.time, values) for values in torque.T]
     return np.column_stack(columns)
 

@@ -139,7 +139,21 @@ class Leak:
 
 
 def find_leaks(board: Board, opened: Kept, seed: int = 0) -> list[Leak]:
-    """Every figure against every question, the least p-value first."""
+    """How well figures that need no method foretell the answers of a board.
+
+    Each figure of a session is held against each question (whether something is wrong, which
+    effect, at which joint), and all figures together by a classifier.
+
+    Args:
+        board: The public sessions.
+        opened: Their answers.
+        seed: Of the exchanges of answers between sessions of one tier.
+
+    Returns:
+        A p-value for each pair, corrected for their number by Holm's rule, the least first.
+
+    Source: Holm 1979.
+    """
     names = list(board.sessions)
     figures = {name: figures_of(board, name) for name in names}
     tiers = np.array([board.sessions[name]["tier"] for name in names])

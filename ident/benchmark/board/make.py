@@ -157,6 +157,7 @@ class BoardWriter:
 
     @property
     def counts(self) -> dict[str, int]:
+        """How many sessions of each tier are written."""
         tiers = [session["tier"] for session in self.sessions.values()]
         return {tier: tiers.count(tier) for tier in TIERS}
 

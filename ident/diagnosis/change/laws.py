@@ -16,6 +16,7 @@ from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.effect_info import AsChange, Range
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
 from ident.effects.session_context import friction_level, hardly_moves, travel
+from ident.units import TORQUE
 
 # Id of a change that follows no law of the catalogue.
 UNLISTED = "unlisted_change"
@@ -137,7 +138,7 @@ class UnlistedChange(Effect):
         return {"rms_Nm": size}
 
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
-        size = estimates["rms_Nm"].words("N m")
+        size = estimates["rms_Nm"].words(TORQUE)
         return (
             f"look at {where}: its torque differs by {size} (rms), as no law of the catalogue does"
         )

@@ -18,6 +18,7 @@ from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
 from ident.diagnosis.change.settings import CHANGE
 from ident.effects import optional
 from ident.effects.base import SessionContext, Variant
+from ident.recordings.blocks import block_length
 from ident.regression.block_sums import SymmetricSums
 from ident.regression.design import LOSS_PARAMETERS, Group, Layout
 from ident.regression.dwells import DwellRows, HeldFriction
@@ -36,10 +37,12 @@ class Sides:
 
     @property
     def later_blocks(self) -> Bool[Array, " B"]:
+        """Whether each block is of the later set."""
         return np.asarray(self.later[self.run_of_block])
 
     @property
     def later_folds(self) -> Bool[Array, " F"]:
+        """Whether each fold is of the later set; no fold holds blocks of both."""
         folds = self.partition.folds
         return np.array(
             [bool(self.later_blocks[folds == fold].any()) for fold in range(int(folds.max()) + 1)]
@@ -70,7 +73,7 @@ def partition_sides(
     lengths = np.array([motion.filtered_length for motion in motions])
     seconds = lengths * np.array([motion.interval * motion.lowpass.factor for motion in motions])
     totals = np.where(later, seconds[later].sum(), seconds[~later].sum())
-    of_block = np.maximum(settings.shortest_block_s, totals / CHANGE.side_blocks)
+    of_block = block_length(totals, settings.shortest_block_s, CHANGE.side_blocks)
     partition = Partition.cut(lengths, seconds, of_block, lambda run: _folds(run, later), settings)
     return Sides(later, partition.run_of_block, partition)
 

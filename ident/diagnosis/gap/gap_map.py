@@ -30,6 +30,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.gap.residuals import RunResidual, block_labels
 from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
+from ident.recordings.blocks import block_length
 from ident.regression.noise import Whitening
 
 # The reach changes slowly: it is computed at this rate [1/s], at most for so many samples, and
@@ -103,7 +104,8 @@ def map_gap(
         settings: Bins, blocks, and the threshold above which a joint is mapped.
     """
     duration = sum(item.time[-1] - item.time[0] for item in series)
-    labels = block_labels(series, max(settings.shortest_block_s, duration / settings.most_blocks))
+    length = block_length(duration, settings.shortest_block_s, settings.most_blocks)
+    labels = block_labels(series, length)
     axes = session_axes(series)
     maps: dict[View, list[Place]] = {view: [] for view in VIEWS}
     for view, places in maps.items():
@@ -281,7 +283,16 @@ def _with_p_values(cells: Sequence[_Cell], rng: np.random.Generator, flips: int)
 
 
 def session_axes(series: Sequence[RunResidual]) -> dict[str, Axis]:
-    """The axes for which these recordings have data, by their names in the record."""
+    """The axes of the map for which these recordings have data.
+
+    Args:
+        series: Residuals of all runs.
+
+    Returns:
+        By the axis's name in the record, a function of a run and a joint's number to the axis's
+        value at the run's t filtered samples [rad/s, N m, rad, m, s or °C; m/s, N and m for joints
+        that slide]; `direction` is 1, 0 or -1.
+    """
     duration = sum(item.time[-1] - item.time[0] for item in series)
     rate = min(REACH_RATE, MOST_REACHES / max(duration, 1.0))
 

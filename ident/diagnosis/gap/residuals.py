@@ -157,7 +157,7 @@ def _residual_of(
     return left
 
 
-def block_labels(series: Sequence[RunResidual], length: float = 1.5) -> list[Int[Array, " t"]]:
+def block_labels(series: Sequence[RunResidual], length: float) -> list[Int[Array, " t"]]:
     """A block number for every sample, counted over all runs; blocks of about `length` [s]."""
     labels = []
     first = 0

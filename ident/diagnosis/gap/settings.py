@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from ident.records import Settings
+from ident.recordings.blocks import SHORTEST_MAPPED_S
+from ident.records import Settings, number
 
 
 class MapSettings(Settings, table="map"):
     """Cells of the map and their test."""
+
+    shortest_block_s: float = number(
+        SHORTEST_MAPPED_S,
+        "s",
+        "least length of a block of time whose signs are drawn",
+        "chosen: some correlation times of a residual",
+    )
 
 
 class CeilingSettings(Settings, table="ceiling"):

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from ident.checks.report import MISREAD
-from ident.diagnosis.heldout_gain import in_linear_units
 from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.settings import USUAL_VERDICT
 from ident.effects.catalogue import CATALOGUE
@@ -23,6 +22,7 @@ from ident.effects.effect_info import setup_for
 from ident.errors import join_words
 from ident.show.report.numbers import MOST_NAMED, describe_numbers
 from ident.show.report.words import TABLES, effect_name, fixed, pair, percent, sentence, significant, with_units
+from ident.units import FORCE, TORQUE, in_linear_units
 
 # Tuned on other runs a model that errs by so many times what it does untuned has learned what does not carry over.
 OVERTUNED = 2.0
@@ -173,18 +173,18 @@ def leading_joint(record: Mapping[str, Any]) -> tuple[str, str]:
     if where := record.get("where"):
         found = {where[0]["joint"]: where[0].get("beyond_noise_Nm", 0.0)}
     joint, size = max(found.items(), key=lambda one: one[1], default=("", 0.0))
-    return joint, f"{significant(size)} {in_units_of([joint], record, 'N m')}"
+    return joint, f"{significant(size)} {in_units_of([joint], record, TORQUE)}"
 
 
 def in_units_of(joints: Iterable[str], record: Mapping[str, Any], text: str, effect: str = "") -> str:
     """What is said of some joints, in the units of those that slide where all do; angles of the whole arm stay."""
     slides = {*record.get("slides", ()), *(joint for joint, gap in record.get("gap", {}).items() if "unit" in gap)}
     if set() < {*joints} <= slides:
-        text = text.replace("N m", "N") if effect in OF_THE_ARM else in_linear_units(text)
+        text = text.replace(TORQUE, FORCE) if effect in OF_THE_ARM else in_linear_units(text)
     return text
 
 
-def units_of(record: Mapping[str, Any], unit: str = "N m") -> str:
+def units_of(record: Mapping[str, Any], unit: str = TORQUE) -> str:
     """A unit of all joints, with that of those that slide beside it."""
     found = {in_units_of([joint], record, unit) for joint in record["joints"]}
     return "; of joints that slide ".join(sorted(found)[::-1])
@@ -227,7 +227,14 @@ def verdict_key(record: Mapping[str, Any]) -> str:
 
 
 def first_action(record: Mapping[str, Any]) -> str:
-    """What to do first, about the leading joint: set its torque if that is off by a factor."""
+    """What to do first, about the leading joint: set its torque right if that is off by a factor.
+
+    Args:
+        record: Of a diagnosis, `ident.diagnosis/1`.
+
+    Returns:
+        One or two sentences with their full stops; "" where there is nothing to do.
+    """
     scale, (joint, beyond) = _misread(record), leading_joint(record)
     if scale and not scale["bodily"] and joint in ("", *scale["joints"]):
         return f"At {scale['places']}: {scale['remedy']}."

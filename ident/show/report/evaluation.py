@@ -48,10 +48,12 @@ class ReportInput:
 
     @property
     def model(self) -> HybridModel:
+        """The model that the page speaks of first."""
         return self.models[self.main]
 
     @property
     def evaluation(self) -> Evaluation:
+        """Its evaluation."""
         return self.evaluations[self.main]
 
     def seen_runs(self) -> int:

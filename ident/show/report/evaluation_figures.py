@@ -18,6 +18,7 @@ from ident.show.report.evaluation import ReportInput, pool_name
 from ident.show.report.figures import WIDE, binned, envelope, make_panel, thin, to_svg
 from ident.show.report.page import Section
 from ident.show.report.words import fixed, sentence, significant
+from ident.units import ANGLE, unit_for
 
 TICK_WIDTH = 16  # [characters]
 REST = "#e4e4df"
@@ -159,7 +160,7 @@ def residuals_section(source: ReportInput) -> Section:
     """Medians of measured less modelled torque: what a rung leaves has a shape, and the shape names its cause."""
     traces, robot = source.evaluation.traces, source.model.robot
     sliding = dict(zip(robot.joint_names, robot.sliding_joints, strict=True))
-    units = ["m" if sliding.get(joint, False) else "rad" for joint in traces[0].motion.joints]
+    units = [unit_for(ANGLE, bool(sliding.get(joint, False))) for joint in traces[0].motion.joints]
     rungs = tuple(traces[0].rungs)
     # Those that hold friction: beside the others nothing of theirs could be seen.
     close = rungs[rungs.index("loss") :] if "loss" in rungs else rungs

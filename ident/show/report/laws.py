@@ -16,6 +16,7 @@ from ident.diagnosis.result import Finding
 from ident.effects.base import Effect
 from ident.show.palette import NAMED, TUNED
 from ident.show.report.figures import WIDE, binned, make_panel, thin, to_svg
+from ident.units import ANGLE, SPEED, TIME, TORQUE, unit_for
 
 DATA, LAW, PLAIN = "#7f7f7f", NAMED, TUNED
 BINS = 18
@@ -23,13 +24,13 @@ BINS = 18
 LEAST_SAMPLES = 8
 
 Axis = Callable[[RunResidual, int], Float[Array, " t"]]
-# What a law is a curve over (`Effect.drawn_over`), with the unit of the axis ("" for the joint's own: rad or m).
+# What a law is a curve over (`Effect.drawn_over`), with the unit of the axis where a joint turns.
 CURVES: Mapping[str, tuple[str, str, Axis]] = {
-    "speed": ("speed", "/s", lambda item, j: np.asarray(item.speed[:, j])),
-    "angle": ("angle", "", lambda item, j: np.asarray(item.run.motion.q[item.run.motion.coarse][:, j])),
-    "load": ("load", "N m", lambda item, j: np.asarray(item.run.link[item.run.motion.coarse][:, j])),
-    "torque": ("torque", "N m", lambda item, j: np.asarray(item.run.total[item.run.motion.coarse][:, j])),
-    "reversal": ("time since it turned round", "s", reversal_age),
+    "speed": ("speed", SPEED, lambda item, j: np.asarray(item.speed[:, j])),
+    "angle": ("angle", ANGLE, lambda item, j: np.asarray(item.run.motion.q[item.run.motion.coarse][:, j])),
+    "load": ("load", TORQUE, lambda item, j: np.asarray(item.run.link[item.run.motion.coarse][:, j])),
+    "torque": ("torque", TORQUE, lambda item, j: np.asarray(item.run.total[item.run.motion.coarse][:, j])),
+    "reversal": ("time since it turned round", TIME, reversal_age),
 }
 
 
@@ -113,8 +114,9 @@ def _over_curve(analysis: Analysis, law: _Law, effect: Effect) -> LawPicture | N
     found = [binned(x, sign * values, edges, LEAST_SAMPLES) for values in (plain + data, plain + curve, plain)]
     if len(found[0]) < 2:
         return None
-    length, load = ("m", "N") if analysis.baseline.nominal.sliding_joints[j] else ("rad", "N m")
-    unit = {"N m": load, "s": "s"}.get(unit, f"{length}{unit}")
+    slides = bool(analysis.baseline.nominal.sliding_joints[j])
+    load = unit_for(TORQUE, slides)
+    unit = unit_for(unit, slides)
     what = "friction" if effect.drawn else "torque without the law"
     figure, axes = make_panel(f"{name} of {joint} [{unit}]", f"{what} [{load}]", WIDE, left=0.65, bottom=0.45)
     for part in _unbroken(found[0]):
@@ -146,7 +148,8 @@ def _over_time(analysis: Analysis, law: _Law) -> LawPicture | None:
     item, inside, joint = law.items[k], law.where()[k], analysis.diagnosis.joints[law.joint]
     if inside.sum() < LEAST_SAMPLES:
         return None
-    time, load = item.time - item.time[0], "N" if analysis.baseline.nominal.sliding_joints[law.joint] else "N m"
+    time = item.time - item.time[0]
+    load = unit_for(TORQUE, bool(analysis.baseline.nominal.sliding_joints[law.joint]))
     labels = f"time in {item.run.motion.name} [s]", f"torque left [{load}]"
     figure, axes = make_panel(*labels, WIDE, left=0.65, bottom=0.45)
     for values, colour, width in ((law.left[k], PLAIN, 0.8), (law.left[k] - law.torque[k], LAW, 0.8)):

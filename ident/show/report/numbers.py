@@ -15,17 +15,17 @@ from typing import Any
 
 from ident.errors import join_words
 from ident.show.report.words import DASH, fixed, sentence, significant
+from ident.units import DAMPING, INERTIA, TORQUE, unit_for
 
 # Keys of a joint's figures with the words and units for them.
 LOSSES = {
-    "viscous_Nms_rad": ("damping", "N m s/rad"),
-    "coulomb_Nm": ("dry friction", "N m"),
-    "armature_kgm2": ("rotor", "kg m²"),
+    "viscous_Nms_rad": ("damping", DAMPING),
+    "coulomb_Nm": ("dry friction", TORQUE),
+    "armature_kgm2": ("rotor", INERTIA),
 }
 # What a simulator takes as zero where the URDF says nothing.
 STATED = ("viscous_Nms_rad", "coulomb_Nm")
-READINGS = {"offset_Nm": ("torque offset", "N m"), "torque_gain": ("torque gain", "")}
-UNITS_OF_SLIDES = {"N m s/rad": "N s/m", "N m": "N", "kg m²": "kg"}
+READINGS = {"offset_Nm": ("torque offset", TORQUE), "torque_gain": ("torque gain", "")}
 # An interval this many times as wide with the URDF's tolerance is shown beside the other.
 MUCH_WIDER = 1.5
 # Joints that a sentence names; of more it says how many.
@@ -81,7 +81,7 @@ def numbers_of(record: Mapping[str, Any]) -> list[Number]:
             figure = identified.get(joint, {}).get(key)
             if figure is None:
                 continue
-            shown = UNITS_OF_SLIDES.get(unit, unit) if "unit" in gap else unit
+            shown = unit_for(unit, "unit" in gap)
             differs = lies_outside(figure, 0.0 if key in STATED else None)
             change = sure_change(figure, 0.0 if key in STATED else None)
             matters = differs and change > gap.get("noise_floor_Nm", math.inf)

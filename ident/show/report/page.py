@@ -31,6 +31,7 @@ COLOURS = (
     "UNTUNED",
     "model_colour",
     "rung_colours",
+    "style_colours",
 )
 # Clocks beyond this count seconds since 1970: 2001-09-09 [s].
 EPOCH_FROM = 1e9

@@ -22,6 +22,7 @@ from ident.records import as_json
 from ident.robot.arm import ArmModel
 from ident.show.palette import FLEXIBLE, MEASURED, NAMED, TUNED
 from ident.show.report.figures import WIDE, make_panel, thin, to_svg
+from ident.units import TORQUE, unit_for
 
 # As much as a page holds: joints, runs, and samples of a run.
 MOST_JOINTS, MOST_RUNS, MOST_SAMPLES = 6, 12, 1500
@@ -62,6 +63,7 @@ class Traces:
 
     @property
     def curves(self) -> tuple[str, ...]:
+        """Names of a run's curves, the same in every run."""
         return tuple(self.runs[0].values)
 
     def to_json(self) -> Markup:
@@ -123,7 +125,7 @@ def gather_traces(analysis: Analysis) -> Traces | None:
         return None
     shown = _shown_joints(analysis)
     order = sorted(analysis.series, key=lambda item: -_error(item, shown[0]))[:MOST_RUNS]
-    units = tuple("N" if sliding else "N m" for sliding in arm.sliding_joints)
+    units = tuple(unit_for(TORQUE, bool(sliding)) for sliding in arm.sliding_joints)
     named = bool(diagnosis.findings)
     runs = tuple(_traces_of(item, arm, named) for item in order)
     return Traces(diagnosis.joints, tuple(shown), units, runs)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ident.effects.effect_info import STATE
+from ident.units import OF_KEYS, split_key
 
 MINUS, DASH = "−", "–"
 # A number below this is what sums leave of nothing, in any unit.
@@ -126,10 +127,8 @@ def parameter_name(name: str) -> tuple[str, str]:
     if name in TABLES["parameters"]:
         words, unit = TABLES["parameters"][name]
         return words, unit
-    for suffix, unit in TABLES["suffixes"].items():
-        if name.endswith(suffix):
-            return effect_name(name.removesuffix(suffix)), unit
-    return effect_name(name), ""
+    stem, unit = split_key(name)
+    return effect_name(stem), unit
 
 
 def parameter_cells(name: str, value: Any) -> dict[str, str]:
@@ -172,7 +171,7 @@ def with_units(text: str) -> str:
         number = POWER.sub(lambda power: significant(float(power[0])), found["number"] or "")
         return f"{words}{number} {unit}" if number else words
 
-    keys = "|".join(sorted(TABLES["suffixes"], key=len, reverse=True))
+    keys = "|".join(sorted(OF_KEYS, key=len, reverse=True))
     number = r"(?P<number>(?: below| above)? -?\d[\d.e+-]*)?"
     words = re.sub(rf"\b(?P<key>mu|[a-z]\w*(?:{keys}))\b{number}", worded, text)
     return re.sub(r"(?<= )-(?=\d)", MINUS, words)

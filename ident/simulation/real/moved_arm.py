@@ -91,10 +91,12 @@ class MovedArm:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return self.q.shape[1]
 
     @cached_property
     def model(self) -> pin.Model:
+        """The arm of the recordings' URDF."""
         return model_of(self.source.urdf)
 
     @cached_property
@@ -149,6 +151,7 @@ class MovedArm:
 
     @cached_property
     def moving(self) -> Bool[Array, "M n"]:
+        """Where each joint moves, at the M rows of the refit."""
         return np.abs(self.rows(self.v)) > STILL
 
     @cached_property
@@ -194,10 +197,16 @@ class MovedArm:
 
     @cached_property
     def coulomb(self) -> Float[Array, " n"]:
+        """Dry friction of each joint as refitted, 0.5 % of its peak torque at the least [N m]."""
         return np.maximum(self._fit[0][12 * self.n : 13 * self.n], 0.005 * self.peak)
 
     @cached_property
     def viscous(self) -> Float[Array, " n"]:
+        """Viscous friction of each joint as refitted [N m s/rad].
+
+        At the least what makes a tenth of the dry friction at a speed that 95 % of the samples are
+        below.
+        """
         fastest = np.quantile(np.abs(self.v), 0.95, axis=0) + 1e-6
         return np.maximum(self._fit[0][11 * self.n : 12 * self.n], 0.1 * self.coulomb / fastest)
 

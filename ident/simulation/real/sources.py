@@ -63,6 +63,7 @@ class Source:
 
     @property
     def joints(self) -> tuple[str, ...]:
+        """Names of the joints, the same in every run."""
         return self.runs[0].joints
 
 

@@ -14,10 +14,10 @@ from ident.diagnosis.gap.place_ranking import ExcessError, ReportedCause, measur
 from ident.diagnosis.gap.replay import integrate, replay
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_MAP, USUAL_REPLAY
-from ident.diagnosis.heldout_gain import LINEAR_UNITS, in_linear_units
 from ident.effects.catalogue import find_effect
 from ident.regression.cross_validation import HeldOut
 from ident.robot.arm import ArmModel
+from ident.units import SLIDING, in_linear_units
 from tests.ident.diagnosis.planted import (
     analyse,
     load_friction_on_2,
@@ -224,7 +224,7 @@ def test_a_single_run_has_no_spread_and_the_record_says_why() -> None:
     assert spreads(0.0, 1.0) == {"energy_error_before_std_J": 0.0, "energy_error_after_std_J": 1.0}
 
 
-@pytest.mark.parametrize(("turning", "sliding"), list(LINEAR_UNITS.items()))
+@pytest.mark.parametrize(("turning", "sliding"), list(SLIDING.items()))
 def test_every_unit_of_a_turning_joint_has_one_of_a_sliding_joint(turning: str, sliding: str) -> None:
     assert in_linear_units(f"it takes 3 {turning} (1 to 5 {turning})") == f"it takes 3 {sliding} (1 to 5 {sliding})"
 

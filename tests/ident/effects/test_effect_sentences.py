@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
+from string import Formatter
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from ident.effects import optional
 from ident.effects.base import Effect, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import STATE
+from ident.effects.interval import UNIT_SCALE
 from ident.export.identified import Change
 from ident.laws.acting import LAWS, link_change, payload_parameters, read_log, turned_gravity
 from ident.laws.motion import Losses, MovingArm
@@ -111,6 +113,7 @@ def tilt(p: Figures) -> list[float]:
     return [1e3 * np.arcsin(abs(x[1])), 1e3 * np.arcsin(abs(y[0]))]
 
 
+# Of effects whose sentence names what the law gives at some state, the numbers of the sentence.
 EVALUATED: dict[str, Callable[[Figures], list[float]]] = {
     "stribeck_friction": stribeck,
     "nonlinear_viscous_friction": curved,
@@ -138,7 +141,29 @@ EVALUATED: dict[str, Callable[[Figures], list[float]]] = {
     ],
     "encoder_offset": lambda p: [1e3 * p["offset_rad"]],
 }
+# How a place in a sentence that shows a number, not a word, does not begin.
+WORD = "?"
 NUMBER = r"[-−]?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
+
+
+def numbers_of_sentence(effect: Effect, values: Figures, reported: Sequence[str]) -> list[float]:
+    """The numbers that a sentence has to show: evaluated, or those of the parameters that it names.
+
+    Args:
+        effect: The effect.
+        values: All parameters of its law.
+        reported: Names of the reported ones, all of which a sentence shows that its row leaves out.
+    """
+    if effect.id in EVALUATED:
+        return EVALUATED[effect.id](values)
+    if not effect.sentence:
+        return [values[name] for name in reported]
+    numbers = []
+    for _, name, how, _ in Formatter().parse(effect.sentence):
+        if name is None or name == "where" or (how or "").startswith(WORD):
+            continue
+        numbers.append(UNIT_SCALE.get((how or "").lstrip("=|"), 1.0) * values[name])
+    return numbers
 
 
 def draw(effect: Effect, session: SessionContext, rng: np.random.Generator) -> tuple[Variant, Array]:
@@ -173,7 +198,7 @@ def test_every_number_of_a_sentence_is_the_law_s(effect: Effect, session: Sessio
         intervals = re.findall(rf"({NUMBER}) [^\[\d]*\[({NUMBER}), ({NUMBER})\]", sentence)
         assert all(float(low) <= float(value) <= float(high) for value, low, high in intervals), sentence
         shown = [float(number) for number in re.findall(NUMBER, re.sub(r"\[[^\]]*\]", "", sentence))]
-        wanted = EVALUATED[effect.id](values)
+        wanted = numbers_of_sentence(effect, values, list(figures))
         assert np.abs(shown) == pytest.approx(np.abs(wanted), rel=1e-2, abs=1e-9), sentence
         for name, figure in figures.items():
             row = parameter_cells(name, figure.to_dict())

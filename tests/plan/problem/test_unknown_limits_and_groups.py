@@ -54,9 +54,14 @@ def scene(folder: Path, robot: object, ends: str = ENDS, more: str = "", top: st
     return path
 
 
-def test_a_torque_of_nought_is_unknown(tmp_path: Path) -> None:
+# What exporters write where nobody gave a limit of torque or speed.
+PLACEHOLDERS = ("0", "1", "1000000")
+
+
+@pytest.mark.parametrize("effort", PLACEHOLDERS)
+def test_a_torque_that_is_a_placeholder_is_unknown(tmp_path: Path, effort: str) -> None:
     """It bounds nothing and is told; where nothing else bounds a time task, the key that would is named."""
-    robot = unknown_arm(tmp_path, 'lower="-3" upper="3" effort="0" velocity="3"')
+    robot = unknown_arm(tmp_path, f'lower="-3" upper="3" effort="{effort}" velocity="3"')
     path = scene(tmp_path, robot)
     found = open_task(path).problem
     assert np.isinf(found.limits.torque[1])
@@ -70,18 +75,21 @@ def test_a_torque_of_nought_is_unknown(tmp_path: Path) -> None:
     assert open_task(path, options=TaskOptions("time")).problem.limits.acceleration is not None
 
 
-def test_a_speed_of_nought_is_asked_for(tmp_path: Path) -> None:
+@pytest.mark.parametrize("velocity", PLACEHOLDERS)
+def test_a_speed_that_is_a_placeholder_is_asked_for(tmp_path: Path, velocity: str) -> None:
     """The joint and the key are named; with the key the task is taken."""
-    robot = unknown_arm(tmp_path, 'lower="-3" upper="3" effort="100" velocity="0"')
+    robot = unknown_arm(tmp_path, f'lower="-3" upper="3" effort="100" velocity="{velocity}"')
     with pytest.raises(InputError, match=r"how fast joint_2 may be.*give limits\.speed_deg_s"):
         open_task(scene(tmp_path, robot))
     path = scene(tmp_path, robot, more="[limits]\nspeed_deg_s = [90, 90, 90, 90, 90, 90]")
     assert open_task(path).problem.limits.speed[1] == pytest.approx(np.pi / 2)
 
 
-def test_positions_of_nought_are_a_turn_either_way(tmp_path: Path) -> None:
+@pytest.mark.parametrize("place", ["0", "1"])
+def test_positions_without_room_are_a_turn_either_way(tmp_path: Path, place: str) -> None:
     """Or what the task gives; a start away from nought is allowed, and it is told."""
-    robot = unknown_arm(tmp_path, 'lower="0" upper="0" effort="100" velocity="3"')
+    limits = f'lower="{place}" upper="{place}" effort="100" velocity="3"'
+    robot = unknown_arm(tmp_path, limits)
     found = open_task(scene(tmp_path, robot)).problem
     assert found.limits.lower[1] == pytest.approx(-2.0 * np.pi)
     assert any("limits of position of joint_2 are unknown" in note for note in found.notes)
