@@ -253,6 +253,21 @@ def certify(
     )
 
 
+def keeps_limits(
+    problem: PlanningProblem, splines: Splines, controller: Controller | None = None
+) -> bool:
+    """Whether the first of a batch of motions keeps the limits of each joint.
+
+    That is a certificate's first look, without its proof of clearance, which is most of its work.
+
+    Args:
+        problem, splines, controller: As for `certify`.
+    """
+    curve = splines if controller is None else controller.make_curve(splines)
+    given = [share for share in _shares(problem, curve, controller).values() if share is not None]
+    return not np.any(np.stack(given) > 1.0 + ROUNDING)
+
+
 def _shares(
     problem: PlanningProblem, curve: Splines, controller: Controller | None
 ) -> dict[str, Float[Array, " n"] | None]:
