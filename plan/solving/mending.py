@@ -84,8 +84,9 @@ def share_kept_back(controller: Controller | None) -> float:
 def measure_check(controller: Controller | None) -> Callable[[Ledger, Candidate], None]:
     """What a ledger does with the first motion that is allowed.
 
-    The motion is checked once: as much is kept back as the checks at the end will take, and no time
-    for a search on the controller's step where the motion keeps its limits on that as it is.
+    The motion is checked once, and as much is kept back as the checks at the end will take. Of least
+    energy, a motion that keeps its limits on the controller's step as it is leaves no time for a
+    search on that; what takes the shortest time goes to its limits later.
 
     Args:
         controller: Who executes the plan; None for a plan by itself.
@@ -95,7 +96,9 @@ def measure_check(controller: Controller | None) -> Callable[[Ledger, Candidate]
         before = ledger.cpu_seconds
         executed = _execute(candidate, controller)
         spent = ledger.cpu_seconds - before
-        share = KEPT_BACK if executed.allowed else share_kept_back(controller)
+        share = share_kept_back(controller)
+        if executed.allowed and candidate.problem.objective == "energy":
+            share = KEPT_BACK
         checks = CHECKS[controller is not None] * spent
         ledger.keep_back(max(share * ledger.whole, checks))
 
@@ -245,7 +248,10 @@ class _Mending:
         problem = best.problem
         if problem.objective != "time" or not problem.searches_times:
             return
+        is_late = False
         for factor in factors:
+            if is_late and factor != factors[-1]:
+                continue
             splines = Splines(best.splines.points, best.splines.durations * factor)
             slower = problem.with_initial(splines)
             candidate = Candidate(slower, slower.initial, best.cost * factor, 0.0)
@@ -254,8 +260,10 @@ class _Mending:
                 continue
             executed = self._check(candidate)
             yield executed
-            if executed.allowed or self._time <= 0.0:
+            if executed.allowed:
                 return
+            # Where the time is up, the slowest alone is left to be tried.
+            is_late = self._time <= 0.0
 
     def _search_on_step(
         self, controller: Controller, certificate: Certificate
