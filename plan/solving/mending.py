@@ -24,11 +24,10 @@ from plan.problem.result import Certificate, certify, keeps_limits
 from plan.spline import Splines
 
 # Times that a motion whose dense check fails is searched anew with tightened limits, by each way of
-# searching; what each may take where nobody asked for seconds: at least, at most [s]; and
+# searching; what each may take where nobody asked for seconds, at least and at most [s]; and
 # trajectories at most.
 MENDS = 3
-LEAST_MEND = 1.0
-MOST_MEND = 5.0
+MEND_SECONDS = (1.0, 5.0)
 MEND_EVALUATIONS = 3000
 # A mended motion that costs more than the searched one by no more than this share ends the mending.
 HARDLY = 0.002
@@ -42,15 +41,13 @@ LONGER = (1.0, 1.005, 1.015, 1.03, 1.06, 1.1, 1.25, 1.5)
 # How far a via angle may move there [rad], and most steps.
 ON_STEP = np.pi / 2
 ON_STEP_STEPS = 40
-# Limits of a search anew are tighter than what was passed by this share, and each time by so much
-# more; clearance by this [m]; and how far a via angle may move [rad].
-SLACK = 1.002
-MORE_SLACK = 0.01
+# Limits of a search anew are tighter than what was passed by this factor, and each time by so much
+# more; the same on a controller's step, from the second time on.
+SLACK = (1.002, 0.01)
+SLACK_ON_STEP = (1.0005, 0.002)
+# By how much more clearance is asked for each time [m], and how far a via angle may move [rad].
 MORE_CLEARANCE = 0.002
 NEARBY = 0.15
-# The same on a controller's step, from the second time on.
-SLACK_ON_STEP = 1.0005
-MORE_SLACK_ON_STEP = 0.002
 # Share of the time that is kept back from a search for checks and for mending; and where another
 # search on a controller's step may follow.
 KEPT_BACK = 0.1
@@ -136,9 +133,10 @@ def time_for_mending(ledger: Ledger, check: float = 0.0) -> float:
         ledger: What may still be spent.
         check: What a check takes [s].
     """
+    least, most = MEND_SECONDS
     if ledger.kept_back > 0.0:
-        return float(np.clip(ledger.whole_left - check, 0.0, MOST_MEND))
-    return float(np.clip(ledger.whole_left, LEAST_MEND, MOST_MEND))
+        return float(np.clip(ledger.whole_left - check, 0.0, most))
+    return float(np.clip(ledger.whole_left, least, most))
 
 
 class _Mending:
@@ -223,7 +221,8 @@ class _Mending:
                 if seconds <= 0.0:
                     return
                 clearance = MORE_CLEARANCE * (turn + 1) * near
-                slack = SLACK + MORE_SLACK * turn
+                first, more = SLACK
+                slack = first + more * turn
                 limits = _tighter(problem.limits, certificate, slack, clearance)
                 changes = {"limits": limits, "radius": NEARBY, "label": "mended"}
                 task = problem.with_initial(best.splines, **changes)
@@ -287,7 +286,8 @@ class _Mending:
                     return
                 limits = best.problem.limits
                 if turn > 0:
-                    slack = SLACK_ON_STEP + MORE_SLACK_ON_STEP * turn
+                    first, more = SLACK_ON_STEP
+                    slack = first + more * turn
                     limits = _tighter(limits, seen, slack)
                 mended = self._descend_on_step(moved, limits)
                 if mended is None:
