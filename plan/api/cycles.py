@@ -16,6 +16,7 @@ from plan.problem.driveless import hold_driveless
 from plan.problem.execution import DEFAULT_RATE, write_motion_file
 from plan.problem.task_file import Task, load_task
 from plan.solving.cycle import solve_cycle, split_cycle
+from plan.solving.stop_choice import choose_stops
 
 MOTIONS_KIND = "motions"
 
@@ -45,6 +46,7 @@ def cycle(scene: Task | str | Path, model: HybridModel | str | Path | None = Non
     task = scene if isinstance(scene, Task) else load_task(scene)
     task = hold_driveless(task, ArmModel.load(task.robot))
     fitted = None if model is None else HybridModel.given(model)
+    task = choose_stops(task, fitted, chosen)
     found = solve_cycle(task, split_cycle(task, fitted, chosen), chosen)
     named = None if model is None or isinstance(model, HybridModel) else str(model)
     asked = {name: getattr(chosen, name) for name in ("objective", "metric", "seed", "evaluations", "seconds")}

@@ -9,7 +9,7 @@ import math
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import ClassVar
@@ -92,15 +92,21 @@ class Ledger:
     shown: bool = False  # whether whoever listens is told how much of the budget is spent
     # Evaluations that the search needs, where it knows that beforehand: what is told goes by them.
     expected: int = 0
+    # What is done once with the first candidate that is allowed, while the search still runs.
+    at_first_allowed: Callable[[Ledger, Candidate], None] | None = None
     evaluations: int = 0
     best: Candidate | None = None
     best_of: dict[str, Candidate] = field(default_factory=dict)
     history: list[tuple[int, float, float]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    _started: float = field(default_factory=time.perf_counter)
-    _cpu_started: float = field(default_factory=processor_seconds)
+    _started: float = field(init=False)
+    _cpu_started: float = field(init=False)
     _looked: float = -math.inf
     _spent: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._started = time.perf_counter()
+        self._cpu_started = processor_seconds()
 
     @property
     def seconds(self) -> float:
@@ -121,8 +127,13 @@ class Ledger:
         return self.most_seconds - self._spent
 
     @property
+    def whole(self) -> float:
+        """Processor time that may be spent in all [s]."""
+        return self.most_seconds + self.kept_back
+
+    @property
     def whole_left(self) -> float:
-        """The same with what is kept back [s]."""
+        """What is left of that [s]."""
         return self.seconds_left + self.kept_back
 
     @property
@@ -173,6 +184,15 @@ class Ledger:
             self.best = candidate
             cost = candidate.cost if candidate.feasible else np.inf
             self.history.append((self.evaluations, self.cpu_seconds, cost))
+            act = self.at_first_allowed
+            if act is not None and candidate.feasible:
+                self.at_first_allowed = None
+                act(self, candidate)
+
+    def keep_back(self, seconds: float) -> None:
+        """Keeps back so much of the whole from now on [s]."""
+        self.most_seconds = self.whole - seconds
+        self.kept_back = seconds
 
 
 class Planner(ABC):

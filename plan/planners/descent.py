@@ -144,9 +144,16 @@ def descend(course: Course, ledger: Ledger, steps: int, reach: float, tolerance:
         tolerance: Ends where less than this share of the cost is to be gained.
     """
     descent = _Descent(course, ledger, reach, tolerance)
+    last_step = 0.0
     for _ in range(steps):
-        if ledger.remaining == 0 or not descent.advance():
+        # A step that would end beyond the budget would be lost: what it leads to could no longer be
+        # entered.
+        if ledger.remaining == 0 or ledger.seconds_left < last_step:
             break
+        before = ledger.cpu_seconds
+        if not descent.advance():
+            break
+        last_step = ledger.cpu_seconds - before
     return descent.course
 
 

@@ -57,6 +57,11 @@ class Controller:
         """Whether an arm may have this controller."""
         return _is_named(self.arms, arm)
 
+    @property
+    def keeps_curve(self) -> bool:
+        """Whether it makes the plan's own curve of a plan, but for rounding."""
+        return self.points == "knots" and self.curve == "cubic"
+
     def put_on_step(self, splines: Splines, law: TimeLaw) -> Splines:
         """The first of a batch of plans as it is executed, its knots where the controller takes
         points.

@@ -46,7 +46,10 @@ def hold_driveless(task: Task, arm: ArmModel) -> Task:
         return replace(task, held=dict(zip(names, arm.neutral[without].tolist(), strict=True)))
     if task.n != arm.n or task.speed is not None or task.pose is not None:
         return task
-    ends = np.stack([task.goal, *task.others, *(stop.q for stop in task.stops)])
+    if any(stop.poses for stop in task.stops):
+        return task
+    places = [place for stop in task.stops for place in (stop.q, *stop.choices)]
+    ends = np.stack([task.goal, *task.others, *places])
     if not np.all(ends[:, without] == task.start[without]) or task.taught is not None:
         return task
     driven = ~without
@@ -55,11 +58,14 @@ def hold_driveless(task: Task, arm: ArmModel) -> Task:
     }
     held = dict(zip(names, task.start[without].tolist(), strict=True))
     others = tuple(goal[driven] for goal in task.others)
-    stops = tuple(replace(stop, q=stop.q[driven]) for stop in task.stops)
+    stops = []
+    for stop in task.stops:
+        choices = tuple(q[driven] for q in stop.choices)
+        stops.append(replace(stop, q=stop.q[driven], choices=choices))
     changes |= {
         "start": task.start[driven],
         "goal": task.goal[driven],
         "others": others,
-        "stops": stops,
+        "stops": tuple(stops),
     }
     return replace(task, held=held, **changes)

@@ -212,10 +212,7 @@ def certify(
     limits = problem.limits
     scene = problem.scene
     trained = problem.trained
-    if controller is None:
-        law = find_time_law(problem, splines)
-    else:
-        law = measure(problem, curve, TimeLaw(float(curve.total[0])))
+    law = _time_law(problem, splines, curve, controller)
     beyond = find_extrapolation(problem, curve)
     cuts = find_cuts(scene, problem.ends, limits.clearance)
     half_width = None
@@ -252,6 +249,32 @@ def certify(
         energy_half_width=half_width,
         rules=() if problem.rules is None else problem.rules.check(curve),
     )
+
+
+def keeps_limits(
+    problem: PlanningProblem, splines: Splines, controller: Controller | None = None
+) -> bool:
+    """Whether the first of a batch of motions keeps the limits of each joint.
+
+    That is a certificate's first look, without its proof of clearance, which is most of its work.
+
+    Args:
+        problem, splines, controller: As for `certify`.
+    """
+    curve = splines if controller is None else controller.make_curve(splines)
+    shares = _shares(problem, curve, controller).values()
+    largest = [float(share.max()) for share in shares if share is not None]
+    law = _time_law(problem, splines, curve, controller)
+    return not max(*largest, *law.shares) > 1.0 + ROUNDING
+
+
+def _time_law(
+    problem: PlanningProblem, splines: Splines, curve: Splines, controller: Controller | None
+) -> TimeLaw:
+    """How a motion is executed: as the controller's curve of it, or started from rest."""
+    if controller is None:
+        return find_time_law(problem, splines)
+    return measure(problem, curve, TimeLaw(float(curve.total[0])))
 
 
 def _shares(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ident.arrays import Array, Float
+from plan.problem.poses import read_poses
+from plan.problem.rules import Pose
 from plan.problem.scene_keys import SceneTable
 
 GRIP = "grip"
@@ -15,13 +17,25 @@ RELEASE = "release"
 class Stop:
     """One place at which the arm comes to rest."""
 
-    q: Float[Array, " n"]  # where [rad]
+    # Where [rad]; that of the cycle's start until one of several is chosen, or a pose is reached.
+    q: Float[Array, " n"]
     dwell: float  # how long it stands there [s]
     does: str  # `grip`, `release`, or nothing
+    choices: tuple[Float[Array, " n"], ...] = ()  # positions of which any will do [rad]
+    poses: tuple[Pose, ...] = ()  # poses of a frame, of which any will do
+
+    @property
+    def is_chosen(self) -> bool:
+        """Whether there is no choice, or none any more."""
+        return not self.choices and not self.poses
 
 
-def read_stops(top: SceneTable) -> tuple[Stop, ...]:
+def read_stops(top: SceneTable, start: Float[Array, " n"]) -> tuple[Stop, ...]:
     """The tables `[[leg]]` of a scene file.
+
+    Args:
+        top: The file.
+        start: Where the cycle begins [rad].
 
     Raises:
         InputError: A key is missing, unknown or of the wrong kind, or a deed stands twice in a row.
@@ -38,7 +52,11 @@ def read_stops(top: SceneTable) -> tuple[Stop, ...]:
         if does and does == last:
             raise table.fault("does", f"is {does!r} twice in a row", "correct one of them")
         last = does or last
-        stops.append(Stop(table["deg"], table["dwell_s"], does))
+        given = table.one_of("deg", "any_deg", "pose")
+        q = table["deg"] if given == "deg" else start
+        choices = tuple(table["any_deg"] or ())
+        poses = tuple(read_poses(table, "pose"))
+        stops.append(Stop(q, table["dwell_s"], does, choices, poses))
     return tuple(stops)
 
 

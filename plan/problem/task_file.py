@@ -19,6 +19,7 @@ from plan.geometry.obstacle_files import read_mesh
 from plan.geometry.solids import Box, Kind, Solid
 from plan.geometry.tool import Carried
 from plan.problem.driveless import is_the_driven
+from plan.problem.poses import read_poses
 from plan.problem.rules import Cone, Pose, ViaPoint, WayRules
 from plan.problem.scene_keys import KEYS, SceneTable
 from plan.problem.stops import Stop, read_stops
@@ -217,7 +218,7 @@ def load_task(path: str | Path) -> Task:
     wrist = task["wrist_deg"]
     if wrist is not None:
         wrist = np.where(slides[given:][: len(wrist)], np.degrees(wrist), wrist)
-    poses = read_poses(task)
+    poses = read_poses(task, "goal_pose")
     goals = [start] if poses else task["goals_deg"] or [task.need("goal_deg")]
     taught = times = None
     if "via_points_deg" in task:
@@ -254,7 +255,7 @@ def load_task(path: str | Path) -> Task:
         others=tuple(goals[1:]),
         other_poses=tuple(poses[1:]),
         way=read_rules(top),
-        stops=read_stops(top),
+        stops=read_stops(top, start),
         keys=(keys[0], keys[1]),
     )
 
@@ -338,26 +339,3 @@ def read_rules(top: SceneTable) -> WayRules:
             for kind in [table.one_of("deg", "xyz_m")]
         ),
     )
-
-
-def read_poses(task: SceneTable) -> list[Pose]:
-    """The goal's pose, or the poses of which any will do.
-
-    None where the goal is given by its joint angles.
-
-    Raises:
-        InputError: A key is missing, unknown or of the wrong kind.
-    """
-    poses = task.entry.get("goal_pose", [])
-    name = task.path("goal_pose")
-    tables = [
-        SceneTable(task.file, name, one) for one in (poses if isinstance(poses, list) else [poses])
-    ]
-    return [
-        Pose(
-            table["frame"],
-            freeze(table["xyz_m"]),
-            table["rpy_rad"] if "rpy_rad" in table else table["quaternion_xyzw"],
-        )
-        for table in tables
-    ]

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -30,8 +29,8 @@ from plan.problem.cost import energy_cost
 from plan.problem.cycle_result import CycleResult, Leg
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
-from plan.problem.stops import GRIP, holds_at_first
 from plan.problem.task_file import Task
+from plan.solving.cycle_legs import leg_tasks, moving_time
 from plan.solving.free_duration import Look, apart, energy_curve, lasting, look_at
 from plan.solving.obstruction import require_valid_ends, shortest_duration
 from plan.solving.set_up import reach_goals, set_up
@@ -65,53 +64,16 @@ def split_cycle(task: Task, model: HybridModel | None, options: SolveOptions) ->
     Raises:
         InputError: The file has no stops, or a motion's ends are at fault.
     """
-    if not task.stops:
-        raise InputError(task.source, "it has no [[leg]]", "add some, or use `plan solve`")
-    if task.pose is not None or task.others:
-        raise InputError(task.source, f"a cycle ends at task.goal_deg, not at {task.keys[1]}", "give goal_deg")
-    free = _moving_time(task, options.objective)
-    holding = holds_at_first(task.stops)
-    places = [task.start, *(stop.q for stop in task.stops), task.goal]
-    deeds = ["", *(stop.does for stop in task.stops)]
     problems = []
-    for number, (start, goal) in enumerate(pairwise(places)):
-        holding = deeds[number] == GRIP if deeds[number] else holding
-        if np.array_equal(start, goal):
+    for leg in leg_tasks(task, options.objective):
+        if np.array_equal(leg.start, leg.goal):
             continue
-        leg = replace(task, stops=(), start=start, goal=goal, duration=None, longest=free, standby=0.0)
-        if not holding:
-            leg = replace(leg, attached=(), payload=None)
         problem = reach_goals(set_up(leg, model, options), leg)[0]
         require_valid_ends(problem, leg, options.inside)
         problems.append(problem)
     if not problems:
         raise InputError(task.source, "all its stops are at one place", "give [[leg]] other angles")
     return tuple(problems)
-
-
-def _moving_time(task: Task, objective: str) -> float | None:
-    """How long the arm may move in all [s]; None where time is the objective.
-
-    Raises:
-        InputError: Nothing says so, or nothing is left of it.
-    """
-    if objective == "time":
-        return None
-    whole = task.duration if task.duration is not None else task.longest
-    if whole is None:
-        raise InputError(
-            task.source,
-            "a cycle of least energy needs task.duration_s or at_most_s",
-            "add one of them",
-        )
-    left = whole - sum(stop.dwell for stop in task.stops)
-    if left <= 0.0:
-        raise InputError(
-            task.source,
-            f"the stops' dwell_s take all of the cycle's {whole:g} s",
-            "make them shorter",
-        )
-    return left
 
 
 def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveOptions) -> CycleResult:
@@ -132,7 +94,7 @@ def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveO
     if options.objective == "time":
         legs = [_plan(problem, share, None) for problem in problems]
         return CycleResult.of(task, problems[0], legs, None, None)
-    free = _moving_time(task, options.objective)
+    free = moving_time(task, options.objective)
     assert free is not None
     needs = np.array([shortest_duration(problem) for problem in problems])
     if needs.sum() > free:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -143,27 +144,49 @@ def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, 
         inside = [q for q in (task.goal, *task.others) if np.all(q >= low) and np.all(q <= high)]
         goals = [q for q in inside if why_refused(problem.scene, q, clear) is None] or [task.goal]
     else:
-        found = [_reach(problem, task, pose) for pose in (task.pose, *task.other_poses)]
-        goals = [q for one in found if not isinstance(one, InputError) for q in one]
-        if not goals:
-            raise next(one for one in found if isinstance(one, InputError))
+        goals = reach_any(problem, task, (task.pose, *task.other_poses), "task.goal_pose")
     reached = [replace(problem, goal=q, vias=straight(problem.start, q, problem.via_count)) for q in goals]
     return tuple(within_known(task_of_goal) for task_of_goal in reached)
 
 
-def _reach(problem: PlanningProblem, task: Task, pose: Pose) -> list[Array] | InputError:
+def reach_any(problem: PlanningProblem, task: Task, poses: Sequence[Pose], key: str) -> list[Array]:
+    """Joint positions that bring a frame to any of some poses; none of no pose.
+
+    Args:
+        problem: The task, its goal not yet known.
+        task: What the file says.
+        poses: The poses.
+        key: What they are called in messages.
+
+    Raises:
+        InputError: There is none.
+    """
+    goals: list[Array] = []
+    faults = []
+    for pose in poses:
+        reached = _reach(problem, task, pose, key)
+        if isinstance(reached, InputError):
+            faults.append(reached)
+        else:
+            goals.extend(reached)
+    if faults and not goals:
+        raise faults[0]
+    return goals
+
+
+def _reach(problem: PlanningProblem, task: Task, pose: Pose, key: str) -> list[Array] | InputError:
     """Joint positions that bring a frame to its pose, or why there are none."""
     arm, limits = problem.scene.arm, problem.limits
     named, frames = pose.frame or arm.links[-1], dict.fromkeys(str(one.name) for one in arm.model.frames)
     if named not in frames:
         names = ", ".join(one for one in frames if one != "universe")
-        return InputError(task.source, f"task.goal_pose: the robot has no frame {named!r}", f"use one of: {names}")
+        return InputError(task.source, f"{key}: the robot has no frame {named!r}", f"use one of: {names}")
     ways, outside, (place, turn) = reach_pose(arm, pose, named, problem.start, limits.lower, limits.upper)
     refused = [why_refused(problem.scene, q, limits.clearance) for q in ways]
     goals = [q for q, why in zip(ways, refused, strict=True) if why is None]
     if goals:
         return goals
-    comes = f"task.goal_pose: {named} comes there in"
+    comes = f"{key}: {named} comes there in"
     if refused and refused[0] is not None:
         what = f"{comes} {len(refused)} ways, in all of them something is in the way (in the nearest {refused[0][0]})"
         return InputError(task.source, what, "move the pose or the obstacle")
@@ -171,7 +194,7 @@ def _reach(problem: PlanningProblem, task: Task, pose: Pose) -> list[Array] | In
         what = f"{comes} {outside} ways, all of them out of the position limits"
         return InputError(task.source, what, "move the pose, or widen [limits]")
     short = f"{1000 * place:.0f} mm" + ("" if pose.rotation is None else f" and {np.degrees(turn):.0f} deg")
-    what = f"task.goal_pose: the {arm.n} joints that move can't bring {named} there; they come within {short}"
+    what = f"{key}: the {arm.n} joints that move can't bring {named} there; they come within {short}"
     remedies = ["move the pose", *["leave its rotation out"] * (pose.rotation is not None)]
     return InputError(task.source, what, ", or ".join([*remedies, *["let more joints move"] * bool(arm.locked_joints)]))
 

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array
 from plan.command_options import DEFAULT_METHOD, USUAL_BUDGET, SolveOptions
 from plan.initial.trees import Seed, find_seeds
 from plan.initial.vias import from_seeds
 from plan.planners.base import Candidate, Ledger, Planner, make_planner
 from plan.planners.evolution import Evolution, start_compressed
-from plan.planners.sequential import Sequential, descend_on_knots
+from plan.planners.sequential import Sequential
 from plan.problem.controllers import Controller
 from plan.problem.cost import plan_cost
-from plan.problem.problem import STRAIGHT, Limits, PlanningProblem
-from plan.problem.ramps import find_time_law
+from plan.problem.problem import STRAIGHT, PlanningProblem
 from plan.problem.result import Certificate, PlanResult, certify, certify_standing
 from plan.solving.bound import least_energy, least_time
+from plan.solving.mending import KEPT_BACK, certify_best, measure_check, share_kept_back
 from plan.solving.obstruction import find_obstruction
 from plan.solving.workers import search_together
 from plan.spline import Splines
@@ -32,23 +30,8 @@ ENERGY_FIRST = 600
 GAP_SECONDS = 60.0
 # Longest search for initial trajectories where no budget says less, and its share of a budget [s].
 STARTS_SECONDS, STARTS_SHARE = 60.0, 0.5
-# Times that a plan whose dense check fails is searched anew with tightened limits, by each way of searching; what each
-# may take in any case and at most [s], and trajectories at most. Where the budget is spent only one quick look is left.
-MENDS, MEND_SECONDS, MEND_EVALUATIONS = 3, (1.0, 5.0), 3000
-# Share of the time left that is kept back for the certificate and for mending, and the least that a search is given,
-# whatever was asked for [s].
-KEPT_BACK, LEAST_SECONDS = 0.1, 0.1
-# The share where a controller's step may ask for another search.
-KEPT_FOR_STEP = 0.25
-# A mended motion that costs more than the found one by no more than this share ends the mending.
-HARDLY = 0.002
-# Factors by which a motion is slowed down to keep its limits between the search's samples.
-SLOWER = (1.0 + 0.0005 * 2.0 ** np.arange(8)).tolist()
-# The same on a controller's coarse step, of which a slower motion is followed the better: a search on it comes later.
-MUCH_SLOWER = (1.001, 1.004, 1.016, 1.04, 1.08, 1.15, 1.25, 1.4, 1.7, 2.0)
-# Factors by which a motion on a controller's step is made longer until it keeps its limits; how far a via
-# angle may move there [rad], and most steps.
-LONGER, ON_STEP, ON_STEP_STEPS = (1.0, 1.005, 1.015, 1.03, 1.06, 1.1, 1.25, 1.5), np.pi / 2, 40
+# The least that a search is given, whatever was asked for [s].
+LEAST_SECONDS = 0.1
 USUAL = SolveOptions()
 # What is tried for each goal before one is chosen, and how long in processor time [s].
 QUICK = Sequential(starts=2, first=18, kept=(1,), levels=0)
@@ -163,7 +146,9 @@ def solve(
     if reason:
         return replace(result, reason=reason)
     rng = np.random.default_rng(options.seed)
-    ledger = _ledger(options, spent, KEPT_BACK if controller is None else KEPT_FOR_STEP)
+    ledger = _ledger(options, spent, share_kept_back(controller))
+    if options.seconds is not None:
+        ledger.at_first_allowed = measure_check(controller)
     if known is not None:
         ledger.offer(known)
     if starts is None:
@@ -173,7 +158,7 @@ def solve(
         search_together(planner, starts[0], ledger, options.seed, options.workers)
     else:
         planner.run(starts[0], ledger, rng)
-    splines, found = _certified(ledger, rng, controller)
+    splines, found = certify_best(ledger, rng, controller)
     verdict = _judge(found, ledger, starts[1], problem.known)
     result = replace(
         result,
@@ -215,145 +200,6 @@ def _history(
 def _cuts(certificate: Certificate | None) -> tuple[str, ...]:
     """Pairs that keep less than what was asked for, in words."""
     return () if certificate is None else tuple(str(cut) for cut, _ in certificate.cuts)
-
-
-def _certified(
-    ledger: Ledger, rng: np.random.Generator, controller: Controller | None
-) -> tuple[Splines | None, Certificate | None]:
-    """The best candidate, on its controller's step if there is one, and its dense check.
-
-    It is mended where the search's samples had missed something, or where the controller makes another curve of it.
-    Mending ends at the first motion that passes and costs hardly more than what was found.
-    """
-    best = ledger.best
-    if best is None:
-        return None, None
-    splines, certificate = _checked(best, controller)
-    if not certificate.broken or not best.feasible:
-        return splines, certificate
-    what = "mended between the search's samples"
-    if controller is not None:
-        what = f"moved onto the step of {controller.name}, as the curve that it makes of the motion"
-    ledger.notes.append(f"{what}: {'; '.join(certificate.broken)}")
-    passed: list[tuple[float, Splines, Certificate]] = []
-    ways = [_mended(best, certificate, ledger, rng)]
-    if controller is not None:
-        ways = [_slower(best, MUCH_SLOWER), _searched_on_step(best, certificate, ledger, controller)]
-    for mended in chain(*ways):
-        if passed and ledger.kept_back > 0.0 and ledger.whole_left <= 0.0:
-            break
-        if passed and mended.cost >= passed[0][0]:
-            continue
-        moved, checked = _checked(mended, controller)
-        if not checked.broken:
-            passed = [(mended.cost, moved, checked)]
-            if mended.cost <= best.cost + HARDLY * abs(best.cost):
-                break
-    return passed[0][1:] if passed else (splines, certificate)
-
-
-def _checked(candidate: Candidate, controller: Controller | None) -> tuple[Splines, Certificate]:
-    """A candidate as it is executed, and its dense check."""
-    problem, splines = candidate.problem, candidate.splines
-    if controller is not None:
-        splines = controller.put_on_step(splines, find_time_law(problem, splines))
-    return splines, certify(problem, splines, controller)
-
-
-def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.random.Generator) -> Iterator[Candidate]:
-    """The motion slowed down a little, where time is free; or found anew with limits tighter by what was broken.
-
-    What is quick comes first: gradients from where the motion is; where they don't help, and time is left, CMA-ES.
-    """
-    problem, limits, near = best.problem, best.problem.limits, bool(certificate.too_near)
-    if not near:
-        yield from _slower(best)
-    ways: list[Planner] = [Evolution(step=0.01, most=MEND_EVALUATIONS)]
-    if problem.grows and problem.free != "times":
-        ways.insert(0, Sequential(starts=1, levels=0))
-    for planner in ways:
-        for turn in range(MENDS):
-            if ledger.remaining == 0 and (turn > 0 or planner is not ways[0]):
-                return
-            own, slack = Ledger(10**9, _mending(ledger)), 1.002 + 0.01 * turn
-            tighter = _tighter(limits, certificate, slack, 0.002 * (turn + 1) * near)
-            planner.run([problem.with_initial(best.splines, limits=tighter, radius=0.15, label="mended")], own, rng)
-            ledger.count(own.evaluations)
-            found = own.best
-            if found is not None and found.feasible:
-                yield Candidate(found.problem, found.x, found.cost, 0.0)
-
-
-def _mending(ledger: Ledger) -> float:
-    """Processor time for one search that mends [s]: no more than is left, where the user has said how much that is."""
-    least, most = MEND_SECONDS
-    if ledger.kept_back > 0.0:
-        least = min(least, ledger.kept_back)
-    return float(np.clip(ledger.whole_left, least, most))
-
-
-def _slower(best: Candidate, factors: Sequence[float] = SLOWER) -> Iterator[Candidate]:
-    """The same motion slowed down a little, where time is free."""
-    problem = best.problem
-    if problem.objective != "time" or not problem.searches_times:
-        return
-    for factor in factors:
-        slower = problem.with_initial(Splines(best.splines.points, best.splines.durations * factor))
-        yield Candidate(slower, slower.initial, best.cost * factor, 0.0)
-
-
-def _searched_on_step(
-    best: Candidate, certificate: Certificate, ledger: Ledger, controller: Controller
-) -> Iterator[Candidate]:
-    """The motion searched anew with its knots on the controller's step, where time is free for longer and longer.
-
-    Each time with limits tighter by what the last one passed between the search's samples.
-    """
-    problem, limits = best.problem, best.problem.limits
-    total, timed = float(best.splines.total[0]), problem.objective == "time" and problem.searches_times
-    knots = np.concatenate([[0.0], np.cumsum(best.splines.durations[0])]) / total
-    for longer in LONGER if timed else (1.0,):
-        whole = controller.whole(total * longer)
-        shares = controller.knots_on_step(knots, whole)
-        points = best.splines.at(shares * total)[0]
-        points[0], points[-1] = best.splines.points[0, 0], best.splines.points[0, -1]
-        moved = Splines(points[None], np.diff(shares * whole)[None])
-        seen = certificate
-        for turn in range(MENDS):
-            if ledger.kept_back > 0.0 and ledger.whole_left <= 0.0:
-                return
-            own = Ledger(10**9, _mending(ledger))
-            fixed = {"objective": "energy", "free": "vias", "label": "on the controller's step"}
-            slack = 1.0 if turn == 0 else 1.0005 + 0.002 * turn
-            tighter = _tighter(limits, seen, slack) if turn else limits
-            task = problem.with_initial(moved, radius=ON_STEP, limits=tighter, **fixed)
-            descend_on_knots(task, own, ON_STEP_STEPS)
-            ledger.count(own.evaluations)
-            if own.best is None or not own.best.feasible:
-                break
-            cost = whole if timed else own.best.cost
-            found = replace(own.best, cost=cost, problem=replace(own.best.problem, limits=limits))
-            yield found
-            seen = _checked(found, controller)[1]
-            if not seen.broken:
-                return
-
-
-def _tighter(limits: Limits, seen: Certificate, slack: float, clearance: float = 0.0) -> Limits:
-    """Limits lower by what was seen above them, and a little more."""
-    return replace(
-        limits,
-        torque=limits.torque / np.maximum(seen.torque_share * slack, 1.0),
-        speed=limits.speed / np.maximum(seen.speed_share * slack, 1.0),
-        acceleration=_tightened(limits.acceleration, seen.shares["acceleration"], slack),
-        jerk=_tightened(limits.jerk, seen.shares["jerk"], slack),
-        clearance=limits.clearance + clearance,
-    )
-
-
-def _tightened(limit: Array | None, share: Array | None, slack: float) -> Array | None:
-    """A limit, lower by what was seen above it and a little more."""
-    return limit if limit is None or share is None else limit / np.maximum(share * slack, 1.0)
 
 
 def _judge(certificate: Certificate | None, ledger: Ledger, seeds: Sequence[Seed], known: str) -> dict[str, Any]:

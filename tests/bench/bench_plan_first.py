@@ -1,4 +1,4 @@
-"""First plans and how good they are, beside RoboPlan and, without obstacles, ruckig: time, one thread.
+"""First plans and how good they are, beside RoboPlan, OMPL and, without obstacles, ruckig: time, one thread.
 
     python tests/bench/bench_plan_first.py [TASKS] [--boxes 0,12] [--seconds S] [--first SEED]
                                            [--roboplan PYTHON]
@@ -27,9 +27,11 @@ from ruckig import InputParameter, Ruckig, Trajectory
 
 from plan.command_options import SolveOptions
 from plan.geometry.scene import Scene
+from plan.planners.base import Ledger
 from plan.problem.problem import PlanningProblem
 from plan.solving.solve import solve
 from tests.bench.bench_plan_optimum import arm_of, draw, torque_of
+from tests.bench.peers.ompl_toppra import OmplToppra, is_installed
 
 RUNNER = Path(__file__).parent / "peers" / "run_roboplan.py"
 # Limits of all planners: acceleration [rad/s²]; a torque that never binds [N m].
@@ -96,6 +98,18 @@ def ask_roboplan(python: str, tasks: list[PlanningProblem], seconds: float) -> l
         return json.loads(out.read_text())
 
 
+def ask_ompl(task: PlanningProblem) -> list[float]:
+    """Processor seconds of OMPL's path with TOPP-RA's time, and its duration [s]; nan without OMPL."""
+    if not is_installed():
+        return [np.nan, np.nan]
+    ledger = Ledger(10**6, 60.0)
+    OmplToppra().run([task], ledger, np.random.default_rng(0))
+    best = ledger.best
+    if best is None or not best.feasible:
+        return [np.inf, np.inf]
+    return [ledger.cpu_seconds, best.cost]
+
+
 def touches(task: PlanningProblem, positions: list[list[float]]) -> bool:
     """Whether a motion comes nearer than nothing to anything."""
     q = np.array(positions)
@@ -123,6 +137,7 @@ def compare(boxes: int, options: argparse.Namespace) -> None:
         best = other["found"][-1] if other["found"] else None
         duration = best["duration"] if best else np.inf
         row = [first[1] + built, first[2], result.cost, np.inf, np.inf, duration, np.nan]
+        row += ask_ompl(task)
         if best:
             row[3] = other["found"][0]["seconds"]
             row[4] = other["found"][0]["duration"]
@@ -139,7 +154,7 @@ def summarise(boxes: int, table: np.ndarray) -> None:
     """Medians, and the worst."""
     if not len(table):
         return
-    first, _, ours, their_first, _, theirs, least, hits = table.T
+    first, _, ours, their_first, _, theirs, least, ompl_first, ompl, hits = table.T
     print(f"{boxes} boxes: first plan {np.median(first):.2f} s median, {first.max():.2f} s worst", end="")
     there = np.isfinite(theirs)
     if there.any():
@@ -150,6 +165,11 @@ def summarise(boxes: int, table: np.ndarray) -> None:
     if np.isfinite(least).any():
         longer = ours / least - 1.0
         print(f"; longer than ruckig's by {np.median(longer):.2%} median, {longer.max():.2%} worst", end="")
+    reached = np.isfinite(ompl)
+    if reached.any():
+        shorter = 1.0 - ours[reached] / ompl[reached]
+        print(f"; OMPL's with TOPP-RA {np.median(ompl_first[reached]):.2f} s median", end="")
+        print(f", ours shorter by {np.median(shorter):.1%} median, {shorter.min():.1%} least", end="")
     print(flush=True)
 
 
@@ -164,7 +184,7 @@ def main() -> None:
     warm = draw_task(1, 10**6)
     solve(warm, SolveOptions(evaluations=300, seconds=60.0, gap=False))  # loops are compiled before
     heads = ["task", "first [s]", "its duration [s]", "ours [s]", "RoboPlan's first [s]", "its duration [s]"]
-    heads += ["RoboPlan's [s]", "ruckig's [s]", ""]
+    heads += ["RoboPlan's [s]", "ruckig's [s]", "OMPL's first [s]", "its duration [s]", ""]
     print("| " + " | ".join(heads) + " |")
     print("|" + "---|" * len(heads))
     for boxes in map(int, options.boxes.split(",")):

@@ -16,7 +16,8 @@ from plan.problem.execution import write_motion_file
 from plan.problem.problem import PlanningProblem
 from plan.problem.ramps import TimeLaw
 from plan.problem.result import PlanResult
-from plan.solving.solve import _certified, solve
+from plan.solving.mending import certify_best
+from plan.solving.solve import solve
 from plan.spline import Splines
 from tests.plan.emulated_controllers import Points, by_speedj, moved
 from tests.plan.worlds import MONITOR, problem
@@ -93,7 +94,7 @@ def test_where_no_time_is_left_a_slower_motion_is_taken() -> None:
     assert best is not None
     spent = Ledger(10**6, 0.0, kept_back=1e-9)
     spent.best = best
-    splines, certificate = _certified(spent, np.random.default_rng(0), CONTROLLERS["tmscript"])
+    splines, certificate = certify_best(spent, np.random.default_rng(0), CONTROLLERS["tmscript"])
     assert splines is not None
     assert certificate is not None
     assert certificate.broken == []

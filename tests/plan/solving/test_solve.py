@@ -21,9 +21,10 @@ from plan.problem.result import certify
 from plan.problem.rules import Pose
 from plan.solving.bound import least_energy, least_time
 from plan.solving.compare import compare, cost_at
+from plan.solving.mending import certify_best, time_for_mending
 from plan.solving.obstruction import find_obstruction
 from plan.solving.set_up import from_taught
-from plan.solving.solve import LEAST_SECONDS, _certified, _ledger, _mending, find_starts, solve
+from plan.solving.solve import LEAST_SECONDS, _ledger, find_starts, solve
 from tests.plan.worlds import GOAL, MONITOR, START, joint_nets, ledger, model, problem, three_joints
 
 # Two walls from 24 cm beside the base's axis outwards and far up; the wrist's far side is 29 cm from the axis in every
@@ -165,7 +166,7 @@ def test_mending_ends_at_the_first_motion_that_passes(objective: str) -> None:
     tight = task.with_initial(splines, limits=limits)
     own, (cost,) = ledger(), tight.initial_evaluation.cost
     own.best = Candidate(tight, tight.initial, float(cost), 0.0)
-    found, certificate = _certified(own, np.random.default_rng(0), None)
+    found, certificate = certify_best(own, np.random.default_rng(0), None)
     assert not certificate.broken
     reached = float(found.total[0]) if objective == "time" else certificate.energy[tight.metric]
     assert reached <= 1.002 * cost
@@ -179,7 +180,7 @@ def test_seconds_hold_all_that_a_task_takes() -> None:
         own = _ledger(asked, spent)
         assert own.most_seconds + own.kept_back == pytest.approx(left)
         assert own.kept_back > 0.0
-        assert _mending(own) <= max(left, own.kept_back)
+        assert time_for_mending(own) <= left
     own = _ledger(SolveOptions(), 5.0)  # where nothing is asked for, the search has its usual time
     assert own.most_seconds == SolveOptions().budget[1]
     assert own.kept_back == 0.0

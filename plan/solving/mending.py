@@ -1,0 +1,376 @@
+"""The best motion of a search as it is executed: checked densely, and mended where that breaks.
+
+The search's samples may have missed something, or the controller makes another curve of the motion.
+Of seconds that were asked for, mending takes what is left and no more: what a check takes is
+measured, the dearest so far is kept back from every search, and a motion is checked in full only
+where a look at its limits alone finds nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array
+from plan.planners.base import Candidate, Ledger, Planner
+from plan.planners.evolution import Evolution
+from plan.planners.sequential import Sequential, descend_on_knots
+from plan.problem.controllers import Controller
+from plan.problem.problem import Limits
+from plan.problem.ramps import find_time_law
+from plan.problem.result import Certificate, certify, keeps_limits
+from plan.spline import Splines
+
+# Times that a motion whose dense check fails is searched anew with tightened limits, by each way of
+# searching; what each may take where nobody asked for seconds, at least and at most [s]; and
+# trajectories at most.
+MENDS = 3
+MEND_SECONDS = (1.0, 5.0)
+MEND_EVALUATIONS = 3000
+# A mended motion that costs more than the searched one by no more than this share ends the mending.
+HARDLY = 0.002
+# Factors by which a motion is slowed down to keep its limits between the search's samples.
+SLOWER = (1.0 + 0.0005 * 2.0 ** np.arange(8)).tolist()
+# The same on a controller's coarse step, of which a slower motion is followed the better: a search
+# on it comes later.
+MUCH_SLOWER = (1.001, 1.004, 1.016, 1.04, 1.08, 1.15, 1.25, 1.4, 1.7, 2.0)
+# Factors by which a motion on a controller's step is made longer until it keeps its limits.
+LONGER = (1.0, 1.005, 1.015, 1.03, 1.06, 1.1, 1.25, 1.5)
+# How far a via angle may move there [rad], and most steps.
+ON_STEP = np.pi / 2
+ON_STEP_STEPS = 40
+# Limits of a search anew are tighter than what was passed by this factor, and each time by so much
+# more; the same on a controller's step, from the second time on.
+SLACK = (1.002, 0.01)
+SLACK_ON_STEP = (1.0005, 0.002)
+# By how much more clearance is asked for each time [m], and how far a via angle may move [rad].
+MORE_CLEARANCE = 0.002
+NEARBY = 0.15
+# Share of the time that is kept back from a search for checks and for mending; and where another
+# search on a controller's step may follow.
+KEPT_BACK = 0.1
+KEPT_FOR_STEP = 0.25
+# So many checks are kept back at the least: the first, and one each after slowing down and after
+# a search on a controller's step.
+CHECKS = {False: 2, True: 3}
+
+
+@dataclass(frozen=True, eq=False)
+class Executed:
+    """A motion as it is executed, and its dense check."""
+
+    cost: float  # as the search counts it: energy [J] or duration [s]
+    splines: Splines
+    certificate: Certificate
+
+    @property
+    def allowed(self) -> bool:
+        """Whether it breaks nothing."""
+        return not self.certificate.broken
+
+
+def share_kept_back(controller: Controller | None) -> float:
+    """The share of the time that is kept back while nothing is known yet."""
+    if controller is None or controller.keeps_curve:
+        return KEPT_BACK
+    return KEPT_FOR_STEP
+
+
+def measure_check(controller: Controller | None) -> Callable[[Ledger, Candidate], None]:
+    """What a ledger does with the first motion that is allowed.
+
+    The motion is checked once, and as much is kept back as the checks at the end will take. Of least
+    energy, a motion that keeps its limits on the controller's step as it is leaves no time for a
+    search on that; what takes the shortest time goes to its limits later.
+
+    Args:
+        controller: Who executes the plan; None for a plan by itself.
+    """
+
+    def measure(ledger: Ledger, candidate: Candidate) -> None:
+        before = ledger.cpu_seconds
+        executed = _execute(candidate, controller)
+        spent = ledger.cpu_seconds - before
+        share = share_kept_back(controller)
+        if executed.allowed and candidate.problem.objective == "energy":
+            share = KEPT_BACK
+        checks = CHECKS[controller is not None] * spent
+        ledger.keep_back(max(share * ledger.whole, checks))
+
+    return measure
+
+
+def certify_best(
+    ledger: Ledger, rng: np.random.Generator, controller: Controller | None
+) -> tuple[Splines | None, Certificate | None]:
+    """The best candidate, on its controller's step if there is one, and its dense check.
+
+    It is mended where it breaks something. Mending ends at the first motion that passes and costs
+    hardly more than what was found.
+
+    Args:
+        ledger: What was found, and what may still be spent.
+        rng: Source of randomness.
+        controller: Who executes the plan; None for a plan by itself.
+    """
+    best = ledger.best
+    if best is None:
+        return None, None
+    mending = _Mending(best, ledger, controller)
+    executed = mending.run(rng)
+    return executed.splines, executed.certificate
+
+
+def time_for_mending(ledger: Ledger, check: float = 0.0) -> float:
+    """Processor time for one search that mends [s].
+
+    Where the user has said how much all may take, it is what is left less a check; else within
+    bounds of its own.
+
+    Args:
+        ledger: What may still be spent.
+        check: What a check takes [s].
+    """
+    least, most = MEND_SECONDS
+    if ledger.kept_back > 0.0:
+        return float(np.clip(ledger.whole_left - check, 0.0, most))
+    return float(np.clip(ledger.whole_left, least, most))
+
+
+class _Mending:
+    """The best motion of a search, what became of it, and what its checks took."""
+
+    def __init__(self, best: Candidate, ledger: Ledger, controller: Controller | None) -> None:
+        self._best = best
+        self._ledger = ledger
+        self._controller = controller
+        self._dearest_check = 0.0
+        self._chosen: Executed | None = None
+
+    def run(self, rng: np.random.Generator) -> Executed:
+        """The best motion, mended if it must be and can be."""
+        best = self._best
+        first = self._check(best)
+        if first.allowed or not best.feasible:
+            return first
+        broken = "; ".join(first.certificate.broken)
+        self._ledger.notes.append(f"{self._what_is_done}: {broken}")
+        if self._controller is None:
+            ways = self._search_again(first.certificate, rng)
+        else:
+            ways = self._fit_to_step(self._controller, first.certificate)
+        for executed in ways:
+            if not executed.allowed:
+                continue
+            if self._chosen is None or executed.cost < self._chosen.cost:
+                self._chosen = executed
+            if executed.cost <= best.cost + HARDLY * abs(best.cost):
+                break
+        return self._chosen or first
+
+    @property
+    def _what_is_done(self) -> str:
+        """In words, for the plan's notes."""
+        if self._controller is None:
+            return "mended between the search's samples"
+        step = f"the step of {self._controller.name}"
+        return f"moved onto {step}, as the curve that it makes of the motion"
+
+    @property
+    def _time(self) -> float:
+        """Processor time for one search that mends [s]."""
+        return time_for_mending(self._ledger, self._dearest_check)
+
+    def _check(self, candidate: Candidate) -> Executed:
+        """A candidate as it is executed, checked."""
+        before = self._ledger.cpu_seconds
+        executed = _execute(candidate, self._controller)
+        spent = self._ledger.cpu_seconds - before
+        self._dearest_check = max(self._dearest_check, spent)
+        return executed
+
+    def _is_cheapest(self, candidate: Candidate) -> bool:
+        """Whether no motion that passed costs as little."""
+        return self._chosen is None or candidate.cost < self._chosen.cost
+
+    def _search_again(
+        self, certificate: Certificate, rng: np.random.Generator
+    ) -> Iterator[Executed]:
+        """The motion slowed down a little, where time is free.
+
+        Or found anew with limits tighter by what was broken. What is quick comes first: gradients
+        from where the motion is; where they don't help, and time is left, CMA-ES.
+        """
+        best = self._best
+        problem = best.problem
+        ledger = self._ledger
+        near = bool(certificate.too_near)
+        if not near:
+            yield from self._slow_down(SLOWER)
+        ways: list[Planner] = [Evolution(step=0.01, most=MEND_EVALUATIONS)]
+        if problem.grows and problem.free != "times":
+            ways.insert(0, Sequential(starts=1, levels=0))
+        for planner in ways:
+            for turn in range(MENDS):
+                is_first = turn == 0 and planner is ways[0]
+                if ledger.remaining == 0 and not is_first:
+                    return
+                seconds = self._time
+                if seconds <= 0.0:
+                    return
+                clearance = MORE_CLEARANCE * (turn + 1) * near
+                first, more = SLACK
+                slack = first + more * turn
+                limits = _tighter(problem.limits, certificate, slack, clearance)
+                changes = {"limits": limits, "radius": NEARBY, "label": "mended"}
+                task = problem.with_initial(best.splines, **changes)
+                share = Ledger(10**9, seconds)
+                planner.run([task], share, rng)
+                ledger.count(share.evaluations)
+                mended = share.best
+                if mended is None or not mended.feasible:
+                    continue
+                mended = _with_limits(mended, problem.limits)
+                if self._is_cheapest(mended):
+                    yield self._check(mended)
+
+    def _fit_to_step(self, controller: Controller, certificate: Certificate) -> Iterator[Executed]:
+        """The motion slowed down on a controller's step; then searched anew on that."""
+        yield from self._slow_down(MUCH_SLOWER)
+        yield from self._search_on_step(controller, certificate)
+
+    def _slow_down(self, factors: Sequence[float]) -> Iterator[Executed]:
+        """The motion slowed down as little as keeps its limits, where time is free."""
+        best = self._best
+        problem = best.problem
+        if problem.objective != "time" or not problem.searches_times:
+            return
+        is_late = False
+        for factor in factors:
+            if is_late and factor != factors[-1]:
+                continue
+            splines = Splines(best.splines.points, best.splines.durations * factor)
+            slower = problem.with_initial(splines)
+            candidate = Candidate(slower, slower.initial, best.cost * factor, 0.0)
+            on_step = _put_on_step(candidate, self._controller)
+            if not keeps_limits(slower, on_step, self._controller):
+                continue
+            executed = self._check(candidate)
+            yield executed
+            if executed.allowed:
+                return
+            # Where the time is up, the slowest alone is left to be tried.
+            is_late = self._time <= 0.0
+
+    def _search_on_step(
+        self, controller: Controller, certificate: Certificate
+    ) -> Iterator[Executed]:
+        """The motion searched anew with its knots on the controller's step.
+
+        Where time is free for longer and longer; each time with limits tighter by what the last one
+        passed between the search's samples.
+        """
+        best = self._best
+        timed = best.problem.objective == "time" and best.problem.searches_times
+        total = float(best.splines.total[0])
+        for longer in LONGER if timed else (1.0,):
+            whole = controller.whole(total * longer)
+            if timed and self._chosen is not None and whole >= self._chosen.cost:
+                return
+            moved = _with_knots_on_step(best.splines, controller, whole)
+            seen = certificate
+            for turn in range(MENDS):
+                if self._time <= 0.0:
+                    return
+                limits = best.problem.limits
+                if turn > 0:
+                    first, more = SLACK_ON_STEP
+                    slack = first + more * turn
+                    limits = _tighter(limits, seen, slack)
+                mended = self._descend_on_step(moved, limits)
+                if mended is None:
+                    break
+                if timed:
+                    mended = replace(mended, cost=whole)
+                if not self._is_cheapest(mended):
+                    break
+                executed = self._check(mended)
+                yield executed
+                if executed.allowed:
+                    return
+                seen = executed.certificate
+
+    def _descend_on_step(self, moved: Splines, limits: Limits) -> Candidate | None:
+        """The least energy on a motion's own knots; None where no motion there is allowed.
+
+        Args:
+            moved: The motion.
+            limits: Those of the search: the task's, or tighter ones.
+        """
+        problem = self._best.problem
+        fixed = {"objective": "energy", "free": "vias", "label": "on the controller's step"}
+        task = problem.with_initial(moved, radius=ON_STEP, limits=limits, **fixed)
+        share = Ledger(10**9, self._time)
+        descend_on_knots(task, share, ON_STEP_STEPS)
+        self._ledger.count(share.evaluations)
+        best = share.best
+        if best is None or not best.feasible:
+            return None
+        return _with_limits(best, problem.limits)
+
+
+def _put_on_step(candidate: Candidate, controller: Controller | None) -> Splines:
+    """A candidate's motion, on its controller's step if there is one."""
+    splines = candidate.splines
+    if controller is None:
+        return splines
+    return controller.put_on_step(splines, find_time_law(candidate.problem, splines))
+
+
+def _execute(candidate: Candidate, controller: Controller | None) -> Executed:
+    """A candidate as it is executed, and its dense check."""
+    splines = _put_on_step(candidate, controller)
+    return Executed(candidate.cost, splines, certify(candidate.problem, splines, controller))
+
+
+def _with_limits(candidate: Candidate, limits: Limits) -> Candidate:
+    """A candidate that was searched within tighter limits, as one of the task's own."""
+    return replace(candidate, problem=replace(candidate.problem, limits=limits))
+
+
+def _with_knots_on_step(splines: Splines, controller: Controller, whole: float) -> Splines:
+    """The same way in another duration, its knots where the controller takes points.
+
+    Args:
+        splines: The motion.
+        controller: Who executes it.
+        whole: The duration, one that the controller can be told [s].
+    """
+    total = float(splines.total[0])
+    knots = np.concatenate([[0.0], np.cumsum(splines.durations[0])]) / total
+    shares = controller.knots_on_step(knots, whole)
+    points = splines.at(shares * total)[0]
+    points[0] = splines.points[0, 0]
+    points[-1] = splines.points[0, -1]
+    return Splines(points[None], np.diff(shares * whole)[None])
+
+
+def _tighter(limits: Limits, seen: Certificate, slack: float, clearance: float = 0.0) -> Limits:
+    """Limits lower by what was seen above them, and a little more."""
+    return replace(
+        limits,
+        torque=limits.torque / np.maximum(seen.torque_share * slack, 1.0),
+        speed=limits.speed / np.maximum(seen.speed_share * slack, 1.0),
+        acceleration=_tightened(limits.acceleration, seen.shares["acceleration"], slack),
+        jerk=_tightened(limits.jerk, seen.shares["jerk"], slack),
+        clearance=limits.clearance + clearance,
+    )
+
+
+def _tightened(limit: Array | None, share: Array | None, slack: float) -> Array | None:
+    """A limit, lower by what was seen above it and a little more."""
+    if limit is None or share is None:
+        return limit
+    return limit / np.maximum(share * slack, 1.0)
