@@ -16,8 +16,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 # How long the scheduler may take to answer [s].
 PATIENCE_S = 10.0
-# How long tasks wait without a single worker [s], where the user's settings of Dask say nothing of it.
-NO_WORKERS_S = 60.0
+# How long tasks wait without a single worker [s], where the user's settings of Dask say nothing of
+# it: as long as Dask waits for a worker that is silent. A nanny begins another one in seconds, on a
+# machine that others fill in minutes.
+NO_WORKERS_S = 300.0
 NO_WORKERS_SETTING = "distributed.scheduler.no-workers-timeout"
 # Dask's loggers, which write tracebacks of what is told here in a line.
 LOGGERS = ("distributed", "distributed.client")
