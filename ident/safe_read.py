@@ -215,7 +215,7 @@ def require_finite(value: Any, name: str) -> float:
     return float(value)
 
 
-def _look_through(record: Any, allows_infinite: bool = False) -> None:
+def _look_through(record: object, allows_infinite: bool = False) -> None:
     """Raises ValueError for what would end in an overflow or in a recursion without end."""
     waiting: list[tuple[Any, int]] = [(record, 0)]
     while waiting:
@@ -232,9 +232,9 @@ def _look_through(record: Any, allows_infinite: bool = False) -> None:
             raise ValueError("a number beyond double precision")
 
 
-def _single_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _single_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
     """A table of JSON, or ValueError where a key stands twice: readers would take one or the other."""
-    record: dict[str, Any] = {}
+    record: dict[str, object] = {}
     for name, value in pairs:
         if name in record:
             raise ValueError(f"the key {name!r} stands twice")

@@ -12,7 +12,6 @@ import tomllib
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from ident.errors import InputError, shortened
 
@@ -20,12 +19,10 @@ PLAIN: dict[str, tuple[type, ...]]
 PLAIN = {"str": (str,), "bool": (bool,), "int": (int,), "float": (int, float)}
 """Types of JSON's plain values by their names; a truth value is no number."""
 ANY = "Any"
-# As much of a wrong value as is shown [characters].
-LONGEST_VALUE = 80
 Tables = dict[str, dict[str, str]]
 
 
-def require_record(record: Any, name: str, where: str | Path, remedy: str) -> None:
+def require_record(record: object, name: str, where: str | Path, remedy: str) -> None:
     """Passes if a record has all keys of its table, with values of their types.
 
     Further keys may be there.
@@ -55,7 +52,7 @@ def _type_of(text: str) -> ast.expr:
     return ast.parse(text, mode="eval").body
 
 
-def _fault_of_record(record: Any, name: str, place: str) -> str:
+def _fault_of_record(record: object, name: str, place: str) -> str:
     """What is wrong with a record; empty where nothing is."""
     if not isinstance(record, dict):
         return f"{place or 'it'} is {_shown(record)}, no table"
@@ -75,7 +72,7 @@ def _fault_of_record(record: Any, name: str, place: str) -> str:
     return ""
 
 
-def _fault(value: Any, kind: ast.expr, place: str) -> str:
+def _fault(value: object, kind: ast.expr, place: str) -> str:
     """What is wrong with a value of a type; empty where nothing is."""
     if isinstance(kind, ast.Name) and kind.id in _tables():
         return _fault_of_record(value, kind.id, place)
@@ -89,10 +86,10 @@ def _fault(value: Any, kind: ast.expr, place: str) -> str:
     return f"{place} is {_shown(value)}, not {ast.unparse(kind)}"
 
 
-def _fault_of_parts(value: Any, kind: ast.Subscript, place: str) -> str:
+def _fault_of_parts(value: object, kind: ast.Subscript, place: str) -> str:
     """What is wrong with a list or a table of values; empty where nothing is."""
     inner = kind.slice
-    parts: dict[Any, Any]
+    parts: dict[object, object]
     if isinstance(inner, ast.Tuple) and isinstance(value, dict):
         parts = value
         inner = inner.elts[1]
@@ -107,7 +104,7 @@ def _fault_of_parts(value: Any, kind: ast.Subscript, place: str) -> str:
     return ""
 
 
-def _is_plain(value: Any, kind: ast.expr) -> bool:
+def _is_plain(value: object, kind: ast.expr) -> bool:
     """Whether a value is null, a text, a number or a truth value of a type, or one of a few."""
     if isinstance(kind, ast.Constant):
         return value is kind.value
@@ -123,5 +120,5 @@ def _is_plain(value: Any, kind: ast.expr) -> bool:
     return is_one and (not isinstance(value, float) or math.isfinite(value))
 
 
-def _shown(value: Any) -> str:
-    return shortened(repr(value), LONGEST_VALUE)
+def _shown(value: object) -> str:
+    return shortened(repr(value))
