@@ -78,7 +78,8 @@ def read_json(path: Path, remedy: str, error: type[InputError] = InputError) -> 
     """The object in a JSON file.
 
     Raises:
-        InputError: As `read_text`; or not JSON, no object, too deep, or with integers beyond 64 bit.
+        InputError: As `read_text`; or not JSON, no object, too deep, with a key twice, with integers
+            beyond 64 bit or other numbers beyond double precision.
     """
     return parse_json(read_text(path, remedy, error), path, remedy, error)
 
@@ -95,7 +96,7 @@ def parse_json(text: str, where: str | Path, remedy: str, error: type[InputError
         InputError: Not JSON, no object, too deep, or with integers beyond 64 bit.
     """
     try:
-        record = json.loads(text, parse_constant=_no_number)
+        record = json.loads(text, parse_constant=_no_number, object_pairs_hook=_single_keys)
         _look_through(record)
     except (ValueError, RecursionError) as failed:
         raise error(where, f"not JSON that can be used ({first_line(failed)})", remedy) from None
@@ -128,7 +129,7 @@ def read_toml(path: Path, remedy: str, error: type[InputError] = InputError) -> 
         raise error(path, f"not TOML that can be used (a key of more than {DEEPEST} parts)", remedy)
     try:
         record = tomllib.loads(text)
-        _look_through(record)
+        _look_through(record, allows_infinite=True)
     except (ValueError, RecursionError) as failed:
         raise error(path, f"not TOML ({first_line(failed)})", remedy) from None
     return record
@@ -227,7 +228,7 @@ def require_finite(value: Any, name: str) -> float:
     return float(value)
 
 
-def _look_through(record: Any) -> None:
+def _look_through(record: object, allows_infinite: bool = False) -> None:
     """Raises ValueError for what would end in an overflow or in a recursion without end."""
     waiting: list[tuple[Any, int]] = [(record, 0)]
     while waiting:
@@ -240,6 +241,18 @@ def _look_through(record: Any) -> None:
             waiting += [(one, depth + 1) for one in value]
         elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
             raise ValueError("an integer of more than 64 bit")
+        elif isinstance(value, float) and math.isinf(value) and not allows_infinite:
+            raise ValueError("a number beyond double precision")
+
+
+def _single_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """A table of JSON, or ValueError where a key stands twice: readers would take one or the other."""
+    record: dict[str, object] = {}
+    for name, value in pairs:
+        if name in record:
+            raise ValueError(f"the key {name!r} stands twice")
+        record[name] = value
+    return record
 
 
 def _no_number(name: str) -> None:

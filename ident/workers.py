@@ -10,13 +10,14 @@ import os
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import CancelledError, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from joblib.externals.loky import ProcessPoolExecutor
 
-from ident.errors import InputError, first_line
+from ident.cluster import run_on_cluster
+from ident.errors import InputError, plural
 from ident.own_settings import keep_own_settings
 
 T = TypeVar("T")
@@ -24,14 +25,8 @@ T = TypeVar("T")
 MOST_LOSSES = 4
 # Processes do the work side by side; threads of many small parallel loops would only wait for each other.
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-# How long the scheduler may take to answer [s].
-PATIENCE_S = 10.0
 # How often a worker looks whether its parent is still there [s].
 WATCH_S = 1.0
-
-
-class LostWorker(RuntimeError):
-    """Workers died again and again."""
 
 
 def run_tasks(
@@ -51,13 +46,13 @@ def run_tasks(
         done: Told the name of each finished task.
 
     Raises:
-        InputError: The scheduler can't be reached.
-        LostWorker: Workers die again and again.
+        InputError: The scheduler can't be reached, its cluster has no worker, or workers die again
+            and again.
     """
     if not tasks:
         return
     if scheduler is not None:
-        _run_on_cluster(function, tasks, scheduler, done)
+        run_on_cluster(function, tasks, scheduler, done)
         return
     waiting = dict(enumerate(tasks))
     for _ in range(MOST_LOSSES):
@@ -80,7 +75,8 @@ def run_tasks(
         executor.shutdown(wait=True)
         if not waiting:
             return
-    raise LostWorker(f"{len(waiting)} tasks lost their worker {MOST_LOSSES} times: is there memory enough?")
+    what = f"{plural(len(waiting), 'task')} lost a process {MOST_LOSSES} times"
+    raise InputError("--workers", what, "give fewer workers, or a machine with more memory")
 
 
 def end_with(parent: int) -> None:
@@ -96,32 +92,3 @@ def end_with(parent: int) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-def _run_on_cluster(
-    function: Callable[[T], str], tasks: Sequence[T], scheduler: str, done: Callable[[str], None]
-) -> None:
-    from distributed import Client, KilledWorker
-    from distributed import as_completed as as_dask_completed
-
-    try:
-        client: Any = Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        reason = str(error) or type(error).__name__
-        raise InputError("--scheduler", f"{scheduler} can't be reached ({reason})", "give tcp://HOST:PORT") from None
-    finished = 0
-    with client, client.as_current():
-        try:
-            futures = client.map(function, list(tasks), pure=False)
-            for _, name in as_dask_completed(futures, with_results=True):
-                done(name)
-                finished += 1
-        except KilledWorker as error:
-            raise LostWorker(f"{error.task} lost its worker too often: is there memory enough?") from None
-        except Exception as error:
-            # A scheduler that goes away shows as a future that is cancelled, a closed connection, or a TypeError
-            # of the client's own.
-            if client.status == "running" and not isinstance(error, CancelledError):
-                raise
-            what = f"the scheduler is gone; {finished} of {len(tasks)} tasks are done ({first_line(error)})"
-            raise InputError("--scheduler", what, "start it, then run the command again: it goes on") from None

@@ -85,3 +85,20 @@ def test_a_figure_is_a_number_of_this_world() -> None:
     for value in (True, "1", None, *NO_NUMBERS, 1e308):
         with pytest.raises(ValueError, match="a stiffness"):
             require_finite(value, "a stiffness")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('{"a": 1, "a": 2}', "the key 'a' stands twice"),
+        ('{"b": [{"mass": 1, "x": 0, "mass": 9}]}', "the key 'mass' stands twice"),
+        ('{"a": 1e999}', "beyond double precision"),
+        ('{"a": [-1e400]}', "beyond double precision"),
+        ('{"a": 123456789012345678901234}', "more than 64 bit"),
+    ],
+)
+def test_json_that_two_readers_would_read_otherwise_is_refused(text: str, words: str, tmp_path: Path) -> None:
+    """Law: of a key that stands twice readers take the first or the last; neither is taken here."""
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_json(tmp_path / "a.json", "")

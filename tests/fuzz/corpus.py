@@ -27,6 +27,7 @@ from ident.robot.names import data_path
 from ident.sessions import open_sessions
 from ident.simulation.request import Answer, TrueEffect, seal
 from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, WORLD, XACRO, obj, ply, stl
+from tests.ident.benchmark.made_up_board import write_board
 from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.foreign import write_bag
 from tests.ident.recordings.test_bags import rows_of
@@ -167,6 +168,7 @@ def _records(folder: Path, arm: ArmModel) -> None:
     (folder / "plan.json").write_text(json.dumps(_plan(arm)))
     (folder / "sealed").mkdir()
     seal(_answer(arm), folder / "sealed", KEY)
+    write_board(folder / "boards")
 
 
 def _commands(arm: ArmModel) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin
 
+from ident.benchmark.board.report import BoardReport, render_board, score_board
 from ident.checks.inspection import inspect_sessions
 from ident.checks.report import TOO_LITTLE, TelemetryReport
 from ident.effects.catalogue import load_catalogue
@@ -26,6 +27,7 @@ from ident.outputs import require_own_folder
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import load_session_file
+from ident.records import as_json
 from ident.robot.arm import ArmModel
 from ident.show.report.page import render_page
 from ident.simulation.request import ENVELOPE_NAME, open_envelope
@@ -151,6 +153,7 @@ def kinds(folder: Path) -> list[Kind]:
         *settings(folder, arm),
         *scenes(folder, arm),
         *records(folder, arm),
+        *boards(folder / "boards"),
     ]
 
 
@@ -317,3 +320,19 @@ def records(folder: Path, arm: ArmModel) -> list[Kind]:
         Kind("plan.json", folder / "plan.json", lambda path: read_plan(path, arm), check_motions),
         Kind("envelope", folder / "sealed" / ENVELOPE_NAME, sealed),
     ]
+
+
+def boards(folder: Path) -> list[Kind]:
+    """A public board, what is kept of it, and an entry."""
+
+    def score(path: Path) -> BoardReport:
+        return score_board(folder / "board", folder / "entry", folder / "kept")
+
+    def check_score(report: BoardReport) -> None:
+        render_board(report.to_dict())
+        report.summary()
+        as_json(report.to_dict())
+
+    names = ("board/board.json", "board/effects.json", "board/truths.json", "kept/answers.json")
+    names += ("entry/s001.json", "entry/s001.parquet", "kept/unseen/s001.parquet")
+    return [Kind(f"boards/{name}", folder / name, score, check_score, 0.3) for name in names]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 from ident.benchmark.board.case import NONE, OTHER
 from ident.benchmark.board.files import Board
 from ident.errors import InputError
-from ident.safe_read import read_json
+from ident.safe_read import LARGEST_FIGURE, read_json
 
 SCHEMA = "ident.board_answer/1"
 SUM_ERROR = 1e-3  # by which probabilities may miss one, as rounded ones do
@@ -129,4 +128,5 @@ def _parameters(path: Path, effect: str, given: Any) -> dict[str, dict[str, floa
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    is_one = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_one and abs(value) <= LARGEST_FIGURE

@@ -13,6 +13,7 @@ KEPT/unseen/s001.parquet     the torque of that motion
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,8 +27,10 @@ from ident.arrays import Array, Float
 from ident.benchmark.board.sealing import check_seals
 from ident.errors import InputError
 from ident.files import atomic_write
+from ident.recordings.parquet import column_numbers, load_columns
 from ident.recordings.recording import Recording
-from ident.safe_read import read_json
+from ident.safe_read import read_record
+from ident.schemas.check import require_record
 
 SCHEMA, KEPT_SCHEMA = "ident.board/1", "ident.board_kept/1"
 EFFECTS_SCHEMA, TRUTHS_SCHEMA = "ident.board_effects/1", "ident.board_truths/1"
@@ -41,6 +44,8 @@ SENT = ("position", "velocity", "effort", "temperature")
 # Bits of a number's fraction that are kept of what is no position: noise is far above the rest.
 KEPT_BITS = 11
 MAKE = "make a board: ident board make DIR --seed S"
+# A session's name becomes the name of files: it leads nowhere else.
+NAME = re.compile(r"s[0-9]{1,9}")
 
 
 def packed(values: Array, bits: int = 23) -> Array:
@@ -91,11 +96,10 @@ def read_columns(path: Path, remedy: str) -> dict[str, Float[Array, " T"]]:
         InputError: No such file, or no table.
     """
     try:
-        table = pq.read_table(path)
-        return {name: table[name].to_numpy().astype(float) for name in table.column_names}
-    except (OSError, ValueError, pa.ArrowException) as error:
-        what = f"no readable Parquet table ({type(error).__name__})"
-        raise InputError(path, what, remedy) from None
+        columns = load_columns(path)
+        return {name: column_numbers(cells, name, path) for name, cells in columns.items()}
+    except InputError as error:
+        raise InputError(path, error.what, remedy) from None
 
 
 def joint_columns(
@@ -130,12 +134,18 @@ class Board:
         """Reads a board's folder.
 
         Raises:
-            InputError: It is none.
+            InputError: It is none, or a session has a name that is none.
         """
-        record = _read(folder / BOARD_FILE, SCHEMA)
-        effects = _read(folder / EFFECTS_FILE, EFFECTS_SCHEMA)
-        truths = _read(folder / TRUTHS_FILE, TRUTHS_SCHEMA)
-        return cls(folder, record["sessions"], effects["effects"], truths["sealed"])
+        sessions = _read(folder / BOARD_FILE, SCHEMA, "BoardFileRecord")["sessions"]
+        effects = _read(folder / EFFECTS_FILE, EFFECTS_SCHEMA, "BoardEffectsRecord")["effects"]
+        sealed = _read(folder / TRUTHS_FILE, TRUTHS_SCHEMA, "BoardTruthsRecord")["sealed"]
+        _require_sessions(sessions, folder / BOARD_FILE)
+        if not effects:
+            raise InputError(folder / EFFECTS_FILE, "it lists no effect", MAKE)
+        if sealed.keys() != sessions.keys():
+            what = f"it seals other sessions than {BOARD_FILE} lists"
+            raise InputError(folder / TRUTHS_FILE, what, MAKE)
+        return cls(folder, sessions, effects, sealed)
 
     def arms(self) -> list[dict[str, object]]:
         """Its arms with joints and names of sessions, as results of a board name them."""
@@ -177,9 +187,9 @@ class Kept:
             InputError: No such folder, of another board, or an answer was changed.
         """
         path = folder / ANSWERS_FILE
-        record = _read(path, KEPT_SCHEMA)
+        record = _read(path, KEPT_SCHEMA, "BoardKeptRecord")
         check_seals(board.sealed, record["salts"], record["answers"], path)
-        return cls(folder, int(record["seed"]), record["answers"], record.get("oracle", {}))
+        return cls(folder, int(record["seed"]), record["answers"], record["oracle"])
 
     def unseen_file(self, name: str) -> Path:
         """File of the torque that was kept back, by the session's name."""
@@ -191,8 +201,24 @@ def kept_folder(board: Path) -> Path:
     return board.parent / f"{board.name}.kept"
 
 
-def _read(path: Path, schema: str) -> dict[str, Any]:
-    record = read_json(path, MAKE)
-    if record.get("schema") != schema:
-        raise InputError(path, f"its schema is {record.get('schema')!r}, not {schema!r}", MAKE)
+def _read(path: Path, schema: str, table: str) -> dict[str, Any]:
+    """A file of a board, looked through by its table in the schemas."""
+    record = read_record(path, schema, MAKE)
+    require_record(record, table, path, MAKE)
     return record
+
+
+def _require_sessions(sessions: Mapping[str, Mapping[str, Any]], where: Path) -> None:
+    """Passes if there are sessions whose names are those of files, each with joints of its own.
+
+    Raises:
+        InputError: There is none, or one that is otherwise.
+    """
+    if not sessions:
+        raise InputError(where, "it lists no session", MAKE)
+    for name, facts in sessions.items():
+        if not NAME.fullmatch(name):
+            raise InputError(where, f"a session is called {name!r}", "call it s001 or so")
+        joints = facts["joints"]
+        if not joints or len(set(joints)) < len(joints):
+            raise InputError(where, f"{name} has no joints, or one twice", MAKE)

@@ -41,6 +41,7 @@ from ident.errors import InputError
 from ident.files import write_record
 from ident.motion.motion import Motion, prepare
 from ident.motion.settings import FOR_DIAGNOSIS
+from ident.outputs import begin_folder
 from ident.recordings.recording import Recording
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior
@@ -48,6 +49,7 @@ from ident.robot.arm import ArmModel
 from ident.sessions import Given, inspect_sources
 
 OURS = "armgap"
+ANSWERS_KIND = "board entries"
 NOTHING, DENSE = "nothing_named", "least_squares"
 CORRELATION, BIC, LASSO = "largest_correlation", "bic_forward", "lasso"
 BASELINES = (NOTHING, DENSE, CORRELATION, BIC, LASSO)
@@ -78,7 +80,11 @@ def answer_board(
 
     Returns:
         How many sessions were answered now.
+
+    Raises:
+        InputError: The folder holds something else.
     """
+    begin_folder(out, ANSWERS_KIND)
     waiting = [name for name in board.sessions if not (out / OURS / f"{name}.json").is_file()]
     for name in waiting[:limit]:
         say(f"{name} {answer_session(board, name, out)}")

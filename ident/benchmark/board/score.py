@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,8 @@ from ident.benchmark.board.files import Board, Kept, joint_columns, read_columns
 from ident.benchmark.board.sealing import digest_of
 from ident.benchmark.scoring import Score, is_inside, mean, share
 from ident.errors import InputError
+from ident.outputs import sha256_of
+from ident.safe_read import LARGEST_FIGURE, LARGEST_TEXT, require_regular
 
 # What is held less probable counts as this much: no board of some hundred sessions can tell less.
 LEAST_PROBABILITY = 1e-3
@@ -101,7 +102,7 @@ def _intervals(
             continue
         for key, value in effect.get("parameters", {}).items():
             given = name.parameters.get(key)
-            if given is None or isinstance(value, str) or key in SHAPELESS:
+            if given is None or not isinstance(value, int | float) or key in SHAPELESS:
                 continue
             low, high = given["low"], given["high"]
             half = 0.5 * (high - low) / max(abs(float(value)), 1e-12)
@@ -139,9 +140,9 @@ def recorded_torque(board: Board, opened: Kept, session: str) -> Float[Array, "T
         InputError: It is not what was sealed.
     """
     path = opened.unseen_file(session)
-    content = path.read_bytes() if path.is_file() else b""
-    if sha256(content).hexdigest() != opened.answers[session]["unseen_sha256"]:
-        remedy = "give the folder that the maker kept of this board, as it was"
+    remedy = "give the folder that the maker kept of this board, as it was"
+    require_regular(path, remedy, largest=LARGEST_TEXT)
+    if sha256_of(path) != opened.answers[session]["unseen_sha256"]:
         raise InputError(path, "it is not the torque that was sealed", remedy)
     columns = read_columns(path, "give the folder that the maker kept")
     return joint_columns(columns, board.sessions[session]["joints"], "effort", path)
@@ -221,8 +222,9 @@ def _foretold(path: Path, joints: list[str], torque: Float[Array, "T n"]) -> Flo
     if said.shape != torque.shape:
         what = f"it has {len(said)} rows, not {len(torque)}"
         raise InputError(path, what, "give one row for each of the unseen motion's")
-    if not np.all(np.isfinite(said)):
-        raise InputError(path, "a torque is no number", "give a number in every row")
+    if not np.all(np.abs(said) <= LARGEST_FIGURE):
+        what = "a torque is no number, or beyond any arm's"
+        raise InputError(path, what, "give a number in every row")
     return said
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import InputError
+from ident.outputs import sha256_of
 
 REMEDY = "give the file that the maker kept of this board, as it was"
 
@@ -58,5 +59,5 @@ def digest_of(folder: Path, pattern: str = "*") -> str:
     for path in sorted(folder.rglob(pattern)):
         if path.is_file():
             digest.update(path.relative_to(folder).as_posix().encode() + b"\0")
-            digest.update(hashlib.sha256(path.read_bytes()).digest())
+            digest.update(bytes.fromhex(sha256_of(path)))
     return digest.hexdigest()

@@ -154,7 +154,7 @@ def test_a_killed_worker_of_a_cluster_loses_no_task(tmp_path: Path, scheduler: s
 
 
 def test_no_scheduler_at_the_address_is_the_users_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ident.workers.PATIENCE_S", 0.5)
+    monkeypatch.setattr("ident.cluster.PATIENCE_S", 0.5)
     with pytest.raises(InputError, match="--scheduler"):
         run_tasks(run_errand, [Errand(Path("never"))], scheduler="tcp://127.0.0.1:1")
 
