@@ -8,7 +8,8 @@ A figure leaks where its ranks differ between sessions of different truths by mo
 spread of the classes' mean ranks, within each tier, against random exchanges of the truths. All
 figures together leak where a classifier of them foretells more of the sessions that were left out
 than it does of exchanged truths. Where something is wrong leaks where the true joints rank higher
-in a figure than drawn ones. P-values are Holm's over all figures and questions.
+in a figure than drawn ones, or, by size, where the figure is larger there: a few sessions that tell
+their joint plainly move few ranks. P-values are Holm's over all figures and questions.
 """
 
 from __future__ import annotations
@@ -141,7 +142,7 @@ class Leak:
     """How a figure goes with what is wrong."""
 
     figure: str
-    question: str  # `whether` anything is wrong, `which` effect, or `where`
+    question: str  # `whether` anything is wrong, `which` effect, or `where`, by rank and by size
     p_value: float  # of chance, Holm's
 
 
@@ -166,8 +167,10 @@ def find_leaks(board: Board, opened: Kept, seed: int = 0) -> list[Leak]:
         p_value = classifier_p_value(table, truths, tiers, rng)
         leaks.append(Leak(TOGETHER, question, p_value))
     for figure, apart in joints_apart(board).items():
-        p_value = place_p_value(apart, true_joints(board, opened), rng)
-        leaks.append(Leak(figure, "where", p_value))
+        ranks = {name: rankdata(values) / len(values) for name, values in apart.items()}
+        for question, scores in (("where", ranks), ("where, by size", apart)):
+            p_value = place_p_value(scores, true_joints(board, opened), rng)
+            leaks.append(Leak(figure, question, p_value))
     return holm(leaks)
 
 
@@ -203,24 +206,23 @@ def true_joints(board: Board, opened: Kept) -> dict[str, Bool[Array, " n"]]:
 
 
 def place_p_value(
-    apart: Mapping[str, Float[Array, " n"]],
+    scores: Mapping[str, Float[Array, " n"]],
     true: Mapping[str, Bool[Array, " n"]],
     rng: np.random.Generator,
 ) -> float:
-    """Chance that as many drawn joints of each session rank as high in a figure as the true ones.
+    """Chance that as many drawn joints of each session have as high a mean score as the true ones.
 
     Args:
-        apart: The figure of each joint, by session.
+        scores: Of each joint, by session: a figure, or its ranks.
         true: Which joints are true, by session; what either lacks is left out.
         rng: Draws the joints.
     """
     real = 0.0
     drawn = np.zeros(EXCHANGES)
-    for name in sorted(apart.keys() & true.keys()):
-        ranks = rankdata(apart[name]) / len(apart[name])
+    for name in sorted(scores.keys() & true.keys()):
         count = int(true[name].sum())
-        real += float(ranks[true[name]].mean())
-        orders = rng.permuted(np.tile(ranks, (EXCHANGES, 1)), axis=1)
+        real += float(scores[name][true[name]].mean())
+        orders = rng.permuted(np.tile(scores[name], (EXCHANGES, 1)), axis=1)
         drawn += orders[:, :count].mean(axis=1)
     return (float(np.sum(drawn >= real - 1e-9)) + 1.0) / (EXCHANGES + 1.0)
 

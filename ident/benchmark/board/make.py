@@ -225,6 +225,7 @@ class BoardWriter:
             "PLANTED": str(counts[PLANTED]),
             "MEASURED": str(counts[MEASURED]),
             "EFFECTS": str(len(published_effects())),
+            "ANSWERS": str(len(published_effects()) + 2),
             "OFTEN": "\n".join(how_often(counts)),
             "SOURCES": "\n".join(self._sources()),
         }

@@ -162,7 +162,8 @@ def render_board(record: Mapping[str, Any]) -> str:
         Section("first", "At a glance", "board_first.html", values),
     ]
     if named:
-        groups = {"tiers": list(record["tiers"]), "kinds": kinds}
+        amplitudes = list(named[0]["attribution by amplitude"])
+        groups = {"tiers": list(record["tiers"]), "kinds": kinds, "amplitudes": amplitudes}
         shown = values | groups
         sections.append(Section("attribution", "Attribution", "board_attribution.html", shown))
     if foretold:
