@@ -36,9 +36,11 @@ from ident.simulation.real.sources import Source, known_recordings, load_known
 TABLE_FILE = Path(__file__).with_name("sources.toml")
 TABLES: dict[str, dict[str, Any]] = tomllib.loads(TABLE_FILE.read_text(encoding="utf-8"))
 UNSEEN_SHARE = 0.125  # of a recording's rows, at its end
-LEAST_PIECE_S = 3.0  # of the rest, plain and given to a session in turn [s]
+# Of the rest, plain and given to a session in turn [s]: with less than 4.5 s on one side a
+# comparison says that nothing can be tested.
+LEAST_PIECE_S = 4.9
 # Of a run that begins with a piece given to a session, left out: what remembers begins there [s].
-LEAD_S = 1.0
+LEAD_S = 0.5
 # Left out between pieces: the torque of two instants in a row would tell what came [s].
 GUARD_S = 0.2
 # Draws before an effect is given up that a stretch can't show, and others of its kind that are
@@ -141,16 +143,16 @@ def part_recording(source: Source) -> Parted:
     first = 0
     for number, run in enumerate(rest.runs):
         count = max(int(run.duration // LEAST_PIECE_S), 1)
-        edges = np.linspace(0, len(run), count + 1).astype(int)
+        begins_plain = number % 2 == 0
+        lead = 0 if begins_plain else int(np.searchsorted(run.time, run.time[0] + LEAD_S))
+        edges = np.linspace(lead, len(run), count + 1).astype(int).tolist()
         for index, (start, stop) in enumerate(itertools.pairwise(edges)):
             end = int(np.searchsorted(run.time, run.time[stop - 1] - GUARD_S, side="right"))
-            if (index + number) % 2 == 0:
-                plain.append(run.at(slice(int(start), end), f"{run.name}_{index}"))
+            if (index % 2 == 0) == begins_plain:
+                plain.append(run.at(slice(start, end), f"{run.name}_{index}"))
                 continue
-            lead = int(np.searchsorted(run.time, run.time[0] + LEAD_S))
-            begin = max(int(start), lead)
-            since = _clock_from(rest.runs, run.time[begin])
-            stretches.append(Stretch(replace(rest, runs=since), slice(first + begin, first + end)))
+            since = _clock_from(rest.runs, run.time[start])
+            stretches.append(Stretch(replace(rest, runs=since), slice(first + start, first + end)))
         first += len(run)
     plain_runs = _clock_from(plain, plain[0].time[0])
     return Parted(replace(source, runs=plain_runs), tuple(stretches))

@@ -25,7 +25,7 @@ from ident.simulation.real.cases import plant_effects
 from ident.simulation.real.moved_arm import MovedArm
 from ident.simulation.real.sources import Source
 
-RATE_HZ, MINUTE_S = 50.0, 60.0
+RATE_HZ, RECORDED_S = 25.0, 100.0
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def recorded() -> Source:
     """A scara that turns round every few seconds, with friction, and a wave that no model has."""
     model = ArmModel.load("scara")
     rng = np.random.default_rng(0)
-    time = np.arange(0.0, MINUTE_S, 1.0 / RATE_HZ)
+    time = np.arange(0.0, RECORDED_S, 1.0 / RATE_HZ)
     pace, phase = rng.uniform(0.5, 1.1, model.n), rng.uniform(0.0, 6.0, model.n)
     reach = np.array([0.6, 0.6, 0.05, 0.6])
     angle = np.outer(time, pace) + phase
@@ -97,17 +97,17 @@ def test_each_row_is_plain_or_of_one_session(recorded: Source) -> None:
 
 def test_runs_of_one_motion_give_each_half_every_part(recorded: Source) -> None:
     """Law: where a motion is recorded again and again, each part of it is plain in one run, and given in another."""
-    once = recorded.runs[0].at(slice(0, 600))
+    once = recorded.runs[0].at(slice(0, 500))
     runs = tuple(once.replace(time=once.time + 20.0 * number) for number in range(4))
     parted = part_recording(replace(recorded, runs=runs))
-    lines = once.position.tolist()
-    plain = {lines.index(run.position[0].tolist()) for run in parted.plain.runs}
-    rows = [stretch.rows for stretch in parted.stretches]
-    given = {part.start % len(once) for part in rows if part.start % len(once) > RATE_HZ}
-    assert given <= plain
+    rows = np.concatenate([run.position for run in parted.plain.runs]).tolist()
+    plain = {once.position.tolist().index(row) for row in rows}
+    assert len(plain) > 0.85 * len(once)
     for stretch in parted.stretches:
         time = np.concatenate([run.time for run in stretch.source.runs])
         assert time[stretch.rows.start] == 0.0
+        given = {row % len(once) for row in range(stretch.rows.start, stretch.rows.stop)}
+        assert len(given & plain) > 0.8 * len(given)
 
 
 def test_no_start_and_no_shared_row_tells_what_was_planted(recorded: Source, tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_no_start_and_no_shared_row_tells_what_was_planted(recorded: Source, tmp
 
 def test_rows_that_two_sessions_share_are_found(recorded: Source, tmp_path: Path) -> None:
     """Law: every pair of sessions made of the same rows is told, whatever came to torques or to a joint's zero."""
-    after = recorded.runs[0].at(slice(0, 300))
+    after = recorded.runs[0].at(slice(0, 200))
     shift = np.array([0.0, 0.1, 0.0, 0.0])
     changes = ({}, {"effort": after.effort + 1.0}, {"position": after.position + shift})
     cases = [BoardCase(PLANTED, "single", "made", recorded.urdf, (after.replace(**change),), ()) for change in changes]
