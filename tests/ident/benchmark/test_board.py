@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -51,6 +52,8 @@ from ident.simulation.simulate import simulate
 from tests.schemas import check_file
 
 EFFECTS = list(published_effects())
+BENCH = Path(__file__).parents[2] / "bench" / "peers"
+PEERS = ("board_least_squares", "board_trees", "board_sapc", "board_jobs", "run_figaroh", "run_sysid")
 REAL = Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
 
 
@@ -210,6 +213,21 @@ def test_the_readme_says_how_often_what_comes(made: tuple[Path, Path]) -> None:
         shares = [int(cell.split()[0]) for cell in row.split("|")[2:-1]]
         assert sum(shares) == pytest.approx(100, abs=2)
     assert len(rows) == 2
+
+
+def test_readme_and_docs_say_the_same_of_what_is_meant(made: tuple[Path, Path]) -> None:
+    """Law: each example that a reader needs stands in both, word for word, and names what the list has."""
+    docs = (Path(__file__).parents[3] / "docs" / "board.md").read_text(encoding="utf-8")
+    readme = (made[0] / "README.md").read_text(encoding="utf-8")
+    said = readme.split("### What is meant, by example")[1].split("Scores: the **log score**")[0]
+    assert said.count("\n- **") >= 7
+    assert said.strip() in docs
+    board = Board.load(made[0])
+    known = {"", "class", "means", "before", "none", "other", "scope", *board.effects}
+    for facts in board.effects.values():
+        known |= set(facts["parameters"])
+    named = re.findall(r"`([a-z_A-Z]+)`", said)
+    assert set(named) <= known | {"joint"}
 
 
 def test_a_word_that_tells_is_found(tmp_path: Path) -> None:
@@ -446,7 +464,10 @@ def test_entrants_are_scored_beside_each_other(made: tuple[Path, Path], tmp_path
     assert "prediction" not in entries["sure"]
     page = render_board(report.to_dict())
     assert "vague" in page
+    assert "best log score of all entrants" in page
     assert "vague" in report.summary()
+    alone = render_board(score_board(made[0], tmp_path / "sure", made[1]).to_dict())
+    assert "best" not in re.sub(r"<style>.*?</style>", "", alone, flags=re.DOTALL).replace('class="best"', "")
 
 
 def test_a_foretold_motion_of_other_length_is_refused(made: tuple[Path, Path], tmp_path: Path) -> None:
@@ -522,9 +543,16 @@ def test_a_drawn_session_comes_with_a_motion_without_its_cause() -> None:
     assert len(case.effects) == 1
 
 
+@pytest.mark.parametrize("name", PEERS)
+def test_a_peer_is_short_enough_for_its_authors_to_read(name: str) -> None:
+    """Law: the script by which a peer is entered has no more than eighty lines with something in them."""
+    lines = (BENCH / f"{name}.py").read_text(encoding="utf-8").splitlines()
+    assert 0 < sum(bool(line.strip()) for line in lines) <= 80
+
+
 def test_a_peer_enters_by_the_files_alone(made: tuple[Path, Path], tmp_path: Path) -> None:
     """Law: a script that knows nothing of armgap foretells every motion, better than torque zero."""
-    script = Path(__file__).parents[2] / "bench" / "peers" / "board_least_squares.py"
+    script = BENCH / "board_least_squares.py"
     subprocess.run([sys.executable, script, made[0], tmp_path / "peer"], check=True)
     entry = score_board(made[0], tmp_path, made[1]).record["entries"][0]
     motions = sum(facts["unseen"] for facts in Board.load(made[0]).sessions.values())
