@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.stats import rankdata
 
@@ -107,10 +108,7 @@ class Seen:
         rows = sum(table.num_rows for table in tables)
         times = [table["time"].to_numpy() for table in tables]
         steps = np.concatenate([np.diff(time) for time in times])
-        columns = [f"{joint}/effort" for joint in joints]
-        torques = [
-            np.column_stack([table[name].to_numpy() for name in columns]) for table in tables
-        ]
+        torques = [_torque_of(table, joints) for table in tables]
         distinct = [len(np.unique(values)) / rows for values in np.concatenate(torques).T]
         changes = np.concatenate([np.diff(torque, axis=0) for torque in torques])
         starts = [start_roughness(*run) for run in zip(torques, times, strict=True)]
@@ -127,6 +125,10 @@ class Seen:
             repeated=np.mean(changes == 0.0, axis=0),
             starts=np.mean(starts, axis=0),
         )
+
+
+def _torque_of(table: pa.Table, joints: Sequence[str]) -> Float[Array, "T n"]:
+    return np.column_stack([table[f"{joint}/effort"].to_numpy() for joint in joints])
 
 
 def most_apart(after: Float[Array, " n"], before: Float[Array, " n"] | None) -> float:

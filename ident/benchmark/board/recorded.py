@@ -65,19 +65,19 @@ def plan_planted(
     sources: Mapping[str, Source],
     cases: int,
     seed: int,
-) -> list[tuple[PlantedSlot, Stretch, Source]]:
+) -> list[tuple[PlantedSlot, GivenRows, Source]]:
     """Places of the tier, each with a stretch of a recording and that recording: as many as asked
     for, if there are as many stretches.
 
     The stretches are dealt at random: on which arm a session is hangs on nothing that is wrong.
     """
-    dealt: list[tuple[Stretch, Source]] = []
+    dealt: list[tuple[GivenRows, Source]] = []
     for name, source in sources.items():
         if may_be_planted(name):
             dealt += [(stretch, source) for stretch in part_recording(source).stretches]
     order = np.random.default_rng([seed, 3]).permutation(len(dealt))
     chosen = [dealt[int(place)] for place in order[:cases]]
-    places: list[tuple[PlantedSlot, Stretch, Source]] = []
+    places: list[tuple[PlantedSlot, GivenRows, Source]] = []
     for number, (kind, effects) in enumerate(plan_slots(len(chosen), seed)):
         places.append((PlantedSlot(number, kind, effects), *chosen[number]))
     return places
@@ -117,7 +117,7 @@ def split_of(source: Source) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class GivenRows:
     """Rows of a recording that one session gets."""
 
     source: Source  # the recording without its end; the clock is zero at the first row given
@@ -129,7 +129,7 @@ class Parted:
     """A recording without its end: what nothing comes to, and what single sessions get."""
 
     plain: Source
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[GivenRows, ...]
 
 
 def part_recording(source: Source) -> Parted:
@@ -139,7 +139,7 @@ def part_recording(source: Source) -> Parted:
     """
     rest = replace(source, runs=tuple(rest_of(source)))
     plain: list[Recording] = []
-    stretches: list[Stretch] = []
+    stretches: list[GivenRows] = []
     first = 0
     for number, run in enumerate(rest.runs):
         count = max(int(run.duration // LEAST_PIECE_S), 1)
@@ -152,7 +152,8 @@ def part_recording(source: Source) -> Parted:
                 plain.append(run.at(slice(start, end), f"{run.name}_{index}"))
                 continue
             since = _clock_from(rest.runs, run.time[start])
-            stretches.append(Stretch(replace(rest, runs=since), slice(first + start, first + end)))
+            rows = slice(first + start, first + end)
+            stretches.append(GivenRows(replace(rest, runs=since), rows))
         first += len(run)
     plain_runs = _clock_from(plain, plain[0].time[0])
     return Parted(replace(source, runs=plain_runs), tuple(stretches))
@@ -202,7 +203,9 @@ def unseen_of(source: Source) -> Recording:
     return unseen.replace(time=unseen.time - unseen.time[0])
 
 
-def make_planted(slot: PlantedSlot, stretch: Stretch, whole: Source, seed: int) -> BoardCase | None:
+def make_planted(
+    slot: PlantedSlot, stretch: GivenRows, whole: Source, seed: int
+) -> BoardCase | None:
     """A case on a stretch of a recording, with its effects or others of their kind; None if the
     stretch can show none of them.
 

@@ -80,7 +80,7 @@ def score_answer(answer: Answer, truth: Mapping[str, Any], tier: str) -> Session
     )
 
 
-def amplitude_of(effects: Sequence[Mapping[str, Any]]) -> str | None:
+def amplitude_of(effects: Sequence[Row]) -> str | None:
     """How much shows of the effect that shows least, at the joint where it shows most; None without
     effects, or where it was not worked out.
     """

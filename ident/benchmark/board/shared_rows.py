@@ -18,7 +18,6 @@ from ident.arrays import Array, Float
 from ident.benchmark.board.case import PLANTED
 from ident.benchmark.board.files import Board
 
-LEAST_MOVING = 2  # joints that differ from the row before, in a row that counts
 Key = tuple[int, bytes]
 
 
@@ -66,14 +65,14 @@ def _tables(board: Board, name: str) -> Iterator[Path]:
 
 
 def row_keys(path: Path, joints: list[str]) -> Iterator[list[Key]]:
-    """What each row of a table in which the arm moves is known by: one key for each joint that may
-    have been shifted.
+    """What each row of a table in which the arm moves, two joints of it at the least, is known by:
+    one key for each joint that may have been shifted.
     """
     table = pq.read_table(path)
     columns = [table[f"{joint}/position"].to_numpy() for joint in joints]
     position: Float[Array, "T n"] = np.ascontiguousarray(np.column_stack(columns))
     moving = np.count_nonzero(np.diff(position, axis=0), axis=1)
-    for row in position[1:][moving >= min(LEAST_MOVING, len(joints))]:
+    for row in position[1:][moving >= min(2, len(joints))]:
         yield [_key_without(row, joint) for joint in range(len(joints))]
 
 

@@ -15,7 +15,7 @@ from ident.benchmark.board.case import PLANTED, BoardCase
 from ident.benchmark.board.files import Board, Kept
 from ident.benchmark.board.leaks import LEVEL, find_leaks
 from ident.benchmark.board.make import BoardWriter
-from ident.benchmark.board.recorded import GUARD_S, Stretch, part_recording, split_of, unseen_of
+from ident.benchmark.board.recorded import GUARD_S, GivenRows, part_recording, split_of, unseen_of
 from ident.benchmark.board.run_starts import start_roughness
 from ident.benchmark.board.shared_rows import find_shared_rows
 from ident.recordings.recording import Recording
@@ -44,12 +44,12 @@ def recorded() -> Source:
     return Source("made", "made", without_geometry(model.urdf), (run,))
 
 
-def from_the_beginning(stretch: Stretch) -> MovedArm:
+def from_the_beginning(stretch: GivenRows) -> MovedArm:
     """What remembers runs over the recording up to the rows of the session."""
     return MovedArm.of(stretch.source, (stretch.rows,))
 
 
-def in_mid_motion(stretch: Stretch) -> MovedArm:
+def in_mid_motion(stretch: GivenRows) -> MovedArm:
     """What remembers begins with the rows of the session, as it once did."""
     return MovedArm.of(replace(stretch.source, runs=(stretch.source.runs[0].at(stretch.rows),)))
 
@@ -65,7 +65,7 @@ def board_of(cases: list[BoardCase], folder: Path) -> tuple[Board, Kept]:
     return board, Kept.load(folder / "kept", board)
 
 
-def cases_of(recorded: Source, arm_of: Callable[[Stretch], MovedArm]) -> list[BoardCase]:
+def cases_of(recorded: Source, arm_of: Callable[[GivenRows], MovedArm]) -> list[BoardCase]:
     """A session for each stretch: the friction of a motor that its neighbour turns, too."""
     parted = part_recording(recorded)
     cases: list[BoardCase] = []
