@@ -193,7 +193,9 @@ class EntryScore:
             record["attribution by tier"] = _by(rows, lambda row: row.tier, TIERS)
             kinds = sorted({row.kind for row in rows})
             record["attribution by kind"] = _by(rows, lambda row: row.kind, kinds)
-            record["attribution by amplitude"] = _by(rows, lambda row: row.amplitude, AMPLITUDES)
+            shown = [f"{tier}, {amplitude}" for tier in TIERS for amplitude in AMPLITUDES]
+            by_amplitude = _by(rows, lambda row: f"{row.tier}, {row.amplitude}", shown)
+            record["attribution by amplitude"] = by_amplitude
         if self.predictions:
             foretold = list(self.predictions.values())
             record["prediction"] = prediction(foretold)
@@ -274,7 +276,7 @@ def prediction(rows: Sequence[PredictionScore]) -> Row:
 
 def _by(
     rows: Sequence[SessionScore],
-    key: Callable[[SessionScore], str | None],
+    key: Callable[[SessionScore], str],
     values: Sequence[str],
 ) -> dict[str, Row]:
     groups: dict[str, Row] = {}
