@@ -550,14 +550,15 @@ def test_a_peer_is_short_enough_for_its_authors_to_read(name: str) -> None:
     assert 0 < sum(bool(line.strip()) for line in lines) <= 80
 
 
-def test_a_peer_enters_by_the_files_alone(made: tuple[Path, Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["board_least_squares", "board_sapc"])
+def test_a_peer_enters_by_the_files_alone(made: tuple[Path, Path], tmp_path: Path, name: str) -> None:
     """Law: a script that knows nothing of armgap foretells every motion, better than torque zero."""
-    script = BENCH / "board_least_squares.py"
-    subprocess.run([sys.executable, script, made[0], tmp_path / "peer"], check=True)
+    subprocess.run([sys.executable, BENCH / f"{name}.py", made[0], tmp_path / "peer"], check=True)
     entry = score_board(made[0], tmp_path, made[1]).record["entries"][0]
     motions = sum(facts["unseen"] for facts in Board.load(made[0]).sessions.values())
     assert entry["foretold"] == motions == 3
     assert entry["prediction"]["share_of_spread"] < 1.0
+    assert entry["answered"] == (3 if name == "board_sapc" else 0)
 
 
 @pytest.mark.real
