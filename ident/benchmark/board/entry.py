@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,10 @@ from ident.errors import InputError
 from ident.safe_read import LARGEST_FIGURE, read_json
 
 SCHEMA = "ident.board_answer/1"
+EVENLY = "evenly"
+"""Key of an answer: probability that is dealt evenly to all effects, to none and to other."""
+NOWHERE = "-"
+"""Joint of an effect that nobody named: it stands at none."""
 SUM_ERROR = 1e-3  # by which probabilities may miss one, as rounded ones do
 WRITE = "write it as README.md of the board says"
 
@@ -22,7 +26,7 @@ class Named:
     """One effect at one joint."""
 
     effect: str
-    joint: str  # empty for the whole arm
+    joint: str  # empty for the whole arm; NOWHERE of what nobody named
     probability: float
     members: tuple[str, ...]  # effects that are not told apart, itself first
     parameters: Mapping[str, Mapping[str, float]]  # value, low and high by name
@@ -52,8 +56,12 @@ class Answer:
 def undecided(effects: Sequence[str]) -> Answer:
     """All answers equally probable."""
     share = 1.0 / (len(effects) + 2)
-    named = tuple(Named(effect, "", share, (effect,), {}) for effect in effects)
-    return Answer(named, share, share)
+    return Answer(tuple(_unnamed(effects, share)), share, share)
+
+
+def _unnamed(effects: Iterable[str], share: float) -> Iterator[Named]:
+    for effect in effects:
+        yield Named(effect, NOWHERE, share, (effect,), {})
 
 
 def read_answer(path: Path, board: Board, session: str) -> Answer:
@@ -74,9 +82,15 @@ def read_answer(path: Path, board: Board, session: str) -> Answer:
     named = tuple(_named(path, row, board, joints) for row in listed)
     none = _probability(path, NONE, record.get(NONE, 0.0))
     other = _probability(path, OTHER, record.get(OTHER, 0.0))
-    total = sum(name.probability for name in named) + none + other
+    evenly = _probability(path, EVENLY, record.get(EVENLY, 0.0))
+    total = sum(name.probability for name in named) + none + other + evenly
     if abs(total - 1.0) > SUM_ERROR:
         raise InputError(path, f"its probabilities add up to {total:.4g}", "make them add up to 1")
+    if evenly:
+        share = evenly / (len(board.effects) + 2)
+        named += tuple(_unnamed(board.effects, share))
+        none += share
+        other += share
     return Answer(named, none, other)
 
 

@@ -1,5 +1,6 @@
-"""Looks for truths that leak: words in any file of a board, and figures of a session (rows, times,
-columns, sizes) that go with what is wrong in it.
+"""Looks for truths that leak: words in any file of a board, rows that two sessions share, and
+figures of a session (rows, times, columns, sizes, how its runs begin) that go with what is wrong in
+it.
 
     python -m ident.benchmark.board.leaks BOARD [--kept FOLDER]
 
@@ -7,7 +8,8 @@ A figure leaks where its ranks differ between sessions of different truths by mo
 spread of the classes' mean ranks, within each tier, against random exchanges of the truths. All
 figures together leak where a classifier of them foretells more of the sessions that were left out
 than it does of exchanged truths. Where something is wrong leaks where the true joints rank higher
-in a figure than drawn ones. P-values are Holm's over all figures and questions.
+in a figure than drawn ones, or, by size, where the figure is larger there: a few sessions that tell
+their joint plainly move few ranks. P-values are Holm's over all figures and questions.
 """
 
 from __future__ import annotations
@@ -20,14 +22,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.stats import rankdata
 
 from ident.arrays import Array, Bool, Float
-from ident.benchmark.board.case import MEASURED
+from ident.benchmark.board.case import DRAWN
 from ident.benchmark.board.files import SESSIONS, URDF_FILE, Board, Kept, kept_folder
+from ident.benchmark.board.run_starts import start_roughness
+from ident.benchmark.board.shared_rows import find_shared_rows
 
-EXCHANGES = 2000
+# So many that chance alone gives Holm's p-value of some forty questions room below the level.
+EXCHANGES = 10_000
 LEVEL = 0.01  # of any false alarm over all figures
 TOGETHER = "all together"
 # Words of answers that no file below `sessions` or `unseen` may hold.
@@ -73,6 +79,7 @@ def figures_of(board: Board, name: str) -> dict[str, float]:
         "values that differ": most_apart(after.distinct, before.distinct if before else None),
         "values repeated": most_apart(after.repeated, before.repeated if before else None),
         "rows before": float(before.rows) if before else 0.0,
+        "start of runs": most_apart(after.starts, before.starts if before else None),
         "bytes before": before.bytes_of_row if before else 0.0,
     }
 
@@ -91,6 +98,7 @@ class Seen:
     bytes_of_row: float
     distinct: Float[Array, " n"]  # share of a joint's torques that are unlike all others
     repeated: Float[Array, " n"]  # share of them that are as the one before
+    starts: Float[Array, " n"]  # how much rougher they begin than they go on, mean over runs
 
     @classmethod
     def of(cls, folder: Path, joints: Sequence[str]) -> Seen:
@@ -100,13 +108,10 @@ class Seen:
         rows = sum(table.num_rows for table in tables)
         times = [table["time"].to_numpy() for table in tables]
         steps = np.concatenate([np.diff(time) for time in times])
-        distinct = np.zeros(len(joints))
-        repeated = np.zeros(len(joints))
-        for index, joint in enumerate(joints):
-            torques = [table[f"{joint}/effort"].to_numpy() for table in tables]
-            distinct[index] = len(np.unique(np.concatenate(torques))) / rows
-            changes = np.concatenate([np.diff(torque) for torque in torques])
-            repeated[index] = np.mean(changes == 0.0)
+        torques = [_torque_of(table, joints) for table in tables]
+        distinct = [len(np.unique(values)) / rows for values in np.concatenate(torques).T]
+        changes = np.concatenate([np.diff(torque, axis=0) for torque in torques])
+        starts = [start_roughness(*run) for run in zip(torques, times, strict=True)]
         return cls(
             runs=len(paths),
             rows=rows,
@@ -116,9 +121,14 @@ class Seen:
             interval=float(np.median(steps)),
             jitter=float(np.std(steps) / np.median(steps)),
             bytes_of_row=sum(path.stat().st_size for path in paths) / rows,
-            distinct=distinct,
-            repeated=repeated,
+            distinct=np.array(distinct),
+            repeated=np.mean(changes == 0.0, axis=0),
+            starts=np.mean(starts, axis=0),
         )
+
+
+def _torque_of(table: pa.Table, joints: Sequence[str]) -> Float[Array, "T n"]:
+    return np.column_stack([table[f"{joint}/effort"].to_numpy() for joint in joints])
 
 
 def most_apart(after: Float[Array, " n"], before: Float[Array, " n"] | None) -> float:
@@ -134,7 +144,7 @@ class Leak:
     """How a figure goes with what is wrong."""
 
     figure: str
-    question: str  # `whether` anything is wrong, `which` effect, or `where`
+    question: str  # `whether` anything is wrong, `which` effect, or `where`, by rank and by size
     p_value: float  # of chance, Holm's
 
 
@@ -173,15 +183,20 @@ def find_leaks(board: Board, opened: Kept, seed: int = 0) -> list[Leak]:
         p_value = classifier_p_value(table, truths, tiers, rng)
         leaks.append(Leak(TOGETHER, question, p_value))
     for figure, apart in joints_apart(board).items():
-        p_value = place_p_value(apart, true_joints(board, opened), rng)
-        leaks.append(Leak(figure, "where", p_value))
+        ranks = {name: rankdata(values) / len(values) for name, values in apart.items()}
+        for question, scores in (("where", ranks), ("where, by size", apart)):
+            p_value = place_p_value(scores, true_joints(board, opened), rng)
+            leaks.append(Leak(figure, question, p_value))
     return holm(leaks)
 
 
 def joints_apart(board: Board) -> dict[str, dict[str, Float[Array, " n"]]]:
-    """How much less rounded each joint's torques are than before, by figure and session."""
+    """How much less rounded each joint's torques are than before, and how much rougher they begin,
+    by figure and session.
+    """
     differ: dict[str, Float[Array, " n"]] = {}
     repeated: dict[str, Float[Array, " n"]] = {}
+    starts: dict[str, Float[Array, " n"]] = {}
     for name, session in board.sessions.items():
         folder = board.before_folder(name)
         if folder is None:
@@ -190,7 +205,8 @@ def joints_apart(board: Board) -> dict[str, dict[str, Float[Array, " n"]]]:
         before = Seen.of(folder, session["joints"])
         differ[name] = after.distinct / before.distinct
         repeated[name] = before.repeated - after.repeated
-    return {"values that differ": differ, "values repeated": repeated}
+        starts[name] = after.starts - before.starts
+    return {"values that differ": differ, "values repeated": repeated, "start of runs": starts}
 
 
 def true_joints(board: Board, opened: Kept) -> dict[str, Bool[Array, " n"]]:
@@ -206,24 +222,23 @@ def true_joints(board: Board, opened: Kept) -> dict[str, Bool[Array, " n"]]:
 
 
 def place_p_value(
-    apart: Mapping[str, Float[Array, " n"]],
+    scores: Mapping[str, Float[Array, " n"]],
     true: Mapping[str, Bool[Array, " n"]],
     rng: np.random.Generator,
 ) -> float:
-    """Chance that as many drawn joints of each session rank as high in a figure as the true ones.
+    """Chance that as many drawn joints of each session have as high a mean score as the true ones.
 
     Args:
-        apart: The figure of each joint, by session.
+        scores: Of each joint, by session: a figure, or its ranks.
         true: Which joints are true, by session; what either lacks is left out.
         rng: Draws the joints.
     """
     real = 0.0
     drawn = np.zeros(EXCHANGES)
-    for name in sorted(apart.keys() & true.keys()):
-        ranks = rankdata(apart[name]) / len(apart[name])
+    for name in sorted(scores.keys() & true.keys()):
         count = int(true[name].sum())
-        real += float(ranks[true[name]].mean())
-        orders = rng.permuted(np.tile(ranks, (EXCHANGES, 1)), axis=1)
+        real += float(scores[name][true[name]].mean())
+        orders = rng.permuted(np.tile(scores[name], (EXCHANGES, 1)), axis=1)
         drawn += orders[:, :count].mean(axis=1)
     return (float(np.sum(drawn >= real - 1e-9)) + 1.0) / (EXCHANGES + 1.0)
 
@@ -304,26 +319,31 @@ def exchange_p_value(
         tier_ranks = rankdata(values[rows])
         ranks[rows] = tier_ranks - tier_ranks.mean()
     codes = np.unique(truths.astype(str), return_inverse=True)[1]
-    real = _spread(ranks, codes, tiers)
+    real = 0.0
+    drawn = np.zeros(EXCHANGES)
+    for rows in groups:
+        real += float(_spread(ranks[rows], codes[rows][None])[0])
+        drawn += _spread(ranks[rows], rng.permuted(np.tile(codes[rows], (EXCHANGES, 1)), axis=1))
     if real == 0.0:
         return 1.0
-    count = 0
-    for _ in range(EXCHANGES):
-        drawn = codes.copy()
-        for rows in groups:
-            drawn[rows] = codes[rng.permutation(rows)]
-        count += _spread(ranks, drawn, tiers) >= real * (1.0 - 1e-12)
+    count = np.count_nonzero(drawn >= real * (1.0 - 1e-12))
     return (count + 1.0) / (EXCHANGES + 1.0)
 
 
-def _spread(ranks: Array, codes: Array, tiers: Array) -> float:
-    total = 0.0
-    for tier in np.unique(tiers):
-        rows = tiers == tier
-        sums = np.bincount(codes[rows], ranks[rows])
-        counts = np.bincount(codes[rows])
-        total += float(np.sum(sums**2 / np.maximum(counts, 1)))
-    return total
+def _spread(ranks: Float[Array, " N"], codes: Array) -> Float[Array, " E"]:
+    """Sum over classes of the squared mean rank, counted by the class's size.
+
+    Args:
+        ranks: Of each session.
+        codes: Of the classes of the sessions, in each of E draws, shape (E, N).
+    """
+    classes = int(codes.max()) + 1
+    numbered = (codes + classes * np.arange(len(codes))[:, None]).ravel()
+    size = classes * len(codes)
+    sums = np.bincount(numbered, np.tile(ranks, len(codes)), minlength=size)
+    counts = np.bincount(numbered, minlength=size)
+    spread = sums**2 / np.maximum(counts, 1)
+    return np.asarray(spread.reshape(len(codes), classes).sum(axis=1))
 
 
 def holm(leaks: Sequence[Leak]) -> list[Leak]:
@@ -338,14 +358,13 @@ def holm(leaks: Sequence[Leak]) -> list[Leak]:
 
 
 def different_urdfs(board: Board) -> list[str]:
-    """Arms of which not all sessions of a tier have the same URDF, where causes were put in."""
+    """Arms of which not all sessions have the same URDF: drawn ones, or real ones."""
     texts: dict[tuple[str, str], set[str]] = {}
     for name, session in board.sessions.items():
-        if session["tier"] == MEASURED:
-            continue
+        kind = "drawn" if session["tier"] == DRAWN else "recorded"
         text = (board.folder / SESSIONS / name / URDF_FILE).read_text(encoding="utf-8")
-        texts.setdefault((session["tier"], session["arm"]), set()).add(text)
-    return [f"{arm} ({tier})" for (tier, arm), different in texts.items() if len(different) > 1]
+        texts.setdefault((kind, session["arm"]), set()).add(text)
+    return [f"{arm} ({kind})" for (kind, arm), different in texts.items() if len(different) > 1]
 
 
 def main() -> None:
@@ -357,12 +376,15 @@ def main() -> None:
     given = parser.parse_args()
     board = Board.load(given.board)
     opened = Kept.load(given.kept or kept_folder(given.board), board)
-    words = list(find_words(board.folder, opened.answers))
+    words = find_words(board.folder, opened.answers)
     lines = [f"{path}: holds {word!r}" for path, word in words]
     lines += [f"URDFs of {arm} differ" for arm in different_urdfs(board)]
+    shared = find_shared_rows(board)
+    lines += [f"{pair.session} shares {pair.rows} rows with {pair.other}" for pair in shared]
+    plain = len(lines)
     leaks = find_leaks(board, opened)
     lines += [f"{leak.figure}, {leak.question}: p = {leak.p_value:.3f}" for leak in leaks[:5]]
-    count = len(words) + sum(leak.p_value < LEVEL for leak in leaks)
+    count = plain + sum(leak.p_value < LEVEL for leak in leaks)
     lines.append(f"{len(board.sessions)} sessions, {len(leaks)} questions: {count} leaks")
     sys.stdout.write("\n".join(lines) + "\n")
 

@@ -38,11 +38,9 @@ from ident.benchmark.board.leaks import find_words
 from ident.benchmark.board.published import published_effects
 from ident.benchmark.board.recorded import (
     TABLES,
-    deal_sources,
     load_board_sources,
     make_measured,
     make_planted,
-    may_be_planted,
     plan_planted,
 )
 from ident.benchmark.board.sealing import salt_of, seal_of
@@ -54,7 +52,8 @@ from ident.simulation.real.cases import KINDS
 
 BOARD_KIND, KEPT_KIND = "board", "board answers"
 README = Path(__file__).with_name("board_readme.md")
-# Share of the cases that are of drawn worlds, where there are recordings for the others.
+# Least share of the cases that are of drawn worlds; more are, where recordings have too few rows
+# for the others.
 DRAWN_SHARE = 0.6
 FILE_TIME_S = 1_577_836_800  # of all files of a board: 2020-01-01
 Maker = Callable[[], BoardCase | None]
@@ -126,15 +125,12 @@ def _makers(
     """What makes each session, in an order that goes with no tier."""
     if recordings is None:
         return [partial(make_drawn, task, oracle) for task in plan_drawn(cases, seed, worlds)]
-    sources = load_board_sources(recordings)
-    drawn = round(DRAWN_SHARE * cases)
-    tasks = plan_drawn(drawn, seed, worlds)
+    sources = load_board_sources(recordings, seed)
+    places = plan_planted(sources, cases - round(DRAWN_SHARE * cases), seed)
+    tasks = plan_drawn(cases - len(places), seed, worlds)
     makers: list[Maker] = [partial(make_drawn, task, oracle) for task in tasks]
-    long_enough = [source for name, source in sources.items() if may_be_planted(name)]
-    turns = deal_sources(long_enough, seed)
-    places = plan_planted(cases - drawn if long_enough else 0, seed)
-    makers += [partial(make_planted, place, turns, len(long_enough), seed) for place in places]
-    makers += [partial(_given, case) for case in make_measured(recordings, sources)]
+    makers += [partial(make_planted, *place, seed) for place in places]
+    makers += [partial(_given, case) for case in make_measured(sources)]
     order = np.random.default_rng([seed, 20]).permutation(len(makers))
     return [makers[int(k)] for k in order]
 
@@ -230,6 +226,7 @@ class BoardWriter:
             "PLANTED": str(counts[PLANTED]),
             "MEASURED": str(counts[MEASURED]),
             "EFFECTS": str(len(published_effects())),
+            "ANSWERS": str(len(published_effects()) + 2),
             "OFTEN": "\n".join(how_often(counts)),
             "SOURCES": "\n".join(self._sources()),
         }

@@ -5,12 +5,18 @@ called false. So a session with a known effect comes with the same arm before, i
 what is asked is what came to it: that is known of every session, for it was put in, or nothing was.
 
 Of each recording the last part is kept for the motion that is to be foretold; no session holds any
-of it. A session is a window of the rest, whose place hangs on nothing that is wrong; it is cut into
-pieces, which are before and after in turn.
+of it. The rest is cut into pieces, of which every second one stays plain: all sessions of the arm
+have those as what was before. Each of the others is given to one session alone, whether anything
+comes to it or not. So no two sessions hold the same row unless nothing comes to it in any, and
+nobody learns by comparing them what was added.
+
+What remembers (friction that turns round, a gear that twists, a delay) runs over the recording from
+its beginning: at the first row that is given it stands as it would have stood.
 """
 
 from __future__ import annotations
 
+import itertools
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,22 +29,24 @@ from ident.arrays import Array, Float
 from ident.benchmark.board.case import MEASURED, PLANTED, BoardCase
 from ident.errors import InputError
 from ident.recordings.recording import Recording
-from ident.simulation.real.cases import Effects, plan_slots, plant_effects, turns_of
+from ident.simulation.real.cases import Effects, plan_slots, plant_effects
 from ident.simulation.real.moved_arm import MovedArm, model_of, rigid_torque
-from ident.simulation.real.sources import Source, cut, known_recordings, load_known
+from ident.simulation.real.sources import Source, known_recordings, load_known
 
 TABLE_FILE = Path(__file__).with_name("sources.toml")
 TABLES: dict[str, dict[str, Any]] = tomllib.loads(TABLE_FILE.read_text(encoding="utf-8"))
 UNSEEN_SHARE = 0.125  # of a recording's rows, at its end
-WINDOW_SHARE = 0.96  # of the rest that a session holds
-SHORTEST_PIECE_S = 1.0  # of a run that a window's edge cuts
-LEAST_PIECES = 6  # of a window
+# Of the rest, plain and given to a session in turn [s]: with less than 4.5 s on one side a
+# comparison says that nothing can be tested.
+LEAST_PIECE_S = 4.9
+# Of a run that begins with a piece given to a session, left out: what remembers begins there [s].
+LEAD_S = 0.5
 # Left out between pieces: the torque of two instants in a row would tell what came [s].
 GUARD_S = 0.2
-# Turns of the arms before an effect is given up that no recording can show, and others of its kind
-# that are tried in its place.
-MOST_TURNS = 3
-SUBSTITUTES = 4
+# Draws before an effect is given up that a stretch can't show, and others of its kind that are
+# tried in its place.
+MOST_DRAWS = 3
+SUBSTITUTES = 16
 OTHER_PLACES = 50  # of a plan from which those are taken
 # Quantile of the steps between the values of a torque that is taken for its rounding.
 ROUNDING_QUANTILE = 0.1
@@ -53,23 +61,40 @@ class PlantedSlot:
     effects: Effects
 
 
-def plan_planted(cases: int, seed: int) -> list[PlantedSlot]:
-    """All places of a tier of planted effects."""
-    slots = plan_slots(cases, seed)
-    return [PlantedSlot(number, kind, effects) for number, (kind, effects) in enumerate(slots)]
+def plan_planted(
+    sources: Mapping[str, Source],
+    cases: int,
+    seed: int,
+) -> list[tuple[PlantedSlot, GivenRows, Source]]:
+    """Places of the tier, each with a stretch of a recording and that recording: as many as asked
+    for, if there are as many stretches.
+
+    The stretches are dealt at random: on which arm a session is hangs on nothing that is wrong.
+    """
+    dealt: list[tuple[GivenRows, Source]] = []
+    for name, source in sources.items():
+        if may_be_planted(name):
+            dealt += [(stretch, source) for stretch in part_recording(source).stretches]
+    order = np.random.default_rng([seed, 3]).permutation(len(dealt))
+    chosen = [dealt[int(place)] for place in order[:cases]]
+    places: list[tuple[PlantedSlot, GivenRows, Source]] = []
+    for number, (kind, effects) in enumerate(plan_slots(len(chosen), seed)):
+        places.append((PlantedSlot(number, kind, effects), *chosen[number]))
+    return places
 
 
-def load_board_sources(folder: Path) -> dict[str, Source]:
-    """Recordings below a folder that may be passed on, by name.
+def load_board_sources(folder: Path, seed: int) -> dict[str, Source]:
+    """Recordings below a folder that may be passed on, by name, their rounding spread.
 
     Raises:
         InputError: There are none.
     """
     known = known_recordings()
     sources: dict[str, Source] = {}
-    for name in TABLES["recordings"]:
+    for number, name in enumerate(TABLES["recordings"]):
         if (folder / known[name]["folder"]).is_dir():
-            sources[name] = load_known(name, known[name], folder)
+            rng = np.random.default_rng([seed, 31, number])
+            sources[name] = unrounded(load_known(name, known[name], folder), rng)
     if not sources:
         wanted = ", ".join(known[name]["folder"] for name in TABLES["recordings"])
         raise InputError(folder, f"none of {wanted} is below it", "give the folder that holds them")
@@ -85,62 +110,68 @@ def may_be_planted(recording: str) -> bool:
     return bool(TABLES["recordings"][recording].get("planted", True))
 
 
-def part_of(source: Source, first: int, last: int) -> Source:
-    """Rows of a source, counted over all its runs; the clock starts anew, scraps are left out."""
-    runs: list[Recording] = []
-    start = 0
-    for run in source.runs:
-        low = max(first - start, 0)
-        high = min(last - start, len(run))
-        start += len(run)
-        if high <= low:
-            continue
-        piece = run.at(slice(low, high))
-        if piece.duration >= SHORTEST_PIECE_S:
-            runs.append(piece)
-    return _of_pieces(source, runs)
-
-
 def split_of(source: Source) -> int:
     """Row from which the motion begins that is to be foretold."""
     rows = sum(len(run) for run in source.runs)
     return int((1.0 - UNSEEN_SHARE) * rows)
 
 
-def window_of(source: Source, rng: np.random.Generator) -> Source:
-    """What a session holds of a recording."""
-    rows = split_of(source)
-    length = int(WINDOW_SHARE * rows)
-    start = int(rng.integers(rows - length + 1))
-    return part_of(source, start, start + length)
+@dataclass(frozen=True, eq=False)
+class GivenRows:
+    """Rows of a recording that one session gets."""
+
+    source: Source  # the recording without its end; the clock is zero at the first row given
+    rows: slice  # counted over all runs
 
 
-def sides_of(window: Source, rng: np.random.Generator) -> tuple[Source, Source]:
-    """The window's pieces in turn, before and after; which of the two is first is drawn.
+@dataclass(frozen=True, eq=False)
+class Parted:
+    """A recording without its end: what nothing comes to, and what single sessions get."""
 
-    One of several runs is cut into an odd number of pieces: so runs of one motion give each side
-    every part of it.
+    plain: Source
+    stretches: tuple[GivenRows, ...]
+
+
+def part_recording(source: Source) -> Parted:
+    """Cuts a recording into pieces, plain and given to a session in turn.
+
+    Runs begin with either in turn: of runs of one motion each half has every part of it.
     """
-    per_run = -(-LEAST_PIECES // len(window.runs))
-    if len(window.runs) > 1:
-        per_run += 1 - per_run % 2
-    pieces: list[Recording] = []
-    for run in window.runs:
-        pieces += [_unguarded(piece) for piece in cut(run, per_run)]
-    first = int(rng.integers(2))
-    return _of_pieces(window, pieces[first::2]), _of_pieces(window, pieces[1 - first :: 2])
+    rest = replace(source, runs=tuple(rest_of(source)))
+    plain: list[Recording] = []
+    stretches: list[GivenRows] = []
+    first = 0
+    for number, run in enumerate(rest.runs):
+        count = max(int(run.duration // LEAST_PIECE_S), 1)
+        begins_plain = number % 2 == 0
+        lead = 0 if begins_plain else int(np.searchsorted(run.time, run.time[0] + LEAD_S))
+        edges = np.linspace(lead, len(run), count + 1).astype(int).tolist()
+        for index, (start, stop) in enumerate(itertools.pairwise(edges)):
+            end = int(np.searchsorted(run.time, run.time[stop - 1] - GUARD_S, side="right"))
+            if (index % 2 == 0) == begins_plain:
+                plain.append(run.at(slice(start, end), f"{run.name}_{index}"))
+                continue
+            since = _clock_from(rest.runs, run.time[start])
+            rows = slice(first + start, first + end)
+            stretches.append(GivenRows(replace(rest, runs=since), rows))
+        first += len(run)
+    plain_runs = _clock_from(plain, plain[0].time[0])
+    return Parted(replace(source, runs=plain_runs), tuple(stretches))
 
 
-def _unguarded(piece: Recording) -> Recording:
-    """A piece without its last instants."""
-    end = piece.time[-1] - GUARD_S
-    return piece.at(slice(0, int(np.searchsorted(piece.time, end, side="right"))))
+def rest_of(source: Source) -> Iterator[Recording]:
+    """Runs of a recording up to the motion that is to be foretold."""
+    start = 0
+    for run in source.runs:
+        count = min(split_of(source) - start, len(run))
+        start += len(run)
+        if count > 0:
+            yield run.at(slice(0, count))
 
 
-def _of_pieces(source: Source, pieces: Sequence[Recording]) -> Source:
-    """The source with these runs, the clock started anew."""
-    begin = pieces[0].time[0]
-    return replace(source, runs=tuple(run.replace(time=run.time - begin) for run in pieces))
+def _clock_from(runs: Sequence[Recording], begin: float) -> tuple[Recording, ...]:
+    """The same runs, the clock zero at an instant of it."""
+    return tuple(run.replace(time=run.time - begin) for run in runs)
 
 
 def unrounded(source: Source, rng: np.random.Generator) -> Source:
@@ -166,39 +197,37 @@ def rounding_of(values: Float[Array, " T"]) -> float:
 
 def unseen_of(source: Source) -> Recording:
     """The motion that is to be foretold, with the torque that was recorded."""
-    rows = sum(len(run) for run in source.runs)
-    return part_of(source, split_of(source), rows).runs[-1]
-
-
-def deal_sources(sources: Sequence[Source], seed: int) -> Iterator[Source]:
-    """Sources without end, every arm as often as any other."""
-    return turns_of(sources, seed)
+    last = source.runs[-1]
+    others = sum(len(run) for run in source.runs[:-1])
+    unseen = last.at(slice(max(split_of(source) - others, 0), len(last)))
+    return unseen.replace(time=unseen.time - unseen.time[0])
 
 
 def make_planted(
-    slot: PlantedSlot,
-    turns: Iterator[Source],
-    sources: int,
-    seed: int,
+    slot: PlantedSlot, stretch: GivenRows, whole: Source, seed: int
 ) -> BoardCase | None:
-    """A case on the first recording in turn that can show the effect, or another of its kind; None
-    if none can.
+    """A case on a stretch of a recording, with its effects or others of their kind; None if the
+    stretch can show none of them.
+
+    Args:
+        slot: What is to come to it.
+        stretch: Rows that no other session gets.
+        whole: The recording.
+        seed: Of the board.
     """
-    window_rng = np.random.default_rng([seed, 31, slot.number])
-    tried = [slot.effects, *substitutes(slot, seed)]
-    turns_of_each = MOST_TURNS * sources
-    for attempt in range(turns_of_each * len(tried)):
-        whole = next(turns)
-        window = unrounded(window_of(whole, window_rng), window_rng)
-        before, after = sides_of(window, window_rng)
-        arm = MovedArm.of(after)
-        rng = np.random.default_rng([seed, 1, slot.number, attempt])
-        made = plant_effects(arm, slot.kind, tried[attempt // turns_of_each], rng)
-        if made is None:
+    before = part_recording(whole).plain
+    arm = MovedArm.of(stretch.source, (stretch.rows,))
+    for number, effects in enumerate([slot.effects, *substitutes(slot, seed)]):
+        for attempt in range(MOST_DRAWS):
+            rng = np.random.default_rng([seed, 1, slot.number, number, attempt])
+            made = plant_effects(arm, slot.kind, effects, rng)
+            if made is not None:
+                break
+        else:
             continue
         runs, urdf, answer = made
         felt = missing_torque(arm, urdf)
-        parts = zip(runs, arm.runs, strict=True)
+        parts = zip(runs, arm.given, strict=True)
         return BoardCase(
             tier=PLANTED,
             kind=slot.kind,
@@ -232,20 +261,17 @@ def missing_torque(arm: MovedArm, urdf: str) -> Array:
     return arm.rigid - changed
 
 
-def make_measured(folder: Path, sources: Mapping[str, Source]) -> list[BoardCase]:
+def make_measured(sources: Mapping[str, Source]) -> list[BoardCase]:
     """Recordings whose cause is known from a measurement; those that are not there are left out."""
-    known = known_recordings()
     cases: list[BoardCase] = []
-    for name, entry in TABLES["measured"].items():
+    for entry in TABLES["measured"].values():
         recording = entry["recording"]
         if recording not in sources:
             continue
-        row = known[recording]
-        robot = entry.get("robot", row.get("robot", ""))
-        source = load_known(name, {**row, "robot": robot}, folder)
+        source = sources[recording]
         runs = source.runs
-        if may_be_planted(recording):  # the end of it is some session's unseen motion
-            runs = part_of(source, 0, split_of(source)).runs
+        if may_be_planted(recording):
+            runs = part_recording(source).plain.runs
         truths = tuple(_measured_truth(effect) for effect in entry["effects"])
         cases.append(BoardCase(MEASURED, "measured", source.arm, source.urdf, runs, truths))
     return cases

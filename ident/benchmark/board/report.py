@@ -136,7 +136,8 @@ def lines_of(record: Mapping[str, Any]) -> Iterator[str]:
 def _attribution_words(score: Mapping[str, Any]) -> Iterator[str]:
     yield f"log score {in_words(score['log_score'])},"
     yield f"strict {in_words(score['strict'])},"
-    yield f"in class {in_words(score['class_aware'])} (size {score['class_size']}),"
+    size = "–" if score["class_size"] is None else score["class_size"]
+    yield f"in class {in_words(score['class_aware'])} (size {size}),"
     yield f"joint {in_words(score['joint'])},"
     yield f"coverage {in_words(score['coverage'])}"
 
@@ -162,8 +163,10 @@ def render_board(record: Mapping[str, Any]) -> str:
         Section("first", "At a glance", "board_first.html", values),
     ]
     if named:
-        groups = {"tiers": list(record["tiers"]), "kinds": kinds}
-        shown = values | groups
+        amplitudes = list(named[0]["attribution by amplitude"])
+        with_intervals = [entry for entry in named if entry["attribution"]["coverage"]["count"]]
+        groups = {"tiers": list(record["tiers"]), "kinds": kinds, "amplitudes": amplitudes}
+        shown = values | groups | {"with_intervals": with_intervals}
         sections.append(Section("attribution", "Attribution", "board_attribution.html", shown))
     if foretold:
         sections.append(Section("prediction", "Prediction", "board_prediction.html", values))

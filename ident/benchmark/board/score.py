@@ -25,6 +25,11 @@ from ident.safe_read import LARGEST_FIGURE, LARGEST_TEXT, require_regular
 # What is held less probable counts as this much: no board of some hundred sessions can tell less.
 LEAST_PROBABILITY = 1e-3
 HALF = 0.5
+# Upper ends of what shows hardly, and of what shows as much as what the ordinary model leaves
+# [noise floors]: boards ask for one and for three of them. For the table alone.
+AMPLITUDE_ENDS = (0.5, 1.5)
+AMPLITUDES = ("hidden", "as the noise", "above the noise")
+"""How much of an effect shows beside what the ordinary model leaves of the torque."""
 SHAPELESS = ("order", "other_joint")
 """Parameters that are no size: an interval of them says nothing."""
 Row = dict[str, Any]
@@ -42,6 +47,7 @@ class SessionScore:
     class_size: int | None  # of the most probable answer; None where that is no effect
     joint: bool | None  # whether a right effect stands where it may; None where none is right
     intervals: tuple[tuple[bool, float], ...]  # of named causes: holds it, half-width over size
+    amplitude: str | None = None  # of what shows least; None of nothing, or where nobody knows
 
 
 def score_answer(answer: Answer, truth: Mapping[str, Any], tier: str) -> SessionScore:
@@ -71,7 +77,19 @@ def score_answer(answer: Answer, truth: Mapping[str, Any], tier: str) -> Session
         class_size=None if name is None else len(members),
         joint=joint,
         intervals=tuple(_intervals(answer, effects)),
+        amplitude=amplitude_of(effects),
     )
+
+
+def amplitude_of(effects: Sequence[Row]) -> str | None:
+    """How much shows of the effect that shows least, at the joint where it shows most; None without
+    effects, or where it was not worked out.
+    """
+    shown = [max(effect.get("visible", {}).values(), default=None) for effect in effects]
+    numbers = [float(number) for number in shown if number is not None]
+    if not numbers or len(numbers) < len(shown):
+        return None
+    return AMPLITUDES[int(np.searchsorted(AMPLITUDE_ENDS, min(numbers)))]
 
 
 def labels_of(effect: Mapping[str, Any]) -> list[str]:
@@ -176,6 +194,9 @@ class EntryScore:
             record["attribution by tier"] = _by(rows, lambda row: row.tier, TIERS)
             kinds = sorted({row.kind for row in rows})
             record["attribution by kind"] = _by(rows, lambda row: row.kind, kinds)
+            shown = [f"{tier}, {amplitude}" for tier in TIERS for amplitude in AMPLITUDES]
+            by_amplitude = _by(rows, lambda row: f"{row.tier}, {row.amplitude}", shown)
+            record["attribution by amplitude"] = by_amplitude
         if self.predictions:
             foretold = list(self.predictions.values())
             record["prediction"] = prediction(foretold)

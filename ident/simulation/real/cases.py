@@ -84,10 +84,11 @@ def plant_seal(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
 def plant_brake(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """The holding brake lets go slowly at the start of each run."""
     fading = float(draw.uniform(1.0, 3.0))
-    since = arm.over_runs(arm.t[:, None], lambda t, x: x - x[0])[:, 0]
-    return at_joint(
-        arm, j, size * np.exp(-since / fading) * bristle(arm, arm.v[:, j]), {"decay_s": fading}
-    )
+    holding = np.zeros(len(arm.t))
+    for rows in arm.given:
+        since = arm.t[rows] - arm.t[rows.start]
+        holding[rows] = np.exp(-since / fading)
+    return at_joint(arm, j, size * holding * bristle(arm, arm.v[:, j]), {"decay_s": fading})
 
 
 def plant_sag(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -302,7 +303,8 @@ def plant_effects(
     """Effects, one after the other, on an arm's recordings.
 
     Returns:
-        Recordings, URDF and answer of a case; None if nothing that was drawn can show so much.
+        Recordings of the rows that are given, URDF and answer of a case; None if nothing that was
+        drawn can show so much.
     """
     truth: list[dict[str, Any]] = []
     urdf = arm.source.urdf
@@ -319,10 +321,12 @@ def plant_effects(
         now = now.plus(change.torque)
         shift = shift + change.shift
         urdf = change.urdf or urdf
-    runs = [
-        replace(run, effort=now.tau[rows], position=run.position + shift)
-        for run, rows in zip(arm.source.runs, arm.runs, strict=True)
-    ]
+    runs: list[Recording] = []
+    for rows in arm.given:
+        number = next(k for k, run in enumerate(arm.runs) if rows.start < run.stop)
+        start = arm.runs[number].start
+        given = arm.source.runs[number].at(slice(rows.start - start, rows.stop - start))
+        runs.append(replace(given, effort=now.tau[rows], position=given.position + shift))
     return runs, urdf, _answer(kind, arm.source, truth, arm.noise)
 
 

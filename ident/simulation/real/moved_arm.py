@@ -13,7 +13,7 @@ beyond the play.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -68,10 +68,18 @@ class MovedArm:
     v: Float[Array, "N n"]
     a: Float[Array, "N n"]
     tau: Float[Array, "N n"]  # recorded torque [N m]
+    given: tuple[slice, ...]  # rows of each piece that a session gets, none over two runs
 
     @classmethod
-    def of(cls, source: Source) -> MovedArm:
-        """Smooths the recordings of a source."""
+    def of(cls, source: Source, given: Sequence[slice] = ()) -> MovedArm:
+        """Smooths the recordings of a source.
+
+        Args:
+            source: All that was recorded.
+            given: Rows that a session gets of it, counted over all runs; all if none is named. An
+                effect is worked out over all rows, so that what remembers comes to them as it
+                would have; whether it shows is asked of these alone.
+        """
         ends = np.cumsum([0, *(len(run.time) for run in source.runs)])
         runs = tuple(slice(int(i), int(k)) for i, k in itertools.pairwise(ends))
         # positions, speeds and accelerations of each run, at its sample times
@@ -87,7 +95,8 @@ class MovedArm:
             states.append(np.array([_at(run.time, grid, x) for x in (q, v, a)]))
         q, v, a = np.concatenate(states, axis=1)
         t = np.concatenate([run.time for run in source.runs])
-        return cls(source, t, runs, q, v, a, np.concatenate([run.effort for run in source.runs]))
+        tau = np.concatenate([run.effort for run in source.runs])
+        return cls(source, t, runs, q, v, a, tau, tuple(given) or runs)
 
     @property
     def n(self) -> int:
@@ -155,6 +164,15 @@ class MovedArm:
         return np.abs(self.rows(self.v)) > STILL
 
     @cached_property
+    def _asked(self) -> Bool[Array, " M"]:
+        """Rows that are compared of which a session gets what they are made of."""
+        instants = np.concatenate(self._grids)
+        asked = np.zeros(len(instants), dtype=bool)
+        for rows in self.given:
+            asked |= (instants >= self.t[rows.start]) & (instants <= self.t[rows.stop - 1])
+        return asked
+
+    @cached_property
     def _columns(self) -> Float[Array, "M n p"]:
         """Bodies (10 n), then rotor, viscous, Coulomb, offset of each joint."""
         q, v, a = (self.rows(x) for x in (self.q, self.v, self.a))
@@ -183,10 +201,7 @@ class MovedArm:
         return solution, noise
 
     def _rms(self, x: Float[Array, "M n"]) -> Float[Array, " n"]:
-        return (
-            np.sqrt(np.sum(x**2 * self.moving, axis=0) / np.maximum(self.moving.sum(axis=0), 1.0))
-            + 1e-9
-        )
+        return _rms_where(self.moving, x)
 
     @cached_property
     def noise(self) -> Float[Array, " n"]:
@@ -239,9 +254,10 @@ class MovedArm:
         left = self._left(y, view)
         if local:
             acts = np.any(np.abs(y) > 0.1 * np.abs(y).max(), axis=1)
-            left = left[acts]
+            left = left[acts & self._asked]
             return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / self._own[view])
-        return np.asarray(self._rms(left) / self._own[view])
+        asked = self.moving & self._asked[:, None]
+        return np.asarray(_rms_where(asked, left) / self._own[view])
 
     def _left(self, y: Float[Array, "M n"], view: View) -> Float[Array, "M n"]:
         basis = self._bases[view]
@@ -261,6 +277,11 @@ class MovedArm:
             view: self.rows(torque) * self.moving / self.noise for view, torque in torques.items()
         }
         return {view: np.maximum(self._rms(self._left(y, view)), 1.0) for view, y in rows.items()}
+
+
+def _rms_where(mask: Bool[Array, "M n"], x: Float[Array, "M n"]) -> Float[Array, " n"]:
+    count = np.maximum(mask.sum(axis=0), 1.0)
+    return np.sqrt(np.sum(x**2 * mask, axis=0) / count) + 1e-9
 
 
 def _grid(t: Float[Array, " T"]) -> Float[Array, " K"]:

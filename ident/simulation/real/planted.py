@@ -137,7 +137,8 @@ def plant_thermal(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
     turn = bristle(arm, arm.v[:, j])
     friction = arm.coulomb[j] * turn + arm.viscous[j] * v
     warm = decay(arm, np.maximum(friction * v, 0.0), constant)
-    warm = warm / max(float(warm.max()), 1e-9)
+    shown = np.concatenate([warm[rows] for rows in arm.given])
+    warm = np.clip((warm - shown[0]) / max(float(shown.max() - shown[0]), 1e-9), 0.0, 1.0)
     torque = -size * warm * (arm.viscous[j] * v + dry * arm.coulomb[j] * turn)
     truth: Parameters = {
         "viscous_change": -size,
@@ -302,7 +303,7 @@ def plant_contact(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
     """Somebody pushes against a point of a link for a while, in one run; the motors hold against
     it.
     """
-    run = arm.runs[int(draw.integers(len(arm.runs)))]
+    run = arm.given[int(draw.integers(len(arm.given)))]
     clock = arm.t[run]
     span = float(np.ptp(arm.t[run]))
     length = min(float(draw.uniform(0.6, 2.0)), 0.3 * span)
@@ -335,7 +336,7 @@ def plant_offset(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
     """A torque that is read too large or too small by so much [N m], with a slow drift."""
     offset = size * float(draw.choice([-1.0, 1.0]))
     drift = float(offset * draw.uniform(-0.1, 0.1) / 60.0)
-    middle = 0.5 * (arm.t[0] + arm.t[-1])
+    middle = 0.5 * (arm.t[arm.given[0].start] + arm.t[arm.given[-1].stop - 1])
     return at_joint(
         arm, j, offset + drift * (arm.t - middle), {"offset_Nm": offset, "drift_Nm_s": drift}
     )

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-# Corner of the filter that all peers look at torque through, ours too [Hz].
-CORNER_HZ = 10.0
+# Corner of the filter that all peers look at torque through, ours too [Hz], and what is cut off at a run's ends [s].
+CORNER_HZ, BORDER_S = 10.0, 0.25
 
 
 class Job:
@@ -70,6 +70,12 @@ def lowpass(values, rate, corner=CORNER_HZ):
     if corner >= 0.45 * rate:
         return values
     return sosfiltfilt(butter(4, corner, fs=rate, output="sos"), values, axis=0)
+
+
+def inner(rate, most=np.inf):
+    """Rows of a run without its borders, at most so many a second."""
+    border = round(BORDER_S * rate)
+    return slice(border, -border, max(1, round(rate / most)))
 
 
 def least_eigenvalue(numbers):

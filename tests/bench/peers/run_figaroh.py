@@ -3,25 +3,19 @@
 Runs in a Python that has figaroh, its own Pinocchio and nothing of ours but `job.py`.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pinocchio as pin
 from figaroh.identification.identification_tools import calculate_first_second_order_differentiation
 from figaroh.identification.parameter import get_standard_parameters
 from figaroh.identification.physical_fit import FixedExtras, build_problem, solve_direct_effort_fit
 from figaroh.tools.regressor import build_regressor_basic
-from job import CORNER_HZ, Job, least_eigenvalue, lowpass
+from job import CORNER_HZ, Job, inner, least_eigenvalue, lowpass
 from scipy.signal import decimate
 
 # Rows that the fit is given a second: figaroh's own examples decimate tenfold.
 ROWS_HZ = 10.0
-BORDER_S = 0.25  # what figaroh's own filter cuts off at 100 Hz
-
-
-class Robot:
-    """What figaroh's regressor asks of a robot."""
-
-    def __init__(self, model):
-        self.model, self.data = model, model.createData()
 
 
 def load(job):
@@ -39,8 +33,7 @@ def states(model, run, corner):
     q, dq, ddq = calculate_first_second_order_differentiation(model, smooth, {"ts": step})
     # Its speeds and accelerations stand half a step late.
     dq, ddq = (0.5 * (part + np.vstack([part[:1], part[:-1]])) for part in (dq, ddq))
-    border = round(BORDER_S / step)
-    rows = slice(border, -border)
+    rows = inner(1.0 / step)
     tau = lowpass(tau[: len(q)], 1.0 / step, corner)
     return time[: len(q)][rows], q[rows], dq[rows], lowpass(ddq, 1.0 / step, corner)[rows], tau[rows]
 
@@ -58,10 +51,9 @@ def decimated(values, run):
 def main():
     job = Job.given()
     model = load(job)
-    robot, n = Robot(model), model.nv
+    robot, n = SimpleNamespace(model=model, data=model.createData()), model.nv
     config = {"is_joint_torques": True, "is_external_wrench": False, "force_torque": None, "act_idxv": list(range(n))}
-    for name in ("has_friction", "has_actuator_inertia", "has_joint_offset"):
-        config[name] = job.friction
+    config |= dict.fromkeys(("has_friction", "has_actuator_inertia", "has_joint_offset"), job.friction)
     names = list(model.names)[1:]
     corner = job.facts.get("corner", CORNER_HZ)
     train = [states(model, run, corner) for run in job.even_runs("train")]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -16,7 +17,7 @@ from typer.testing import CliRunner
 from ident.arrays import Array, Float
 from ident.benchmark.board.case import DRAWN, MEASURED, NONE, OTHER, PLANTED
 from ident.benchmark.board.drawn import _options, make_drawn, plan_drawn
-from ident.benchmark.board.entry import Answer, Named, read_answer, undecided
+from ident.benchmark.board.entry import SCHEMA, Answer, Named, read_answer, undecided
 from ident.benchmark.board.files import Board, Kept, packed, read_columns, write_columns
 from ident.benchmark.board.jobs import JOBS
 from ident.benchmark.board.leaks import (
@@ -35,13 +36,11 @@ from ident.benchmark.board.recorded import (
     load_board_sources,
     make_planted,
     plan_planted,
-    sides_of,
     split_of,
-    turns_of,
     unrounded,
 )
 from ident.benchmark.board.report import render_board, score_board
-from ident.benchmark.board.score import SHAPELESS, score_answer
+from ident.benchmark.board.score import AMPLITUDES, SHAPELESS, amplitude_of, score_answer
 from ident.benchmark.board.sealing import digest_of, salt_of, seal_of
 from ident.benchmark.board.unnamed import DIAGNOSIS, LISTED, NOTHING, PLACES, STATES, load_shares
 from ident.cli.app import app
@@ -53,6 +52,8 @@ from ident.simulation.simulate import simulate
 from tests.schemas import check_file
 
 EFFECTS = list(published_effects())
+BENCH = Path(__file__).parents[2] / "bench" / "peers"
+PEERS = ("board_least_squares", "board_trees", "board_sapc", "board_jobs", "run_figaroh", "run_sysid")
 REAL = Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
 
 
@@ -214,6 +215,21 @@ def test_the_readme_says_how_often_what_comes(made: tuple[Path, Path]) -> None:
     assert len(rows) == 2
 
 
+def test_readme_and_docs_say_the_same_of_what_is_meant(made: tuple[Path, Path]) -> None:
+    """Law: each example that a reader needs stands in both, word for word, and names what the list has."""
+    docs = (Path(__file__).parents[3] / "docs" / "board.md").read_text(encoding="utf-8")
+    readme = (made[0] / "README.md").read_text(encoding="utf-8")
+    said = readme.split("### What is meant, by example")[1].split("Scores: the **log score**")[0]
+    assert said.count("\n- **") >= 7
+    assert said.strip() in docs
+    board = Board.load(made[0])
+    known = {"", "class", "means", "before", "none", "other", "scope", *board.effects}
+    for facts in board.effects.values():
+        known |= set(facts["parameters"])
+    named = re.findall(r"`([a-z_A-Z]+)`", said)
+    assert set(named) <= known | {"joint"}
+
+
 def test_a_word_that_tells_is_found(tmp_path: Path) -> None:
     place = tmp_path / "sessions" / "s001"
     place.mkdir(parents=True)
@@ -267,6 +283,9 @@ def test_a_figure_that_tells_the_joint_is_told_from_chance() -> None:
     innocent = {name: rng.standard_normal(6) for name in names}
     assert place_p_value(innocent, true, np.random.default_rng(1)) > 0.01
     assert place_p_value({}, true, np.random.default_rng(1)) == 1.0
+    # A few sessions that tell their joint plainly, among many that don't.
+    plain = {name: values + 8.0 * true[name] * (int(name) < 7) for name, values in innocent.items()}
+    assert place_p_value(plain, true, np.random.default_rng(1)) < 1e-3
 
 
 def test_every_figure_of_a_board_is_asked(made: tuple[Path, Path]) -> None:
@@ -275,7 +294,8 @@ def test_every_figure_of_a_board_is_asked(made: tuple[Path, Path]) -> None:
     leaks = find_leaks(board, Kept.load(made[1], board))
     questions = {(leak.figure, leak.question) for leak in leaks}
     assert len(questions) == len(leaks)
-    assert {question for _, question in questions} == {"whether", "which", "where"}
+    asked = {question for _, question in questions}
+    assert asked == {"whether", "which", "where", "where, by size"}
     assert ("all together", "which") in questions
     assert all(0.0 < leak.p_value <= 1.0 for leak in leaks)
 
@@ -345,6 +365,17 @@ def test_no_name_is_excused() -> None:
     assert score.log_score == pytest.approx(np.log(4.0))
 
 
+@pytest.mark.parametrize(
+    ("visible", "amplitude"),
+    [([0.2], AMPLITUDES[0]), ([1.0], AMPLITUDES[1]), ([3.0], AMPLITUDES[2]), ([3.0, 1.0], AMPLITUDES[1])],
+)
+def test_a_session_shows_as_much_as_what_shows_least(visible: list[float], amplitude: str) -> None:
+    effects = [{"effect": "payload", "visible": {"a": size, "b": 0.1 * size}} for size in visible]
+    assert amplitude_of(effects) == amplitude
+    assert amplitude_of([]) is None
+    assert amplitude_of([*effects, {"effect": "payload", "visible": {}}]) is None
+
+
 @pytest.mark.parametrize(("probability", "counted"), [(0.49, 0), (0.5, 1)])
 def test_an_interval_counts_from_half_of_the_true_share(probability: float, counted: int) -> None:
     held = truth("payload")
@@ -353,19 +384,6 @@ def test_an_interval_counts_from_half_of_the_true_share(probability: float, coun
     name = named("payload", probability, "a", parameters=given)
     score = score_answer(Answer((name,), 1.0 - probability, 0.0), held, "semi-real")
     assert len(score.intervals) == counted
-
-
-@pytest.mark.parametrize("runs", [1, 3])
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_before_and_after_share_no_instant(runs: int, seed: int) -> None:
-    """Law: no row is on both sides, and between two pieces something is left out."""
-    time = np.arange(0.0, 24.0 / runs, 0.01)
-    instants = [time + 100.0 * k for k in range(runs)]
-    recorded = [Recording(f"run_{k}", ("a",), at, at[:, None], at[:, None]) for k, at in enumerate(instants)]
-    sides = sides_of(Source("s", "arm", "", tuple(recorded)), np.random.default_rng(seed))
-    rows = [np.concatenate([run.effort[:, 0] for run in side.runs]) for side in sides]
-    assert min(len(side.runs) for side in sides) >= 3
-    assert np.abs(rows[0][:, None] - rows[1]).min() > 0.2
 
 
 def test_a_class_and_an_interval_count_where_they_hold_the_truth() -> None:
@@ -415,6 +433,23 @@ def test_an_entry_that_is_none_is_refused_in_a_line(
         read_answer(path, board, name)
 
 
+def test_what_is_dealt_evenly_goes_to_all_answers(made: tuple[Path, Path], tmp_path: Path) -> None:
+    """Law: all effects, none and other get the same, and it is said of no joint."""
+    board = Board.load(made[0])
+    name = next(iter(board.sessions))
+    path = tmp_path / f"{name}.json"
+    row = {"effect": "payload", "joint": "", "probability": 0.5}
+    write_record(path, {"schema": SCHEMA, "session": name, "effects": [row], "none": 0.25, "evenly": 0.25})
+    check_file(path)
+    shares = read_answer(path, board, name).shares()
+    each = 0.25 / (len(board.effects) + 2)
+    assert shares.pop("payload") == pytest.approx(0.5 + each)
+    assert shares.pop(NONE) == pytest.approx(0.25 + each)
+    assert list(shares.values()) == pytest.approx([each] * (len(board.effects) - 1 + 1))
+    write_record(path, {"schema": SCHEMA, "session": name, "effects": [], "evenly": 1.0})
+    assert not score_answer(read_answer(path, board, name), truth(EFFECTS[0]), "drawn").joint
+
+
 def test_entrants_are_scored_beside_each_other(made: tuple[Path, Path], tmp_path: Path) -> None:
     """Law: who foretells the torque itself is off by nothing, and the page tells all entrants."""
     board = Board.load(made[0])
@@ -429,7 +464,10 @@ def test_entrants_are_scored_beside_each_other(made: tuple[Path, Path], tmp_path
     assert "prediction" not in entries["sure"]
     page = render_board(report.to_dict())
     assert "vague" in page
+    assert "best log score of all entrants" in page
     assert "vague" in report.summary()
+    alone = render_board(score_board(made[0], tmp_path / "sure", made[1]).to_dict())
+    assert "best" not in re.sub(r"<style>.*?</style>", "", alone, flags=re.DOTALL).replace('class="best"', "")
 
 
 def test_a_foretold_motion_of_other_length_is_refused(made: tuple[Path, Path], tmp_path: Path) -> None:
@@ -505,28 +543,40 @@ def test_a_drawn_session_comes_with_a_motion_without_its_cause() -> None:
     assert len(case.effects) == 1
 
 
-def test_a_peer_enters_by_the_files_alone(made: tuple[Path, Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", PEERS)
+def test_a_peer_is_short_enough_for_its_authors_to_read(name: str) -> None:
+    """Law: the script by which a peer is entered has no more than eighty lines with something in them."""
+    lines = (BENCH / f"{name}.py").read_text(encoding="utf-8").splitlines()
+    assert 0 < sum(bool(line.strip()) for line in lines) <= 80
+
+
+@pytest.mark.parametrize("name", ["board_least_squares", "board_sapc"])
+def test_a_peer_enters_by_the_files_alone(made: tuple[Path, Path], tmp_path: Path, name: str) -> None:
     """Law: a script that knows nothing of armgap foretells every motion, better than torque zero."""
-    script = Path(__file__).parents[2] / "bench" / "peers" / "board_least_squares.py"
-    subprocess.run([sys.executable, script, made[0], tmp_path / "peer"], check=True)
+    subprocess.run([sys.executable, BENCH / f"{name}.py", made[0], tmp_path / "peer"], check=True)
     entry = score_board(made[0], tmp_path, made[1]).record["entries"][0]
     motions = sum(facts["unseen"] for facts in Board.load(made[0]).sessions.values())
     assert entry["foretold"] == motions == 3
     assert entry["prediction"]["share_of_spread"] < 1.0
+    assert entry["answered"] == (3 if name == "board_sapc" else 0)
 
 
 @pytest.mark.real
 @pytest.mark.skipif(not (REAL / "kr300").is_dir(), reason="no recordings of real arms")
 def test_sessions_on_recordings_hold_no_row_of_the_unseen_motion() -> None:
-    sources = load_board_sources(REAL)
-    turns = turns_of(list(sources.values()), 4)
-    ends = {source.arm: source for source in sources.values()}
+    """Law: no session is made twice of a stretch, none holds the end, and all of an arm have the same URDF."""
+    sources = load_board_sources(REAL, 4)
+    ends = {source.arm: split_of(source) for source in sources.values()}
+    places = plan_planted(sources, 4, 4)
+    assert len({(whole.arm, stretch.rows.start) for _, stretch, whole in places}) == len(places) == 4
     urdfs: dict[str, set[str]] = {}
-    for slot in plan_planted(8, 4):
-        case = make_planted(slot, turns, len(sources), 4)
+    for slot, stretch, whole in places:
+        assert stretch.rows.stop <= ends[whole.arm]
+        case = make_planted(slot, stretch, whole, 4)
         if case is None:
             continue
-        assert sum(len(run) for run in case.runs) < split_of(ends[case.arm])
+        assert len(case.runs[0]) == stretch.rows.stop - stretch.rows.start
+        assert case.runs[0].time[0] == 0.0
         assert unpublished(case.effects) == set()
         urdfs.setdefault(case.arm, set()).add(case.urdf)
     assert all(len(texts) == 1 for texts in urdfs.values())

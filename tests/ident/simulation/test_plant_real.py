@@ -6,7 +6,7 @@ import pytest
 
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
-from ident.simulation.real.cases import NEAR, OUTSIDE, plan_slots, sized
+from ident.simulation.real.cases import NEAR, OUTSIDE, plan_slots, plant_effects, sized
 from ident.simulation.real.moved_arm import MovedArm, model_of, rigid_torque, twist_of
 from ident.simulation.real.planted import EFFECTS, bristle
 from ident.simulation.real.sources import Source, with_body
@@ -51,6 +51,25 @@ def test_it_shows_as_much_as_asked(arm: MovedArm, effect: str) -> None:
     assert abs(seen[at].max() - 3.0) < 3.0 * NEAR + 1e-6
     assert np.array_equal(change.felt, again.felt)
     assert set(entry["joints"]) <= set(entry["may_stand_at"])
+
+
+def test_what_is_planted_is_cut_from_the_whole_recording(arm: MovedArm) -> None:
+    """Law: rows that a session gets have the torque of the whole recording, memory and all; a push falls into them."""
+    rows = slice(300, 700)
+    part = MovedArm.of(arm.source, (rows,))
+    hysteresis = EFFECTS["presliding_hysteresis"].change
+    whole = hysteresis(arm, 2, 1.0, np.random.default_rng(4)).torque
+    np.testing.assert_allclose(hysteresis(part, 2, 1.0, np.random.default_rng(4)).torque, whole)
+    push = EFFECTS["external_contact"].change(part, 3, 20.0, np.random.default_rng(4))
+    pushed = np.flatnonzero(np.any(push.torque != 0.0, axis=1))
+    assert rows.start <= pushed.min() < pushed.max() < rows.stop
+    made = plant_effects(part, "single", (("external_contact", 3.0),), np.random.default_rng(4))
+    assert made is not None
+    runs, _, answer = made
+    assert [len(run) for run in runs] == [rows.stop - rows.start]
+    np.testing.assert_array_equal(runs[0].position, arm.source.runs[0].position[rows])
+    start = answer["effects"][0]["parameters"]["start_s"]
+    assert runs[0].time[0] < start < runs[0].time[-1]
 
 
 def test_a_body_put_on_and_taken_off_is_none(arm: MovedArm) -> None:
