@@ -85,7 +85,7 @@ def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
         "left by the tuned model": (TUNED, [one["rms_Nm"] for one in gap.values()]),
         "left after the named effects": (NAMED, [after.get(joint) for joint in gap]),
         "left by a flexible function": (FLEXIBLE, [one.get("ceiling_rms_Nm") for one in gap.values()]),
-        "noise: nothing can go below": (NOISE, [one["noise_floor_Nm"] for one in gap.values()]),
+        "counted as noise": (NOISE, [one["noise_floor_Nm"] for one in gap.values()]),
     }
     if not record["findings"]:
         del rows["left after the named effects"]

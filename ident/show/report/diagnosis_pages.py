@@ -122,6 +122,7 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
         "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
         f"{fixed(session.get('duration_s', 0.0), 0)} s",
         "gaps": gap_rows(record),
+        "noise": verdict.describe_noise(record),
         "named": bool(record.get("findings")),
         "units": verdict.units_of(record),
         # The model untuned is the user's own where one was given.
@@ -144,6 +145,7 @@ def numbers_section(record: Mapping[str, Any]) -> Section | None:
         "named": bool(record.get("findings")),
         "columns": columns,
         "links": numbers.describe_links(record),
+        "marks": numbers.describe_marks(record),
     }
     return Section("numbers", "Your URDF and your arm", "numbers.html", values)
 
