@@ -162,6 +162,17 @@ def say_remedy(console: Console, text: str, indent: str = "") -> None:
             say(console, part.strip(), indent if number == 0 else hanging, hanging)
 
 
+def columns(table: Sequence[Sequence[str]], sides: str) -> list[str]:
+    """Lines of a table whose columns are as wide as their longest cell; `l` or `r` for the side each stands at."""
+    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+    lines = []
+    for row in table:
+        cells = zip(row, widths, sides, strict=True)
+        padded = [cell.rjust(width) if side == "r" else cell.ljust(width) for cell, width, side in cells]
+        lines.append(("  " + "   ".join(padded)).rstrip())
+    return lines
+
+
 def say_lines(console: Console, text: str) -> None:
     """Prints lines as they stand; those that are longer than a sentence may be are wrapped."""
     for line in text.splitlines():

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from ident.checks.report import MISREAD
 from ident.errors import plural
-from ident.show.console import print_issues, say, text_width
+from ident.show.console import columns, print_issues, say, text_width
 from ident.show.report.diagnosis_verdict import (
     PATCH,
     WRITE_NUMBERS,
@@ -148,17 +148,6 @@ def _number_lines(record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], 
     title += ["(of your arm: without what the named effects add)"] * bool(record.get("findings"))
     title += [f"({meaning})" for meaning in describe_marks(record)]
     return [*title, *columns(table, "l" * len(table[0]))]
-
-
-def columns(table: Sequence[Sequence[str]], sides: str) -> list[str]:
-    """Lines of a table whose columns are as wide as their longest cell; `l` or `r` for the side each stands at."""
-    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
-    lines = []
-    for row in table:
-        cells = zip(row, widths, sides, strict=True)
-        padded = [cell.rjust(width) if side == "r" else cell.ljust(width) for cell, width, side in cells]
-        lines.append(("  " + "   ".join(padded)).rstrip())
-    return lines
 
 
 def _print_errors(console: Console, record: Mapping[str, Any]) -> None:

@@ -125,10 +125,15 @@ def draw_evaluation(result: Evaluation) -> Figure:
 
 
 def print_fit(console: Console, result: FitResults) -> None:
-    """What was identified, and what was left out of it."""
+    """What the fit errs by on what it did not see, what was identified, what was left out, and what comes next."""
+    from ident.show.fit_lines import NEXT, describe_foretold, foretold_lines
+
+    say(console, describe_foretold(result.model), style="bold")
+    console.print("\n".join([*foretold_lines(result.model), ""]), soft_wrap=True, highlight=False)
     say_lines(console, result.loss.summary())
     for line in describe_fit(result):
         say(console, with_units(line), hanging="  ")
+    say(console, NEXT, hanging="  ")
 
 
 def describe_fit(result: FitResults) -> list[str]:

@@ -40,6 +40,7 @@ from ident.show.report.words import (
     significant,
 )
 from ident.show.terminal import (
+    describe_known,
     describe_notes,
     describe_spread,
     headline,
@@ -322,4 +323,5 @@ def render_comparison_report(record: Mapping[str, Any]) -> str:
         f"({plural(record[name]['runs'], 'run')}, {record[name]['duration_s']:.0f} s)"
         for name in ("before", "after")
     ]
-    return render_page(f"What changed: {record['robot']}", sections, " · ".join([record["robot"], *sides]))
+    origin = " · ".join([record["robot"], *sides, describe_known(record)])
+    return render_page(f"What changed: {record['robot']}", sections, origin)
