@@ -8,6 +8,8 @@ from pathlib import Path
 
 # Control characters, marks that turn the direction of writing, and bytes of names that are not UTF-8.
 UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
+# A line for a settings file within a remedy, where it stands in backquotes.
+LINE_TO_WRITE = re.compile(r"`(\w+ = [^`]+)`")
 # As much of a place, a fault and a remedy as is told: together they fill a screen [characters].
 LONGEST_PART = 600
 

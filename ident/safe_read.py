@@ -9,6 +9,7 @@ import re
 import stat
 import tomllib
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -217,6 +218,17 @@ def require_unpacked(packed: int, unpacked: int) -> None:
 def toml_key(name: str) -> str:
     """A name as it must stand before the `=` of a TOML file."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
+
+
+def toml_line(key: str, value: Any) -> str:
+    """A key and its value as one line of a TOML file; of a table the whole, within braces."""
+    return f"{toml_key(key)} = {_toml_value(value)}"
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(toml_line(key, entry) for key, entry in value.items())}}}"
+    return json.dumps(value, ensure_ascii=False)
 
 
 def require_finite(value: Any, name: str) -> float:

@@ -11,6 +11,7 @@ each set their own level, and no few samples can raise it.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -19,10 +20,11 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.checks.effort import collect_states, explained_by_model, fit_signed
 from ident.checks.filtered_run import ANGLES as LIMIT
 from ident.checks.filtered_run import CLOCK, compare_velocities, filter_run
-from ident.checks.report import Findings, issue_of
+from ident.checks.report import Findings, issue_of, joints_at
 from ident.errors import plural
 from ident.recordings.recording import Recording, Session, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
+from ident.safe_read import toml_line
 
 TURN = 2.0 * math.pi
 # Channels in the unit of the angles, and their derivatives.
@@ -50,6 +52,7 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     make; told by how much better the robot's torques explain the measured ones when the numbers
     are read as degrees, else by the motion. Radians, where no joint goes farther than a turn's
     number of degrees, by torque that follows gravity as it should if the motion is so much wider.
+    Only the suspected joints are in degrees where the torques are better explained so.
     """
     turning = revolute(session, arm)
     far = np.max([np.abs(run.position).max(axis=0) for run in session.runs], axis=0)
@@ -64,6 +67,11 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     if not suspects.any():
         return session, []
     converted = scale_angles(session, math.radians(1.0), turning, _in_one_unit(session))
+    of_some = False
+    if arm is not None and not suspects[turning].all():
+        alone = scale_angles(session, math.radians(1.0), suspects, _in_one_unit(session))
+        of_some = explained_by_model(alone, arm) > explained_by_model(converted, arm)
+        converted = alone if of_some else converted
     reason = ""
     tells = False
     if arm is not None:
@@ -87,8 +95,11 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     if not reason:
         return session, []
     worst = int(np.argmax(np.where(suspects, far, -1.0)))
-    issue = issue_of("degrees", session, turning, worst, far=far, fast=fast, reason=reason)
-    return converted, [issue]
+    key = "degrees_of_some" if of_some else "degrees"
+    joints = joints_at(session, suspects if of_some else turning)
+    figures: dict[str, Any] = {"far": far, "fast": fast, "reason": reason}
+    line = toml_line("unit", dict.fromkeys(joints, "deg"))
+    return converted, [issue_of(key, session, joints, worst, line=line, **figures)]
 
 
 def _in_one_unit(session: Session) -> bool:

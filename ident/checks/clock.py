@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -313,7 +313,7 @@ def mend_time_base(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     if interval > LIMIT.slowest_interval_s:
         return _tell_factor(session, 1.0 / _unit_of(interval), words)
     if 0.0 < interval < LIMIT.fastest_interval_s:
-        return _tell_factor(session, 1.0, words)
+        return session, [issue_of("clock_fast", session, reason=words, rate=1.0 / interval)]
     return session, []
 
 
@@ -324,7 +324,8 @@ def _tell_factor(
     runs = [run.replace(time=run.time / factor) for run in session.runs]
     scaled = session.replace(runs=runs)
     rate = 1.0 / _usual_interval(scaled)
-    return scaled, [issue_of("clock_rate", session, reason=reason, rate=rate)]
+    seen: dict[str, Any] = {"reason": reason, "rate": rate, "unit": 1.0 / factor}
+    return scaled, [issue_of("clock_rate", session, **seen)]
 
 
 def check_clock(session: Session, arm: ArmModel) -> list[TelemetryIssue]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -24,7 +24,7 @@ from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, filter_run
 from ident.checks.report import issue_of
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
-from ident.safe_read import toml_key
+from ident.safe_read import toml_line
 
 EVERY_ROW = slice(None)
 # Width of the sign's transition at zero speed [rad/s]: a few times a filtered velocity's noise.
@@ -48,6 +48,13 @@ class States:
     gravity: Float[Array, "T n"]
     inertial: Float[Array, "T n"]
     settings: EffortSettings = USUAL_EFFORT
+    # What the model has beside the URDF because the torques ask for it, in words.
+    guessed: str = ""
+
+    @property
+    def counted(self) -> str:
+        """What of the model is a guess, to be said behind it."""
+        return f" with {self.guessed}" if self.guessed else ""
 
     @property
     def moving(self) -> Bool[Array, " n"]:
@@ -77,9 +84,16 @@ class SignedFit(NamedTuple):
 
 
 def collect_states(
-    session: Session, arm: ArmModel, settings: EffortSettings = USUAL_EFFORT
+    session: Session, arm: ArmModel, settings: EffortSettings = USUAL_EFFORT, guessed: str = ""
 ) -> States | None:
-    """The filtered motion of all runs; None where every run is too short."""
+    """The filtered motion of all runs; None where every run is too short.
+
+    Args:
+        session: The recordings.
+        arm: Their robot.
+        settings: Thresholds.
+        guessed: What of the arm is a guess, in words.
+    """
     filtered = [filter_run(run) for run in session.runs]
     motions = [motion for motion in filtered if motion is not None]
     if not motions:
@@ -90,7 +104,7 @@ def collect_states(
     tau = np.concatenate([motion.tau for motion in motions])
     gravity = arm.gravity(q)
     inertial = arm.inverse_dynamics(q, dq, ddq) - gravity
-    return States(q, dq, ddq, tau, gravity, inertial, settings)
+    return States(q, dq, ddq, tau, gravity, inertial, settings, guessed)
 
 
 def joint_terms(states: States, joint: int, rows: Array | slice = EVERY_ROW) -> Float[Array, "T 4"]:
@@ -207,12 +221,10 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
     issues: list[TelemetryIssue] = []
     if flipped:
         worst = max(flipped, key=lambda joint: fits[joint].minus.explained)
-        lines = ", ".join(f"{toml_key(session.joints[joint])} = -1" for joint in flipped)
+        line = toml_line("effort_sign", {session.joints[joint]: -1 for joint in flipped})
         right = max(fits[worst].plus.explained, 0.0)
         wrong = fits[worst].minus.explained
-        issue = issue_of(
-            "sign_alone", session, flipped, worst, lines=lines, wrong=wrong, right=right
-        )
+        issue = issue_of("sign_alone", session, flipped, worst, line=line, wrong=wrong, right=right)
         issues.append(issue)
     issues += _check_scale(session, states, fits, flipped)
     return issues + _check_origin(session, arm, states)
@@ -307,7 +319,8 @@ def _check_scale(
         issues.append(issue)
     if off:
         worst = max(off, key=lambda joint: abs(np.log(max(upright[joint].gravity, 1e-9))))
-        issues.append(issue_of("unit", session, off, worst, scale=upright[worst].gravity))
+        seen: dict[str, Any] = {"scale": upright[worst].gravity, "counted": states.counted}
+        issues.append(issue_of("unit", session, off, worst, **seen))
     return issues
 
 

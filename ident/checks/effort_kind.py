@@ -33,7 +33,7 @@ from ident.checks.effort import (
 )
 from ident.checks.filtered_run import ARRANGEMENT
 from ident.checks.filtered_run import EFFORT_KIND as LIMIT
-from ident.checks.report import JointEffort, issue_of, joints_at
+from ident.checks.report import MISREAD, JointEffort, issue_of, joints_at
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.limits import is_placeholder
@@ -57,6 +57,12 @@ class GravityFit:
     def is_sure(self) -> bool:
         """Whether the recordings tell a_g."""
         return self.gravity_error < LIMIT.sure
+
+    @property
+    def tells_nothing(self) -> bool:
+        """Whether no gravity and the model's are both within 95 % of the error."""
+        reach = 2.0 * self.gravity_error
+        return self.gravity - reach < 0.0 and self.gravity + reach > 1.0
 
     @property
     def lacks_gravity(self) -> bool:
@@ -84,7 +90,7 @@ def fit_gravity(states: States, joint: int) -> GravityFit:
 
 
 def mend_effort_kind(
-    session: Session, arm: ArmModel | None, is_compensated: bool = False
+    session: Session, arm: ArmModel | None, is_compensated: bool = False, guessed: str = ""
 ) -> tuple[Session, list[TelemetryIssue]]:
     """Adds the model's gravity to gravity-compensated effort.
 
@@ -93,14 +99,17 @@ def mend_effort_kind(
     Args:
         session, arm: The recordings and their robot.
         is_compensated: Whether a search of all conventions found it so.
+        guessed: What of the robot is a guess, in words.
     """
     if arm is None or session.effort_kind == "joint_torque":
         return session, []
     forced = session.effort_kind == "gravity_compensated"
     states = collect_states(session, arm)
+    counted = f" with {guessed}" if guessed else ""
     sure = {} if states is None else _sure_fits(states)
     reported = {
-        joint: f"{session.joints[joint]}: {tell_gravity(fit)}" for joint, fit in sure.items()
+        joint: f"{session.joints[joint]}: {tell_gravity(fit, counted)}"
+        for joint, fit in sure.items()
     }
     if forced and sure and all(fit.gravity > LIMIT.present for fit in sure.values()):
         worst = max(sure, key=lambda joint: sure[joint].gravity)
@@ -111,7 +120,8 @@ def mend_effort_kind(
     runs = [_with_gravity(run, arm) for run in session.runs]
     reason = "session.toml says gravity_compensated" if forced else "gravity is not in the effort"
     seen = f" ({'; '.join(reported.values())})" if reported else ""
-    issue = issue_of("gravity_lacks", session, session.joints, reason=reason, seen=seen)
+    words: dict[str, Any] = {"reason": reason, "seen": seen, "counted": counted}
+    issue = issue_of("gravity_lacks", session, session.joints, **words)
     return session.replace(runs=runs, effort_kind="joint_torque"), [issue]
 
 
@@ -147,12 +157,19 @@ def _with_gravity(run: Recording, arm: ArmModel) -> Recording:
     return run.replace(effort=run.effort + arm.gravity(run.position))
 
 
-def tell_gravity(fit: GravityFit) -> str:
-    """The parameters of a fit in words, with 95 % of the error."""
-    return (
-        f"its gravity is {fit.gravity:.2f} ± {2.0 * fit.gravity_error:.2f} times the model's, "
-        f"its inertia {fit.inertia:.2f} times"
-    )
+def tell_gravity(fit: GravityFit, counted: str = "") -> str:
+    """The parameters of a fit in words, with 95 % of the error.
+
+    Args:
+        fit: Of a joint's torque.
+        counted: What of the model is a guess, to be said behind it.
+    """
+    gravity = f"{fit.gravity:.2f} ± {2.0 * fit.gravity_error:.2f}"
+    inertia = f"{fit.inertia:.2f} ± {2.0 * fit.inertia_error:.2f}"
+    share = f"its gravity is {gravity} times the model's{counted}"
+    if fit.tells_nothing:
+        share = f"whether gravity{counted} is in it can't be told ({gravity} times the model's)"
+    return f"{share}, its inertia {inertia} times"
 
 
 def judge_effort(
@@ -182,7 +199,10 @@ def _judge(
     """What one joint's effort is, and the evidence."""
     fit = fit_gravity(states, joint)
     by_issues = _judge_by_issues(session, states, joint, issues)
-    reported = _tell_effort(states, joint, fit)
+    reads_factor = any(
+        issue.issue == MISREAD and session.joints[joint] in issue.joints for issue in issues
+    )
+    reported = _tell_effort(states, joint, fit, reads_factor)
     if by_issues is not None:
         kind, evidence = by_issues
         return kind, evidence or f"{reported}, gravity added"
@@ -193,14 +213,23 @@ def _judge(
     return "motor_torque" if fit.friction > LIMIT.motor_friction else "joint_torque", reported
 
 
-def _tell_effort(states: States, joint: int, fit: GravityFit) -> str:
-    """How an effort follows gravity, and how much of it is friction, in words."""
+def _tell_effort(states: States, joint: int, fit: GravityFit, reads_factor: bool) -> str:
+    """How an effort follows gravity, and how much of it is friction, in words.
+
+    Args:
+        states: The states of the recordings.
+        joint: Column of the joint.
+        fit: Of its torque.
+        reads_factor: Whether `check_scales` reports its factor.
+    """
     friction = f"friction is {100.0 * fit.friction:.0f} % of the effort's spread"
-    if not states.heavy[joint]:
-        return f"gravity hardly changes here; {friction}"
+    if not states.heavy[joint] and not reads_factor:
+        change = states.gravity[:, joint].std() / states.tau[:, joint].std()
+        gravity = f"gravity by the model{states.counted} is {100.0 * change:.0f} %"
+        return f"{friction}, {gravity}"
     scale, error, _ = fit_scale(states, joint)  # what `check_scales` reports
     shown = replace(fit, gravity=scale, gravity_error=error)
-    return f"{tell_gravity(shown)}; {friction}"
+    return f"{tell_gravity(shown, states.counted)}; {friction}"
 
 
 def _judge_by_issues(
@@ -483,7 +512,8 @@ def check_scales(session: Session, states: States, arm: ArmModel) -> list[Teleme
     words = []
     for joint, scale, error in scales:
         interval = f"{scale:.2f} ± {2.0 * error:.2f}"
-        words.append(f"{session.joints[joint]} reads {interval} times the model's gravity torque")
+        times = f"{interval} times the model's gravity torque{states.counted}"
+        words.append(f"{session.joints[joint]} reads {times}")
     joints = [off.joint for off in scales]
     return [issue_of("scale", session, joints, reported="; ".join(words))]
 

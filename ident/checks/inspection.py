@@ -227,13 +227,13 @@ def inspect_alone(
     arm = reading.arm
     judged = reading.judged
     issues += reading.issues
-    session, told = mend_effort_kind(session, judged, reading.is_compensated)
+    session, told = mend_effort_kind(session, judged, reading.is_compensated, reading.guessed)
     has_clock = not any(
         issue.issue == "time_not_increasing" and issue.severity == "fatal" for issue in issues
     )
     issues += told + check_clock(session, judged) + (check_rate(session) if has_clock else [])
     issues += _check_channels(session) + check_bodies_of_urdf(session, arm)
-    states = collect_states(session, judged, settings.effort)
+    states = collect_states(session, judged, settings.effort, reading.guessed)
     issues += check_gains(session)
     if states is not None:
         # Each question is asked only where the ones before it left the torque its meaning.

@@ -66,6 +66,17 @@ class Choice:
         """Whether joints have offsets."""
         return bool(self.selection.offset.any())
 
+    @property
+    def left_out_rmse(self) -> Float[Array, " n"]:
+        """Torque error of each joint on parts that a fit did not see, where it moves [N m]."""
+        return self.errors[self.kind].rmse
+
+    @property
+    def torque_rms(self) -> Float[Array, " n"]:
+        """Root mean square of each joint's torque in the same samples [N m]."""
+        squares = np.array([square[:, -1, -1].sum() for square in self.sums.squares])
+        return np.sqrt(squares / np.maximum(self.sums.counts.sum(axis=0), 1.0))
+
     def problem(self) -> Problem:
         """Normal equations of all parts."""
         return assemble(self.sums, self.selection, range(self.sums.parts), self.noise)
@@ -119,6 +130,18 @@ class Choice:
             "work_error_by_inertia_J": {kind: error.energy for kind, error in self.errors.items()},
             "laws": [self._law_record(number) for number in self.selection.laws],
             "parts": self.sums.parts,
+            "left_out": self._left_out_record(),
+        }
+
+    def _left_out_record(self) -> dict[str, dict[str, float]]:
+        """Each joint's error on parts that a fit did not see, beside its torque [N m]."""
+        if self.kind not in self.errors:
+            return {}
+        joints = self.sums.nominal.joint_names
+        sizes = zip(joints, self.left_out_rmse, self.torque_rms, strict=True)
+        return {
+            joint: {"rmse_Nm": float(error), "torque_rms_Nm": float(torque)}
+            for joint, error, torque in sizes
         }
 
     def _law_record(self, number: int) -> dict[str, object]:
@@ -130,8 +153,10 @@ class Choice:
         """In words: what each constraint costs on runs left out, and what was chosen."""
         inertias = f"inertias: {WORDS[self.kind]}"
         if self.kind != "nominal":
-            inertias += f", within {100 * self.share:.0f} % of each link's scale"
-        offsets = "one a joint" if self.offset else "none"
+            inertias += (
+                f"; the URDF's are believed to {100 * self.share:.0f} % of each link's scale"
+            )
+        offsets = "one a joint, as the table has them" if self.offset else "none"
         lines = [*self._describe_costs(), inertias, f"constant torques: {offsets}"]
         tried = [number for number in self.selection.laws if number >= self.given]
         if tried:

@@ -47,6 +47,7 @@ class LawKind(NamedTuple):
     optional: tuple[str, ...] = ()
     usual: Shape = {}  # noqa: RUF012 (read alone)
     units: tuple[str, ...] = (TORQUE,)
+    labels: tuple[str, ...] = ()  # what each coefficient is
     nonnegative: tuple[int, ...] = ()
     bears_load: bool = False
 
@@ -154,12 +155,14 @@ class NamedLaw:
         return f"{joints[self.joint]}: {self.kind.words}{bent}: {reported}"
 
     def _figure_in_words(self, index: int) -> str:
-        """One coefficient with its interval and unit."""
+        """One coefficient by its name, with unit and 95 % interval, which ends where it may."""
         value, low, high = self.figures[index]
-        units = self.kind.units
-        unit = units[min(index, len(units) - 1)]
+        kind = self.kind
+        unit = kind.units[min(index, len(kind.units) - 1)]
+        label = f"{kind.labels[index]} " if index < len(kind.labels) else ""
         shown = 0.0 if abs(value) <= ZERO_SHARE * (high - low) else value
-        return f"{shown:.3g} [{low:.3g}, {high:.3g}]{'' if unit == '1' else f' {unit}'}"
+        least = max(low, 0.0) if index in kind.nonnegative else low
+        return f"{label}{shown:.3g} {unit} [{least:.3g}, {high:.3g}]"
 
 
 def states_of(

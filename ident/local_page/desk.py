@@ -6,7 +6,6 @@ stands in a folder of its own.
 
 from __future__ import annotations
 
-import re
 import shutil
 import threading
 import tomllib
@@ -22,12 +21,12 @@ from ident.api.diagnosing import examine
 from ident.api.exporting import patch
 from ident.api.inspecting import inspect
 from ident.command_options import DiagnoseOptions
-from ident.errors import InputError, first_line
+from ident.errors import LINE_TO_WRITE, InputError, first_line
 from ident.infer.new_session import guess_session
 from ident.progress import listening
 from ident.recordings.session_toml import KEYS
 from ident.recordings.session_toml import NAME as SESSION_FILE
-from ident.safe_read import toml_key
+from ident.safe_read import toml_line
 from ident.sessions import load_robot
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.diagnosis_verdict import WRITE_NUMBERS, diagnosis_headline, first_action
@@ -36,10 +35,7 @@ from ident.show.report.traces import gather_traces
 
 RECORD, PAGE, PATCH = "why.json", "why.html", "patched"
 ZIPPED = f"{PATCH}.zip"
-# A line of session.toml within a remedy's sentence: one of its keys, and what it is to be.
-VALUE = r"\"[^\"]*\"|\[[^\]]*\]|-?\d[\d.e+-]*"
-LINE = re.compile(rf"\b({'|'.join(KEYS)}) = ({VALUE})")
-# A remedy that speaks of a sign means minus one at the issue's joints.
+# A sign that is there already is turned round.
 SIGN = "effort_sign"
 
 
@@ -276,7 +272,10 @@ def lines_of(issue: Mapping[str, Any], text: str = "") -> list[str]:
         text: The session.toml as it is: a sign that is there already is turned round.
     """
     signs = tomllib.loads(text).get(SIGN, {})
-    lines = [f"{key} = {value}" for key, value in LINE.findall(issue["remedy"])]
-    if SIGN in issue["remedy"] and not any(line.startswith(SIGN) for line in lines):
-        lines += [f"{SIGN}.{toml_key(joint)} = {-signs.get(joint, 1)}" for joint in issue["joints"]]
-    return list(dict.fromkeys(lines))
+    lines = []
+    for line in LINE_TO_WRITE.findall(issue["remedy"]):
+        ((key, value),) = tomllib.loads(line).items()
+        if key == SIGN:
+            value = {joint: -signs.get(joint, 1) for joint in value}
+        lines.append(toml_line(key, value))
+    return lines

@@ -91,20 +91,24 @@ class LossResults:
             at_zero = figure.name in bounds[figure.joint]
             value = 0.0 if at_zero else figure.value
             low = 0.0 if at_zero else figure.low
-            note = ", at zero" if at_zero else ""
+            note = ", none found" if at_zero else ""
             interval = f"[{low:.4g}, {figure.high:.4g}]"
             name = f"{figure.joint:<{wide}} {WORDS[figure.name]:<15}"
             lines.append(f"{name} {value:>9.4g}  {interval:<20} {figure.unit}{note}")
         return "\n".join(lines)
 
     def figures(self) -> list[LossFigure]:
-        """All parameters, joint by joint, with 95 % intervals."""
+        """All parameters, joint by joint, with 95 % intervals.
+
+        Those of what can't be negative end at zero.
+        """
         intervals = self.conf_int().tolist()
         figures = []
         for j, joint in enumerate(self.joints):
             for k, name in enumerate(NAMES):
                 value = float(getattr(self.params, name)[j])
                 low, high = intervals[j][k]
+                low = low if name == "offset" else max(low, 0.0)
                 figures.append(LossFigure(joint, name, value, low, high, UNITS[k]))
         return figures
 

@@ -22,6 +22,7 @@ TIME = "time"
 # What plotting tools call the time of a row.
 TIME_ALIASES = ("__time",)
 ANGLES = ("position", "velocity", "acceleration", "position_command", "velocity_command")
+TORQUES = ("effort", "effort_command", "current")
 
 
 def match_joints(
@@ -250,6 +251,7 @@ def take_run(
             raise RecordingError(
                 source, f"missing column {joint}/position", f"add it, or drop the column {column}"
             )
+    sound = _in_stated_order(sound, joints, session_file)
     named = {
         "drive_gain_Nm_per_A": session_file.drive_gain,
         "effort_sign": session_file.effort_sign,
@@ -282,7 +284,7 @@ def take_run(
         )
     else:
         channels["effort"] = np.zeros_like(channels["position"])
-    for channel in ("effort", "effort_command", "current"):
+    for channel in TORQUES:
         if channel in channels and np.any(direction != 1.0):
             channels[channel] = direction * channels[channel]
     if TIME in sound:
@@ -299,6 +301,32 @@ def take_run(
     return Recording(
         name=name, joints=joints, time=time, source=source, issues=(*seen, *issues), **channels
     )
+
+
+def _in_stated_order(
+    columns: Mapping[str, Float[Array, " T"]], joints: Sequence[str], session_file: SessionFile
+) -> dict[str, Float[Array, " T"]]:
+    """Columns under the joints that they are of, as `[order]` and `[effort_order]` say.
+
+    Raises:
+        RecordingError: They name a joint that is not recorded, or one twice.
+    """
+    order = session_file.order
+    effort_order = {**order, **session_file.effort_order}
+    if not effort_order:
+        return dict(columns)
+    for key, places in (("order", order), ("effort_order", effort_order)):
+        if sorted(places) != sorted(places.values()) or not set(places) <= set(joints):
+            what = f"[{key}] gives {', '.join(places)} the columns of {', '.join(places.values())}"
+            remedy = f"name each of the same joints once on both sides; there are: {listed(joints)}"
+            raise RecordingError(session_file.where, what, remedy)
+    ordered = {TIME: columns[TIME]} if TIME in columns else {}
+    for joint, channel in product(joints, CHANNELS):
+        places = effort_order if channel in TORQUES else order
+        source = f"{places.get(joint, joint)}/{channel}"
+        if source in columns:
+            ordered[f"{joint}/{channel}"] = columns[source]
+    return ordered
 
 
 def _channels(

@@ -51,9 +51,9 @@ GRIPPER = "gripper"
 NORMALISED = 100.0
 SHARE_LOGGERS = ("so100", "so101", "so_100", "so_101", "koch", "omx", "lekiwi")
 SHARES = (
-    'write lerobot_calibration = "FILE.json" in session.toml, the file that '
+    'write `lerobot_calibration = "FILE.json"` at the top of session.toml, the file that '
     "lerobot-calibrate wrote, or record with use_degrees; "
-    'where they are degrees all the same, write angle_unit = "deg" in session.toml'
+    'where they are degrees all the same, write `angle_unit = "deg"` there'
 )
 EPISODE = "episode_index"
 CLOCK = "timestamp"

@@ -66,6 +66,10 @@ class SessionFile:
     # none is given.
     lerobot_calibration: Path | None = None
     time_factor: float = 1.0  # what recorded times are multiplied with to be seconds
+    # Joint -> the joint under whose name its columns stand.
+    order: Mapping[str, str] = field(default_factory=dict)
+    # The same of efforts and currents, where they stand elsewhere than the other columns.
+    effort_order: Mapping[str, str] = field(default_factory=dict)
     # what of `FREE` the file has, and own keys
     metadata: Mapping[str, Any] = field(default_factory=dict)
     with_effort: bool = True  # whether a torque is needed; without, the recording's effort is zero
@@ -119,7 +123,6 @@ def load_session_file(path: Path) -> SessionFile:
             path, "both counts_per_turn and angle_unit", "angles have one unit: keep one of them"
         )
     angles = keys.one_of("angle_unit", tuple(ANGLE_UNITS), 'write "rad" or "deg"')
-    times = keys.one_of("time_unit", tuple(TIME_UNITS), f"write one of: {', '.join(TIME_UNITS)}")
     kind = keys.one_of("effort_kind", EFFORT_KINDS, f"write {' or '.join(map(repr, EFFORT_KINDS))}")
     robot = data.get("robot")
     if robot is not None and not isinstance(robot, str):
@@ -145,7 +148,9 @@ def load_session_file(path: Path) -> SessionFile:
         units=keys.joint_units(),
         effort_kind=kind,
         lerobot_calibration=None if calibration is None else path.parent / calibration,
-        time_factor=TIME_UNITS[times or "s"],
+        time_factor=keys.time_unit(),
+        order=keys.names("order"),
+        effort_order=keys.names("effort_order"),
         gravity=keys.three(data["gravity_mps2"], "gravity_mps2", "base")
         if "gravity_mps2" in data
         else None,
@@ -208,6 +213,25 @@ class _Keys:
             )
         x, y, z = (self.number(value, key) for value in values)
         return x, y, z
+
+    def names(self, key: str) -> dict[str, str]:
+        """Names by joint."""
+        names = {}
+        for joint, name in self.table(key).items():
+            if not isinstance(name, str):
+                remedy = "write the name of a joint in quotes"
+                raise RecordingError(self.path, f"[{key}] {joint} = {name!r}", remedy)
+            names[joint] = name
+        return names
+
+    def time_unit(self) -> float:
+        """The unit of recorded times [s], by its name or its length."""
+        unit = self.data.get("time_unit", "s")
+        if not isinstance(unit, str):
+            return self.positive("time_unit", "length of the unit [s]") or 1.0
+        remedy = f"write one of: {', '.join(TIME_UNITS)}; or its length [s]"
+        name = self.one_of("time_unit", tuple(TIME_UNITS), remedy)
+        return TIME_UNITS[name or "s"]
 
     def joint_units(self) -> dict[str, float]:
         """Factors of single joints' positions by their units' names."""

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ident.errors import plural, visible
+from ident.errors import LINE_TO_WRITE, plural, visible
 from ident.progress import listening
 from ident.show.palette import rung_name
 
@@ -77,7 +77,7 @@ def print_issues(console: Console, issues: Sequence[Mapping[str, Any]], least: s
             head.stylize("bold", len(kind) + 1, len(kind) + 1 + len(issue["issue"]))
             console.print(head, soft_wrap=True, highlight=False)
             if kind != "note":
-                say(console, f"remedy: {issue['remedy']}", "    ", "      ")
+                say_remedy(console, f"remedy: {issue['remedy']}", "    ")
 
 
 @contextmanager
@@ -150,6 +150,27 @@ def say(console: Console, text: str, indent: str = "", hanging: str | None = Non
     """Prints a paragraph, wrapped."""
     lines = wrap(visible(text), text_width(console), indent, hanging)
     console.print(Text(lines, style=style), soft_wrap=True, highlight=False)
+
+
+def say_remedy(console: Console, text: str, indent: str = "") -> None:
+    """Prints a paragraph; lines of a settings file stand in it by themselves, unbroken, to be pasted."""
+    hanging = f"{indent}  "
+    for number, part in enumerate(LINE_TO_WRITE.split(text)):
+        if number % 2:
+            console.print(f"{hanging}{visible(part)}", soft_wrap=True, highlight=False)
+        elif part.strip():
+            say(console, part.strip(), indent if number == 0 else hanging, hanging)
+
+
+def columns(table: Sequence[Sequence[str]], sides: str) -> list[str]:
+    """Lines of a table whose columns are as wide as their longest cell; `l` or `r` for the side each stands at."""
+    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+    lines = []
+    for row in table:
+        cells = zip(row, widths, sides, strict=True)
+        padded = [cell.rjust(width) if side == "r" else cell.ljust(width) for cell, width, side in cells]
+        lines.append(("  " + "   ".join(padded)).rstrip())
+    return lines
 
 
 def say_lines(console: Console, text: str) -> None:

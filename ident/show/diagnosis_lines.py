@@ -9,11 +9,12 @@ from rich.console import Console
 
 from ident.checks.report import MISREAD
 from ident.errors import plural
-from ident.show.console import print_issues, say, text_width
+from ident.show.console import columns, print_issues, say, text_width
 from ident.show.report.diagnosis_verdict import (
     PATCH,
     WRITE_NUMBERS,
     describe_findings,
+    describe_noise,
     describe_reservations,
     describe_unnamed,
     diagnosis_headline,
@@ -21,12 +22,14 @@ from ident.show.report.diagnosis_verdict import (
     first_action,
     in_order_of_joints,
     in_units_of,
+    noise_is_left,
     order_of,
     units_of,
 )
 from ident.show.report.numbers import (
     LOSSES,
     describe_links,
+    describe_marks,
     describe_numbers,
     describe_readings,
     states_friction,
@@ -144,18 +147,8 @@ def _number_lines(record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], 
     title = ["", "Your URDF → your arm, ± 95 % if the URDF's other numbers are right"]
     title += ["(in brackets: if they are as far off as URDFs are)"] * wider
     title += ["(of your arm: without what the named effects add)"] * bool(record.get("findings"))
+    title += [f"({meaning})" for meaning in describe_marks(record)]
     return [*title, *columns(table, "l" * len(table[0]))]
-
-
-def columns(table: Sequence[Sequence[str]], sides: str) -> list[str]:
-    """Lines of a table whose columns are as wide as their longest cell; `l` or `r` for the side each stands at."""
-    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
-    lines = []
-    for row in table:
-        cells = zip(row, widths, sides, strict=True)
-        padded = [cell.rjust(width) if side == "r" else cell.ljust(width) for cell, width, side in cells]
-        lines.append(("  " + "   ".join(padded)).rstrip())
-    return lines
 
 
 def _print_errors(console: Console, record: Mapping[str, Any]) -> None:
@@ -167,6 +160,8 @@ def _print_errors(console: Console, record: Mapping[str, Any]) -> None:
     known = [name for name, key in keys.items() if any(key in gap for gap in record["gap"].values())]
     if after:
         known.insert(len(known) - 1, "named")
+    if len(noise_is_left(record)) == len(record["gap"]):  # the column before says it
+        known.remove("noise")
     table = [["", *known]]
     for joint, gap in record["gap"].items():
         sizes = [after.get(joint) if name == "named" else gap.get(keys[name]) for name in known]
@@ -176,7 +171,10 @@ def _print_errors(console: Console, record: Mapping[str, Any]) -> None:
     console.print()
     say(console, f"{title}; {'; '.join(meanings)}" if meanings else title)
     lines = columns(table, "l" + "r" * len(known))
-    console.print("\n".join([*lines, ""]), soft_wrap=True, highlight=False)
+    console.print("\n".join(lines), soft_wrap=True, highlight=False)
+    if noise := describe_noise(record):
+        say(console, noise, "  ")
+    console.print()
 
 
 def describe_rest(record: Mapping[str, Any]) -> str:

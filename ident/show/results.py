@@ -86,7 +86,7 @@ def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
         "left by the tuned model": (TUNED, [one["rms_Nm"] for one in gap.values()]),
         "left after the named effects": (NAMED, [after.get(joint) for joint in gap]),
         "left by a flexible function": (FLEXIBLE, [one.get("ceiling_rms_Nm") for one in gap.values()]),
-        "noise: nothing can go below": (NOISE, [one["noise_floor_Nm"] for one in gap.values()]),
+        "counted as noise": (NOISE, [one["noise_floor_Nm"] for one in gap.values()]),
     }
     if not record["findings"]:
         del rows["left after the named effects"]
@@ -126,10 +126,15 @@ def draw_evaluation(result: Evaluation) -> Figure:
 
 
 def print_fit(console: Console, result: FitResults) -> None:
-    """What was identified, and what was left out of it."""
+    """What the fit errs by on what it did not see, what was identified, what was left out, and what comes next."""
+    from ident.show.fit_lines import NEXT, describe_foretold, foretold_lines
+
+    say(console, describe_foretold(result.model), style="bold")
+    console.print("\n".join([*foretold_lines(result.model), ""]), soft_wrap=True, highlight=False)
     say_lines(console, result.loss.summary())
     for line in describe_fit(result):
         say(console, with_units(line), hanging="  ")
+    say(console, NEXT, hanging="  ")
 
 
 def describe_fit(result: FitResults) -> list[str]:

@@ -163,16 +163,17 @@ def print_comparison(console: Console, record: Record, details: bool = False) ->
         side = record[name]
         size = f"{plural(side['runs'], 'run')}, {side['samples']} samples, {side['duration_s']:.0f} s"
         console.print(f"{name}: {', '.join(side['sessions'][:6])}{' …' if len(side['sessions']) > 6 else ''}; {size}")
+    say(console, describe_known(record), hanging="  ")
     print_issues(console, record["telemetry"], "warning")
     words, order = headline(record)
     say(console, words, style="bold")
     if order:
-        say(console, f"Do: {order}.", hanging="    ")
+        say(console, f"Do: {sentence(order)}.", hanging="    ")
     for number, change in enumerate(record["changes"], start=1):
         say(console, describe_name(change, record, "in the later set"), f"{number}. ", "   ")
         if details:
             say(console, f"{sentence(describe_sizes(change, record))}.", "   ")
-        say(console, f"Do: {order_of(change, record)}.", "   ", "       ")
+        say(console, f"Do: {sentence(order_of(change, record))}.", "   ", "       ")
     lines = [*describe_unnamed_changes(record), *describe_still(record)]
     rest = [*describe_unreported(record), *describe_used(record), describe_spread(record)]
     rest += group_silent(without_still(record))
@@ -183,6 +184,33 @@ def print_comparison(console: Console, record: Record, details: bool = False) ->
         parts += ["what fits and is not reported"] if record["reservations"] else []
         parts += ["how much friction differs from run to run, what these recordings can't show"]
         say(console, REST.format(", ".join(parts)))
+
+
+def describe_known(record: Record) -> str:
+    """Which loads and which mount of the base were taken as known, in a sentence or two."""
+    loads = [_load_of(record[name]) for name in ("before", "after")]
+    carried = f"{loads[0]} before, {loads[1]} after" if loads[0] != loads[1] else f"{loads[0]} before and after"
+    mounts = [_mount_of(record[name]) for name in ("before", "after")]
+    told = f"Taken as known: payload {carried}; the base {mounts[0]}."
+    if mounts[0] != mounts[1]:
+        told += f" After, the base is said to be {mounts[1]}: that is not used."
+    return told
+
+
+def _load_of(side: Record) -> str:
+    """The load of one set's sessions by their session.toml."""
+    loads = sorted(set(side.get("payload_kg", ())))
+    if not any(loads):
+        return "none"
+    return f"{' to '.join(significant(load, 4) for load in dict.fromkeys([loads[0], loads[-1]]))} kg"
+
+
+def _mount_of(side: Record) -> str:
+    """How one set's base is mounted."""
+    gravity = side.get("gravity_mps2")
+    if gravity is None:
+        return "as the URDF has it"
+    return f"under gravity along [{', '.join(fixed(value, 2) for value in gravity)}] m/s²"
 
 
 def without_still(record: Record) -> list[Record]:

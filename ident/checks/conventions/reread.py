@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,13 +18,13 @@ from ident.checks.conventions.find import (
 )
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
 from ident.checks.conventions.search import LIMIT, Scored
-from ident.checks.conventions.words import columns_in_words, in_words
+from ident.checks.conventions.words import columns_in_words, guess_in_words, in_words
 from ident.checks.effort import collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
 from ident.checks.report import WORDS, issue_of
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
-from ident.safe_read import toml_key
+from ident.safe_read import toml_line
 
 # How far gravity's direction, followed to where it is likeliest, may lie from where the search
 # found it [degrees].
@@ -141,18 +140,15 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
     ):
         if kind in known:
             names = ", ".join(known[kind])
-            lines = ", ".join(
-                f"{toml_key(name)} = {json.dumps(value)}" for name, value in known[kind].items()
-            )
-            issues.append(issue_of(key, session, known[kind], names=names, lines=lines, **seen))
+            line = toml_line(kind, known[kind])
+            issues.append(issue_of(key, session, known[kind], names=names, line=line, **seen))
     issues += _angle_issues(known, session, seen)
     moved = {**known.get("order", {}), **known.get("effort_order", {})}
     if moved:
-        parts = columns_in_words(best, joints)
-        lines = ", ".join(_column_lines(known))
-        issues.append(
-            issue_of("swapped", session, moved, parts="; ".join(parts), lines=lines, **seen)
-        )
+        parts = "; ".join(columns_in_words(best, joints))
+        given = [key for key in ("order", "effort_order") if key in known]
+        lines = "` and `".join(toml_line(key, known[key]) for key in given)
+        issues.append(issue_of("swapped", session, moved, parts=parts, lines=lines, **seen))
     if "gravity_mps2" in known:
         issues.append(_mount(known["gravity_mps2"], session, arm, seen))
     if "mass_factor" in known:
@@ -166,16 +162,45 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
     if "masses" in known:
         plain = f"{100.0 * found.as_it_is.explains:.1f} %"
         issues.append(issue_of("guessed_masses", session, joints, plain=plain, **seen))
-    if "body" in known:
-        key = "body_lacks" if best.body is not None and best.body[0] > 0.0 else "body_too_much"
-        mass, *moment = best.body or (0.0, 0.0, 0.0, 0.0)
-        centre = ", ".join(f"{value / mass:.2f}" for value in moment) if mass else ""
-        issues.append(
-            issue_of(
-                key, session, joints[-1:], mass=abs(mass), centre=centre, link=arm.links[-1], **seen
-            )
-        )
+    if best.body is not None:
+        issues.append(_body_issue(np.array(best.body), session, arm, seen))
     return issues
+
+
+def _body_issue(
+    body: Float[Array, " 4"], session: Session, arm: ArmModel, seen: dict[str, Any]
+) -> TelemetryIssue:
+    """That the arm carries more or less at its end than is known of, and the payload to write.
+
+    Args:
+        body: Mass [kg] and first moment [kg m] beyond the URDF and the payload that is known.
+        session: The recordings.
+        arm: Their robot.
+        seen: What the best readings explain.
+    """
+    mass, *moment = (float(value) for value in body)
+    centre = ", ".join(f"{value / mass:.2f}" for value in moment) if mass else ""
+    payload = session.payload
+    figures: dict[str, Any] = {
+        "mass": abs(mass),
+        "centre": centre,
+        "link": arm.links[-1],
+        "known": "the URDF has",
+        "place": "at the top of session.toml",
+        "or_payload": "",
+    }
+    whole = body
+    if payload is not None:
+        whole = body + payload.mass_kg * np.array([1.0, *payload.com_m])
+        figures["known"] = "the URDF and [payload] of session.toml have"
+        figures["place"] = "in place of [payload] of session.toml"
+        figures["or_payload"] = ", or mend [payload] of session.toml"
+    if mass <= 0.0:
+        return issue_of("body_too_much", session, session.joints[-1:], **figures, **seen)
+    com = [round(float(value), 3) for value in whole[1:] / whole[0]]
+    table = {"mass_kg": float(f"{whole[0]:.3g}"), "com_m": com}
+    line = toml_line("payload", table)
+    return issue_of("body_lacks", session, session.joints[-1:], line=line, **figures, **seen)
 
 
 def _angle_issues(
@@ -217,20 +242,6 @@ def rivals(found: Conventions) -> list[Scored]:
     return second + [found.as_it_is] * all(each.hypothesis.changes for each in second)
 
 
-def _column_lines(known: dict[str, Any]) -> list[str]:
-    """The lines of [columns] that give columns the joints' names."""
-    lines = []
-    for joint, place in known.get("order", {}).items():
-        names = [
-            (f"{place}/{channel}", f"{joint}/{channel}")
-            for channel in ("position", "velocity", "effort")
-        ]
-        lines += [f"{json.dumps(foreign)} = {json.dumps(native)}" for foreign, native in names]
-    for joint, place in known.get("effort_order", {}).items():
-        lines.append(f"{json.dumps(f'{place}/effort')} = {json.dumps(f'{joint}/effort')}")
-    return lines
-
-
 def _mount(
     gravity: list[float], session: Session, arm: ArmModel, seen: dict[str, Any]
 ) -> TelemetryIssue:
@@ -247,7 +258,7 @@ def _mount(
         if part > 0.99
     ]
     words = named[0] if named else f"({', '.join(f'{part:.2f}' for part in axis)})"
-    line = f"gravity_mps2 = [{', '.join(f'{value:.2f}' for value in gravity)}]"
+    line = toml_line("gravity_mps2", [round(value, 2) for value in gravity])
     key = "mounted" if session.gravity is None else "mounted_otherwise"
     # A few degrees are used, a mount is proposed.
     severity: Severity = "fatal" if key == "mounted" and angle > LIMIT.nearest_deg else "warning"
@@ -265,6 +276,7 @@ class Reading:
     issues: list[TelemetryIssue]
     is_compensated: bool  # whether gravity is not in the effort
     conventions: tuple[dict[str, Any], ...]  # for JSON, the best two
+    guessed: str = ""  # what `judged` has beside the URDF, in words
 
 
 def as_it_is(session: Session, arm: ArmModel) -> Reading:
@@ -307,9 +319,9 @@ def read_conventions(
         found = replace(found, best=replace(found.best, hypothesis=hypothesis))
     issues = tell(found, session, arm)
     compensated = hypothesis.gravity == COMPENSATED and not stated_kind
-    return Reading(
-        reread_session, turned, corrected_arm(turned, hypothesis), issues, compensated, record
-    )
+    judged = corrected_arm(turned, hypothesis)
+    guessed = guess_in_words(hypothesis)
+    return Reading(reread_session, turned, judged, issues, compensated, record, guessed)
 
 
 def what_is_used(

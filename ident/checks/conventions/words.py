@@ -149,3 +149,15 @@ def _masses(hypothesis: Hypothesis, joints: Sequence[str]) -> list[str]:
     if hypothesis.parameters is not None:
         phrases.append("other masses and centres at the same links")
     return phrases
+
+
+def guess_in_words(hypothesis: Hypothesis) -> str:
+    """What a model has beside the URDF's masses by a reading; empty for nothing."""
+    if hypothesis.parameters is not None:
+        return "guessed masses"
+    phrases = []
+    if hypothesis.mass_factor != 1.0:
+        phrases.append(f"all masses times a guessed {hypothesis.mass_factor:.3g}")
+    if hypothesis.body is not None:
+        phrases.append(f"a guessed body of {hypothesis.body[0]:.3g} kg")
+    return join_words(phrases)

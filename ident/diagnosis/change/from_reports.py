@@ -19,7 +19,7 @@ from ident.motion.motion import Motion, no_motion
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.motion.stretches import choose_runs, within_band
 from ident.progress import stage
-from ident.recordings.recording import TelemetryIssue
+from ident.recordings.recording import Session, TelemetryIssue
 from ident.regression.decimation import moved_inertia, prepare_slower
 from ident.robot.arm import ArmModel
 
@@ -153,4 +153,11 @@ def _side(reports: Sequence[TelemetryReport]) -> Side:
         runs=sum(len(session.runs) for session in sessions),
         samples=sum(session.samples for session in sessions),
         duration_s=sum(session.duration for session in sessions),
+        payload_kg=tuple(_payload_kg(session) for session in sessions),
+        gravity_mps2=sessions[0].gravity if sessions else None,
     )
+
+
+def _payload_kg(session: Session) -> float:
+    """The load at the flange that session.toml names [kg]."""
+    return 0.0 if session.payload is None else session.payload.mass_kg

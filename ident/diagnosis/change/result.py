@@ -30,10 +30,16 @@ class Side:
     runs: int = 0  # number of runs
     samples: int = 0  # number of samples
     duration_s: float = 0.0  # duration of its runs together [s]
+    # Of each session the load at the flange that was taken as known, 0 for none [kg].
+    payload_kg: tuple[float, ...] = ()
+    # Gravity in the base's frame by its first session [m/s²]; None for the URDF's.
+    gravity_mps2: tuple[float, float, float] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Its record, for JSON."""
-        return {**vars(self), "sessions": list(self.sessions)}
+        gravity = None if self.gravity_mps2 is None else list(self.gravity_mps2)
+        lists = {"sessions": list(self.sessions), "payload_kg": list(self.payload_kg)}
+        return {**vars(self), **lists, "gravity_mps2": gravity}
 
 
 @dataclass(frozen=True, eq=False)

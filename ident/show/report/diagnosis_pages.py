@@ -40,6 +40,7 @@ from ident.show.report.words import (
     significant,
 )
 from ident.show.terminal import (
+    describe_known,
     describe_notes,
     describe_spread,
     headline,
@@ -122,6 +123,7 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
         "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
         f"{fixed(session.get('duration_s', 0.0), 0)} s",
         "gaps": gap_rows(record),
+        "noise": verdict.describe_noise(record),
         "named": bool(record.get("findings")),
         "units": verdict.units_of(record),
         # The model untuned is the user's own where one was given.
@@ -144,6 +146,7 @@ def numbers_section(record: Mapping[str, Any]) -> Section | None:
         "named": bool(record.get("findings")),
         "columns": columns,
         "links": numbers.describe_links(record),
+        "marks": numbers.describe_marks(record),
     }
     return Section("numbers", "Your URDF and your arm", "numbers.html", values)
 
@@ -320,4 +323,5 @@ def render_comparison_report(record: Mapping[str, Any]) -> str:
         f"({plural(record[name]['runs'], 'run')}, {record[name]['duration_s']:.0f} s)"
         for name in ("before", "after")
     ]
-    return render_page(f"What changed: {record['robot']}", sections, " · ".join([record["robot"], *sides]))
+    origin = " · ".join([record["robot"], *sides, describe_known(record)])
+    return render_page(f"What changed: {record['robot']}", sections, origin)

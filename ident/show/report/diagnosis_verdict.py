@@ -399,6 +399,26 @@ def describe_doubt(record: Mapping[str, Any]) -> str:
     return f" With {percent(left[joint])} something without a name is left at {joint}."
 
 
+def noise_is_left(record: Mapping[str, Any]) -> list[str]:
+    """Joints whose noise is what the names leave, to the digits shown: nothing but noise is believed left there."""
+    after = (record.get("heldout") or {}).get("rms_after_Nm", {}) if record.get("findings") else {}
+    gaps = record.get("gap", {})
+    left = {joint: after.get(joint, gap["rms_Nm"]) for joint, gap in gaps.items()}
+    return [joint for joint, gap in gaps.items() if f"{left[joint]:.3f}" == f"{gap['noise_floor_Nm']:.3f}"]
+
+
+def describe_noise(record: Mapping[str, Any]) -> str:
+    """Why noise and what is left are one figure at some joints, or at all; empty where they are at none."""
+    alike = noise_is_left(record)
+    if not alike:
+        return ""
+    at_all = len(alike) == len(record["gap"])
+    where = "What is left" if at_all else f"What is left at {join_words(alike)}"
+    there = "at no joint" if at_all else "there"
+    sure = "is a cause without a name likelier than not" if at_all else "no cause without a name is likelier than not"
+    return f"{where} is counted as noise: {there} {sure}."
+
+
 def tuned_away_joints(record: Mapping[str, Any]) -> list[str]:
     """Joints whose torque only inertias beyond the URDF's tolerance explain, the loudest first."""
     hidden = {

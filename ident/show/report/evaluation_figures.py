@@ -13,11 +13,12 @@ from ident.arrays import Array, Float
 from ident.model.evaluation import Evaluation, RunTrace, SessionScore
 from ident.model.hybrid import HybridModel
 from ident.model.loss import NAMES
+from ident.show.fit_lines import describe_foretold, foretold_of
 from ident.show.palette import MEASURED, model_colour, rung_colours, rung_name
 from ident.show.report.evaluation import ReportInput, pool_name
 from ident.show.report.figures import WIDE, binned, envelope, make_panel, thin, to_svg
 from ident.show.report.page import Section
-from ident.show.report.words import fixed, sentence, significant
+from ident.show.report.words import fixed, sentence, significant, with_units
 from ident.units import ANGLE, unit_for
 
 TICK_WIDTH = 16  # [characters]
@@ -259,7 +260,9 @@ def parameters_section(source: ReportInput) -> Section:
         "links": () if model.inertia == "nominal" else zip(model.nominal.links, *before_and_after(model), strict=True),
         "fitted": model,
         "tied": [" with ".join(pair["figures"]) for pair in model.provenance.get("tied", [])],
-        "named": [law.describe(model.joint_names) for law in model.named],
+        "named": [with_units(law.describe(model.joint_names)) for law in model.named],
+        "foretold": describe_foretold(model),
+        "foretold_rows": [joint.cells for joint in foretold_of(model)],
         "left_out": model.provenance.get("named_left_out", []),
         "net": net_rows(model),
     }

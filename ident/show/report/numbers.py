@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ident.effects.catalogue import CATALOGUE
 from ident.errors import join_words
 from ident.show.report.words import DASH, fixed, sentence, significant
 from ident.units import DAMPING, INERTIA, TORQUE, unit_for
@@ -30,6 +31,12 @@ READINGS = {"offset_Nm": ("torque offset", TORQUE), "torque_gain": ("torque gain
 MUCH_WIDER = 1.5
 # Joints that a sentence names; of more it says how many.
 MOST_NAMED = 3
+FRICTION = {effect.id for effect in CATALOGUE if effect.as_change.friction}
+# What stands in place of damping or dry friction that only a named law of friction beside it tells.
+IN_LAW = "in the named law"
+# What words and marks of the table mean, each where one of its cells has it.
+MEANS_IN_LAW = f"{IN_LAW}: not told apart from the friction that is named there"
+MEANS_FROM_ZERO = "from 0 on: may be none; friction and rotors are never below 0"
 # A number's record: nominal and found, with its intervals.
 Figure = Mapping[str, Any]
 
@@ -45,11 +52,25 @@ class Number:
     figure: Figure  # its record
     differs: bool  # whether the URDF says otherwise
     matters: bool  # whether that surely makes more torque than noise
+    in_law: bool = False  # whether only a named law of friction beside it tells it
 
     @property
     def value(self) -> str:
         """The value that was found, to the digits that its interval leaves."""
-        return with_error(self.figure)
+        if self.in_law:
+            return IN_LAW
+        return with_interval(self.figure) if self.is_loss else with_error(self.figure)
+
+    @property
+    def is_loss(self) -> bool:
+        """Whether it can't be negative: damping, dry friction, a rotor."""
+        return self.key in LOSSES
+
+    @property
+    def from_zero(self) -> bool:
+        """Whether zero is in its interval, which ends there."""
+        low = self.figure["low"]
+        return self.is_loss and not self.in_law and low is not None and low <= 0.0
 
     @property
     def short(self) -> str:
@@ -65,8 +86,10 @@ class Number:
     def tolerant(self) -> str:
         """Half the interval with the URDF's tolerance, where that is much wider; else empty."""
         given, tolerant = (half_width(self.figure, end) for end in ("", "_with_urdf"))
-        if given is None or tolerant is None or tolerant <= MUCH_WIDER * given:
+        if given is None or tolerant is None or tolerant <= MUCH_WIDER * given or self.in_law:
             return ""
+        if self.is_loss and reaches_below_zero(self.figure, "_with_urdf"):
+            return interval_in_words(self.figure, "_with_urdf")
         return f"± {one_digit(tolerant)}"
 
 
@@ -74,9 +97,11 @@ def numbers_of(record: Mapping[str, Any]) -> list[Number]:
     """All numbers of a diagnosis's joints, in the order of the joints."""
     identified = record.get("identified", {})
     gaps = record.get("gap", {})
+    laws = [one for one in record.get("findings", ()) if one["effect"] in FRICTION]
     found = []
     for joint in record.get("joints", ()):
         gap = gaps.get(joint, {})
+        has_law = any(joint in law["joints"] for law in laws)
         for key, (name, unit) in {**LOSSES, **READINGS}.items():
             figure = identified.get(joint, {}).get(key)
             if figure is None:
@@ -85,8 +110,17 @@ def numbers_of(record: Mapping[str, Any]) -> list[Number]:
             differs = lies_outside(figure, 0.0 if key in STATED else None)
             change = sure_change(figure, 0.0 if key in STATED else None)
             matters = differs and change > gap.get("noise_floor_Nm", math.inf)
-            found.append(Number(joint, key, name, shown, figure, differs, matters))
+            unsure = figure["low"] is not None and figure["low"] <= 0.0
+            in_law = has_law and key in STATED and unsure
+            found.append(Number(joint, key, name, shown, figure, differs, matters, in_law))
     return found
+
+
+def describe_marks(record: Mapping[str, Any]) -> list[str]:
+    """What the words in the table's cells mean, as far as a cell has them."""
+    cells = [number for row in table_of(record) for number in row["cells"].values()]
+    meanings = [MEANS_FROM_ZERO] * any(number.from_zero for number in cells)
+    return meanings + [MEANS_IN_LAW] * any(number.in_law for number in cells)
 
 
 def lies_outside(figure: Figure, unstated: float | None = None) -> bool:
@@ -145,6 +179,31 @@ def with_error(figure: Figure) -> str:
     if half is None or not math.isfinite(half):
         return plain(value)
     return f"{fixed(value, _places(half))} ± {one_digit(half)}"
+
+
+def with_interval(figure: Figure) -> str:
+    """A number that can't be negative: as any, but where ± would reach below zero with its ends.
+
+    `0.3 (0.18 to 2.0)`; the ends alone where the number is zero to their digits: `0 to 0.27`.
+    """
+    value, half = figure["value"], half_width(figure)
+    if value is None or half is None or not math.isfinite(half) or not reaches_below_zero(figure):
+        return with_error(figure)
+    ends = interval_in_words(figure)
+    text = fixed(value, _places(half))
+    return ends if float(text) == 0.0 else f"{text} ({ends})"
+
+
+def reaches_below_zero(figure: Figure, end: str = "") -> bool:
+    """Whether a number less half its interval is negative."""
+    half = half_width(figure, end)
+    return half is not None and figure["value"] - half < 0.0
+
+
+def interval_in_words(figure: Figure, end: str = "") -> str:
+    """An interval of what can't be negative, by its ends."""
+    low, high = max(figure[f"low{end}"], 0.0), figure[f"high{end}"]
+    return f"{significant(low)} to {significant(high)}" if math.isfinite(high) else f"{significant(low)} or more"
 
 
 def _places(error: float) -> int:

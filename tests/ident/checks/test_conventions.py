@@ -14,6 +14,7 @@ from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
 from ident.checks.conventions.readings import Log, Model, read
 from ident.checks.conventions.reread import reread
 from ident.checks.inspection import inspect_sessions
+from ident.errors import LINE_TO_WRITE
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.recordings.save import write_session
@@ -112,7 +113,7 @@ def test_a_mount_is_proposed_with_its_line(gravity: tuple[float, float, float], 
     report = inspect(clean, arm.with_gravity(np.array(gravity)))
     assert {issue.issue for issue in report.fatal} == {"mounting"}
     (issue,) = report.find("mounting")
-    line = issue.remedy.partition("write ")[2].partition(" in session")[0]
+    (line,) = LINE_TO_WRITE.findall(issue.remedy)
     np.testing.assert_allclose(tomllib.loads(line)["gravity_mps2"], [0.0, 0.0, -9.81], atol=0.3)
     assert not inspect(clean.replace(gravity=(0.0, 0.0, -9.81)), arm.with_gravity(np.array(gravity))).fatal
 
@@ -202,12 +203,8 @@ def test_the_lines_that_are_proposed_mend_the_session(clean: Session, arm: ArmMo
     write_session(spoilt, tmp_path / "session")
     (report,) = inspect_sessions([load_session(tmp_path / "session")], arm)
     assert {issue.issue for issue in report.fatal} == {"axis_reversed", "zero_shifted", "effort_sign_flipped"}
-    text = ""
-    for issue in report.fatal:
-        table, _, rest = issue.remedy.partition("write ")[2].partition(" ")
-        lines = rest.partition(" in session.toml")[0]
-        text += "\n".join([table, *lines.split(", ")]) + "\n"
-    (tmp_path / "session/session.toml").write_text(text)
+    lines = [line for issue in report.fatal for line in LINE_TO_WRITE.findall(issue.remedy)]
+    (tmp_path / "session/session.toml").write_text("\n".join(lines))
     (mended,) = inspect_sessions([load_session(tmp_path / "session")], arm)
     assert mended.is_fit
     np.testing.assert_allclose(mended.session.runs[0].position, clean.runs[0].position, atol=1e-4)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -20,7 +20,13 @@ from ident.recordings.recording import Payload, Session, TelemetryIssue
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
 from ident.show.report.diagnosis_pages import render_comparison_report
-from ident.show.terminal import describe_notes, describe_spread, describe_used, without_still
+from ident.show.terminal import (
+    describe_known,
+    describe_notes,
+    describe_spread,
+    describe_used,
+    without_still,
+)
 from tests.ident.diagnosis.planted import (
     COULOMB,
     NOISE,
@@ -227,3 +233,22 @@ def test_a_joint_that_creeps_is_told_from_one_at_rest(three_joints: ArmModel) ->
     (one,) = find_static_joints(runs, coarse)
     assert (one.joint, one.when, one.crept) == (1, "after", True)
     assert "encoder" in one.reason
+
+
+def side(*loads: float, gravity: list[float] | None = None) -> dict[str, Any]:
+    return {"payload_kg": list(loads), "gravity_mps2": gravity}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        (side(0.0), side(0.0, 0.0), "payload none before and after; the base as the URDF has it"),
+        (side(0.0), side(2.6), "payload none before, 2.6 kg after; the base"),
+        (side(0.0, 2.6), side(2.6), "payload 0 to 2.6 kg before, 2.6 kg after; the base"),
+        (side(gravity=[9.81, 0.0, 0.0]), side(gravity=[9.81, 0.0, 0.0]), "under gravity along [9.81, 0.00, 0.00]"),
+        (side(), side(gravity=[9.81, 0.0, 0.0]), "said to be under gravity along [9.81, 0.00, 0.00] m/s²: that is not"),
+    ],
+)
+def test_what_was_taken_as_known_is_said(before: dict[str, Any], after: dict[str, Any], told: str) -> None:
+    """Law: the loads of both sets and the mount are told, and a later mount that is not used."""
+    assert told in describe_known({"before": before, "after": after})

@@ -167,13 +167,15 @@ def test_no_other_site_is_answered(tmp_path: Path) -> None:
 
 
 def test_lines_of_a_remedy_can_be_put_in() -> None:
-    issue = {"remedy": 'write angle_unit = "deg" in session.toml', "joints": []}
+    issue = {"remedy": 'write `angle_unit = "deg"` at the top of session.toml', "joints": []}
     assert lines_of(issue) == ['angle_unit = "deg"']
-    mount = {"remedy": "write gravity_mps2 = [9.81, 0, 0] in session.toml", "joints": []}
+    mount = {"remedy": "write `gravity_mps2 = [9.81, 0, 0]` in session.toml", "joints": []}
     assert lines_of(mount) == ["gravity_mps2 = [9.81, 0, 0]"]
-    sign = {"remedy": "write [effort_sign] joint_2 = -1 (or remove it)", "joints": ["joint_2"]}
-    assert lines_of(sign) == ["effort_sign.joint_2 = -1"]
-    assert lines_of(sign, "[effort_sign]\njoint_2 = -1\n") == ["effort_sign.joint_2 = 1"]
+    sign = {"remedy": "write `effort_sign = {joint_2 = -1}` (or remove it)", "joints": ["joint_2"]}
+    assert lines_of(sign) == ["effort_sign = {joint_2 = -1}"]
+    assert lines_of(sign, "[effort_sign]\njoint_2 = -1\n") == ["effort_sign = {joint_2 = 1}"]
+    two = {"remedy": 'write `order = {a = "b", b = "a"}` and `effort_order = {a = "a"}`', "joints": []}
+    assert [line.partition(" ")[0] for line in lines_of(two)] == ["order", "effort_order"]
 
 
 @pytest.mark.parametrize("line", ["", "nonsense", "no_such_key = 1", "angle_unit = "])

@@ -11,8 +11,19 @@ import pytest
 
 from ident.show.console import PlainConsole, wrap
 from ident.show.diagnosis_lines import print_diagnosis, untold_issues
-from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action, place_words
-from ident.show.report.numbers import describe_numbers, numbers_of, sure_change, table_of, with_error
+from ident.show.report.diagnosis_verdict import describe_noise, diagnosis_headline, first_action, place_words
+from ident.show.report.numbers import (
+    IN_LAW,
+    MEANS_FROM_ZERO,
+    MEANS_IN_LAW,
+    Number,
+    describe_marks,
+    describe_numbers,
+    numbers_of,
+    sure_change,
+    table_of,
+    with_error,
+)
 from tests.ident.show.report.test_report_diagnosis import RECORD
 
 JOINTS = ("shoulder", "elbow")
@@ -164,6 +175,62 @@ def test_the_rest_is_folded_and_said_to_be_there() -> None:
 )
 def test_a_value_has_the_digits_that_its_error_leaves(value: float, half: float, shown: str) -> None:
     assert with_error(figure(None, value, half)) == shown
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "shown"),
+    [
+        (0.0, 0.0, 0.27, "0 to 0.27"),
+        (0.3, 0.18, 2.0, "0.3 (0.18 to 2.0)"),
+        (1.0, 0.0, 6.0, "1 (0 to 6.0)"),
+        (12.0, 11.97, 12.03, "12.00 ± 0.03"),
+        (0.4, -0.6, 1.4, "0.4 (0 to 1.4)"),
+    ],
+)
+def test_what_can_t_be_negative_is_never_shown_so(value: float, low: float, high: float, shown: str) -> None:
+    """Law: of friction and rotors neither an end nor a value less its ± is below zero, and zero alone is no answer."""
+    ends = {"low": low, "high": high, "low_with_urdf": low, "high_with_urdf": high}
+    number = Number(
+        "elbow", "coulomb_Nm", "dry friction", "N m", {"value": value, "nominal": None, **ends}, False, False
+    )
+    assert number.value == shown
+    assert number.from_zero == (low <= 0.0)
+
+
+def test_the_ends_at_zero_are_said_to_be_so() -> None:
+    record = healthy()
+    assert MEANS_FROM_ZERO not in told(record)
+    record["identified"]["elbow"]["viscous_Nms_rad"] = figure(None, 0.1, 0.3)
+    text = told(record)
+    assert "0.1 (0 to 0.40)" in text
+    assert MEANS_FROM_ZERO in text
+
+
+def test_damping_beside_a_named_law_of_friction_is_the_law_s() -> None:
+    """Law: where a law of friction is named, damping that may be none is not told apart from it, and that is said."""
+    record = healthy()
+    record["findings"] = [{**copy.deepcopy(RECORD["findings"][0]), "effect": "stribeck_friction", "joints": ["elbow"]}]
+    record["findings"][0]["class"] = ["stribeck_friction"]
+    record["heldout"] = RECORD["heldout"]
+    record["identified"]["elbow"]["viscous_Nms_rad"] = figure(None, 0.0, 1.8)
+    (shoulder, elbow) = table_of(record)
+    assert elbow["cells"]["viscous_Nms_rad"].value == IN_LAW
+    assert IN_LAW not in (elbow["cells"]["coulomb_Nm"].value, shoulder["cells"]["viscous_Nms_rad"].value)
+    assert describe_marks(record) == [MEANS_IN_LAW]
+
+
+def test_noise_that_is_all_that_is_left_has_no_column() -> None:
+    """Law: two columns of one figure are one, and why they are alike is said; of some joints alone it is said where."""
+    record = healthy()
+    for gap in record["gap"].values():
+        gap["noise_floor_Nm"] = gap["rms_Nm"]
+    assert "noise\n" not in told(record)
+    assert "What is left is counted as noise: at no joint" in told(record)
+    record["gap"]["elbow"]["noise_floor_Nm"] = 0.5 * record["gap"]["elbow"]["rms_Nm"]
+    assert "noise\n" in told(record)
+    assert describe_noise(record).startswith("What is left at shoulder is counted as noise: there no cause")
+    record["gap"]["shoulder"]["noise_floor_Nm"] = 0.5 * record["gap"]["shoulder"]["rms_Nm"]
+    assert describe_noise(record) == ""
 
 
 def test_a_command_is_not_broken_over_lines() -> None:

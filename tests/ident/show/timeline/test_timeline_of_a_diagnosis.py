@@ -61,5 +61,5 @@ def test_the_picture_shows_every_number_of_the_record(sprung: Analysis) -> None:
     assert heights["left by the tuned model"] == [gap["rms_Nm"] for gap in gaps]
     assert heights["left after the named effects"] == list(record["heldout"]["rms_after_Nm"].values())
     assert heights["left by a flexible function"] == [gap["ceiling_rms_Nm"] for gap in gaps]
-    assert heights["noise: nothing can go below"] == [gap["noise_floor_Nm"] for gap in gaps]
+    assert heights["counted as noise"] == [gap["noise_floor_Nm"] for gap in gaps]
     assert all(min(values) > 0.0 for values in heights.values())
