@@ -19,7 +19,12 @@ from ident.fitting.chosen import Choice
 from ident.fitting.fit_sums import FitSums
 from ident.fitting.frictionless import find_frictionless, lossless_parameters
 from ident.fitting.held_out_sums import part_of_blocks
-from ident.fitting.joint_estimate import JointEstimate, estimate, estimates_left_out
+from ident.fitting.joint_estimate import (
+    ON_BOUND,
+    JointEstimate,
+    estimate,
+    estimates_left_out,
+)
 from ident.laws.carried import NamedLaw
 from ident.model.bodies import solve_bounded
 from ident.model.inertia import BaseParameters, InertiaResults, base_prior, compute_condition
@@ -34,10 +39,6 @@ from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
 TIED = 0.95
 # Pairs that are reported in words; all stand in the model.
 MOST_TIED = 4
-# An estimate this near to zero, in standard deviations, lies on its bound.
-ON_BOUND = 1e-3
-# Least share of a link's scale by which the URDF is taken to be off.
-LEAST_SHARE = 1e-6
 # Halvings of the interval in which that share is looked for.
 HALVINGS = 60
 
@@ -114,23 +115,19 @@ def identify(sums: FitSums, choice: Choice | None = None) -> Identified:
         estimate(sums), nominal.n, lambda joints: estimate(sums.through(joints))
     )
     share = urdf_share(whitened, base, scale)
-    prior = None
-    if mode == "nominal":
-        prior = base_prior(base, max(share, LEAST_SHARE) * scale)
-    prior_share = PRIOR_SHARE.get(mode, 0.0) if choice is None else choice.share
-
-    def solve(unbounded: JointEstimate) -> _Solution:
-        zero = lossless_parameters(unbounded, frictionless)
-        bounds = (_nonnegative(unbounded, nominal.n, sums.laws), zero)
-        return _within_bounds(unbounded, nominal, base, mode, bounds, prior_share)
-
-    solution = solve(whitened if prior is None else whitened.without_inertias(prior))
+    urdf = base_prior(base, max(share, sums.baseline.settings.known_share) * scale)
+    held = urdf if mode == "nominal" else None
+    usual = whitened.believing(urdf) if held is None else whitened.without_inertias(held)
     plain = choice is not None and not whitened_as_good(sums, frictionless, choice)
     if choice is not None and plain:
-        solution = solve(with_plain_rows(whitened, choice, prior))
+        usual = with_plain_rows(usual, choice, held)
+    zero = lossless_parameters(whitened, frictionless)
+    bounds = (_nonnegative(usual, nominal.n, sums.laws), zero)
+    prior_share = PRIOR_SHARE.get(mode, 0.0) if choice is None else choice.share
+    solution = _within_bounds(usual, nominal, base, mode, bounds, prior_share)
     unbounded = solution.estimate
     values = solution.values(base)
-    inertia = _inertia_results(sums, solution, mode)
+    inertia = _inertia_results(sums, solution, values, mode, urdf)
     inertias: tuple[InertiaFigure, ...] = ()
     if mode != "nominal":
         inertias = inertia.figures(unbounded.limits(values)[: base.rank])
@@ -192,22 +189,36 @@ def _nonnegative(
     return np.concatenate(positions)
 
 
-def _inertia_results(sums: FitSums, solution: _Solution, mode: Inertia) -> InertiaResults:
-    """The arm with its identified inertias, and how well they are known."""
+def _inertia_results(
+    sums: FitSums,
+    solution: _Solution,
+    values: Float[Array, " m"],
+    mode: Inertia,
+    urdf: Float[Array, "r r"],
+) -> InertiaResults:
+    """The arm with its identified inertias, and how well they are known.
+
+    Args:
+        sums: The pass over the runs.
+        solution: The estimate within its bounds.
+        values: All parameters.
+        mode: How the links' inertias may change.
+        urdf: Information on the base parameters that lies in the URDF.
+    """
     nominal = sums.baseline.nominal
     base = sums.baseline.base
     unbounded = solution.estimate
     arm = nominal
     if mode != "nominal":
         arm = nominal.with_inertial_parameters(nominal.inertial_parameters + solution.change)
-    before = np.diag(np.linalg.inv(sums.baseline.prior))
+    before = np.diag(np.linalg.inv(urdf))
     informed = 1.0 - np.diag(unbounded.covariance)[: base.rank] / before
     information = unbounded.information[: base.rank, : base.rank]
     return InertiaResults(
         arm=arm,
         base=base,
         change=freeze(base.mapping @ solution.change),
-        std=freeze(unbounded.std[: base.rank]),
+        std=freeze(np.sqrt(np.diag(unbounded.about(values)))[: base.rank]),
         informed=freeze(np.clip(informed, 0.0, 1.0)),
         condition_number=compute_condition(information),
     )
@@ -252,15 +263,12 @@ def with_plain_rows(
     """
     problem = choice.problem()
     values = choice.solved("base" if held is None else "nominal", signed=False)
-    usual = whitened if held is None else whitened.without_inertias(held)
-    covariance = usual.covariance + np.diag((values - usual.values) ** 2)
     return replace(
         whitened,
         values=values,
-        covariance=covariance,
         information=problem.information,
         score=problem.score,
-        efficient=usual.values,
+        efficient=whitened.values,
     )
 
 
@@ -358,11 +366,12 @@ def _loss_results(solution: _Solution, values: Float[Array, " m"], sums: FitSums
     dof = np.full((n, len(NAMES)), np.inf)
     least_std = np.zeros((n, len(NAMES)))
     shift = np.zeros((n, len(NAMES)))
+    known = unbounded.about(values)
     for j in range(n):
         index = unbounded.index(j)
-        covariance[j, :fitted, :fitted] = unbounded.covariance[np.ix_(index, index)]
+        covariance[j, :fitted, :fitted] = known[np.ix_(index, index)]
         dof[j, :fitted] = unbounded.dof[index]
-        least_std[j, :fitted] = unbounded.least_std()[index]
+        least_std[j, :fitted] = unbounded.std[index]
         shift[j, :fitted] = unbounded.shift(values)[index]
     std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     on_bound = losses <= ON_BOUND * std + 1e-12

@@ -23,6 +23,8 @@ PASSES = 3
 # Robust weights: blocks whose residual is beyond this many medians of all blocks' lose their pull
 # (Huber's k).
 HUBER_KNEE = 1.345
+# An estimate this near to zero, in standard deviations, lies on its bound.
+ON_BOUND = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +32,8 @@ class JointEstimate:
     """All parameters: r changes of base parameters, three losses a joint, offsets if any, laws."""
 
     values: Float[Array, " m"]  # the parameters, shape (m,)
-    covariance: Float[Array, "m m"]  # mean products of their errors, shape (m, m)
+    # Mean products of the errors of the values of least variance, shape (m, m).
+    covariance: Float[Array, "m m"]
     dof: Float[Array, " m"]  # degrees of freedom behind each standard deviation
     # Weighted normal equations of the data alone, without prior.
     information: Float[Array, "m m"]
@@ -40,8 +43,7 @@ class JointEstimate:
     spread: Float[Array, " n"]  # relative spread of each joint's friction from run to run
     rank: int  # number r of base parameters
     offset: bool  # whether each joint has an offset
-    # The values of least variance where these are others; the covariance counts how far they lie
-    # apart.
+    # The values of least variance where these may be others.
     efficient: Float[Array, " m"] | None = None
 
     @property
@@ -52,20 +54,22 @@ class JointEstimate:
     def shift(self, values: Float[Array, " m"]) -> Float[Array, " m"]:
         """How far values that are reported lie beside those of least variance.
 
-        Zero where the estimate is the one of least variance itself: what bounds change is no doubt.
+        Zero where the estimate is the one of least variance itself, and where a value is held at
+        zero for one below: what bounds change is no doubt.
         """
         if self.efficient is None:
             return np.zeros(len(values))
-        return np.asarray(values - self.efficient)
+        shift = np.asarray(values - self.efficient)
+        held = (np.abs(values) <= ON_BOUND * self.std) & (shift > 0.0)
+        return np.where(held, 0.0, shift)
 
-    def least_std(self) -> Float[Array, " m"]:
-        """Standard deviations of the values of least variance."""
-        variance = np.diag(self.covariance) - self.shift(self.values) ** 2
-        return np.sqrt(np.maximum(variance, 0.0))
+    def about(self, values: Float[Array, " m"]) -> Float[Array, "m m"]:
+        """Mean products of the errors of values that are reported."""
+        return self.covariance + np.diag(self.shift(values) ** 2)
 
     def limits(self, values: Float[Array, " m"]) -> Float[Array, "m 2"]:
         """Ends of 95 % intervals of values that are reported."""
-        return limits(values, self.shift(values), self.least_std(), self.dof)
+        return limits(values, self.shift(values), self.std, self.dof)
 
     @property
     def per_joint(self) -> int:
@@ -84,6 +88,21 @@ class JointEstimate:
             return losses
         first_offset = self.rank + LOSS_PARAMETERS * len(self.noise)
         return np.append(losses, first_offset + joint)
+
+    def believing(self, prior: Float[Array, "r r"]) -> JointEstimate:
+        """The estimate with a URDF as far off as these recordings find it.
+
+        Intervals are those of its values, and reach as far as what is reported.
+
+        Args:
+            prior: Information on the base parameters that lies in such a URDF.
+        """
+        information = np.array(self.information)
+        information[: self.rank, : self.rank] += prior
+        size = np.sqrt(np.diag(information))
+        covariance = np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
+        values = covariance @ self.score
+        return replace(self, values=values, covariance=covariance, efficient=values)
 
     def without_inertias(self, prior: Float[Array, "r r"]) -> JointEstimate:
         """The losses' estimate with the inertias held at the URDF's.

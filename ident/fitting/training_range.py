@@ -57,11 +57,12 @@ def _torque_variance(
     sign = np.tanh(dq / np.maximum(params.transition_speed, LEAST_WIDTH))
     losses = np.stack([ddq, dq, sign, np.ones_like(dq)], axis=-1)[..., : estimate.per_joint]
     base = np.arange(estimate.rank)
+    known = estimate.about(estimate.values)
     variance = np.empty(dq.shape)
     for j in range(nominal.n):
         index = np.concatenate([base, estimate.index(j)])
         x = np.concatenate([regressor[:, j], losses[:, j]], axis=1)
-        covariance = estimate.covariance[np.ix_(index, index)]
+        covariance = known[np.ix_(index, index)]
         viscous, coulomb = estimate.spread[j] * np.array([params.viscous[j], params.coulomb[j]])
         variance[:, j] = np.sum((x @ covariance) * x, axis=1)
         variance[:, j] += (viscous * dq[:, j]) ** 2 + (coulomb * sign[:, j]) ** 2

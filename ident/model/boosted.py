@@ -32,6 +32,11 @@ ROW_SHARE = 0.5
 INPUT_SHARE = 0.6
 # Share of an input's range below which values differ by rounding alone: half of a number's digits.
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
+# Rows that a tree is drawn at the most, and steps of its largest target; sums of both in one whole
+# number of 64 bits.
+ROW_BITS = 18
+ROWS = 1 << ROW_BITS
+LEVELS = float(1 << 26)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +86,13 @@ def fit_trees(x: Float[Array, "T f"], y: Float[Array, " T"], seed: int) -> Trees
         y: Target [N m].
         seed: Of what each tree is drawn.
     """
-    edges = np.array([place_edges(column) for column in x.T])
+    edges = place_edges(x)
     binned = np.empty(x.shape[::-1], dtype=np.uint8)
     for f in range(x.shape[1]):
         binned[f] = np.searchsorted(edges[f], x[:, f], side="left")
     rng = np.random.default_rng(seed)
     rows = max(1, int(ROW_SHARE * len(y)))
+    assert rows < ROWS, "a sum of so many rows does not fit into a number"
     drawn = max(1, round(INPUT_SHARE * x.shape[1]))
     inputs = np.zeros((TREES, DEPTH), dtype=np.int64)
     thresholds = np.zeros((TREES, DEPTH))
@@ -102,24 +108,29 @@ def fit_trees(x: Float[Array, "T f"], y: Float[Array, " T"], seed: int) -> Trees
     return Trees(inputs, thresholds, leaves)
 
 
-def place_edges(values: Float[Array, " T"]) -> Float[Array, " e"]:
-    """Thresholds of one input: quantiles, each moved to the middle of the next gap of its values.
+def place_edges(x: Float[Array, "T f"]) -> Float[Array, "f e"]:
+    """Thresholds of each input: quantiles, each moved to the middle of the next gap of its values.
 
     A threshold on a value, such as the end of a stop's range or of a tanh, leaves the answer to the
     last bit, and another runtime's last bit is another one. Values that differ by rounding alone
     have no gap.
 
     Args:
-        values: The input's values.
+        x: The inputs.
     """
-    ordered = np.sort(values)
-    steps = np.diff(ordered)
-    above = ordered[1:][steps > ROUNDING * (ordered[-1] - ordered[0])]
-    if not len(above):
-        return np.full(BINS - 1, ordered[-1])
-    below = ordered[np.searchsorted(ordered, above) - 1]
-    middles = 0.5 * (below + above)
-    quantiles = np.quantile(ordered, np.arange(1, BINS) / BINS)
+    ordered = np.sort(x.T, axis=1)
+    quantiles = np.quantile(ordered, np.arange(1, BINS) / BINS, axis=1).T
+    edges = [_in_gaps(*values) for values in zip(ordered, quantiles, strict=True)]
+    return np.array(edges)
+
+
+def _in_gaps(ordered: Float[Array, " T"], quantiles: Float[Array, " e"]) -> Float[Array, " e"]:
+    """Quantiles of one input's values, in order, each moved to the middle of the next gap."""
+    wide = np.flatnonzero(np.diff(ordered) > ROUNDING * (ordered[-1] - ordered[0]))
+    if not len(wide):
+        return np.full(len(quantiles), ordered[-1])
+    above = ordered[wide + 1]
+    middles = 0.5 * (ordered[np.searchsorted(ordered, above) - 1] + above)
     gaps = np.searchsorted(above, quantiles, side="right")
     return np.asarray(middles[np.minimum(gaps, len(middles) - 1)])
 
@@ -138,34 +149,67 @@ def _evaluate(x: Array, inputs: Array, thresholds: Array, leaves: Array, out: Ar
 
 
 @compiled(error_model="numpy", nogil=True)
-def _fill(table: Array, row: Array, sample: Array, leaf: Array, target: Array) -> None:
-    """Sum and number of a sample's targets by leaf and bin of one input."""
-    table[:] = 0.0
-    for i in range(len(sample)):
-        cell = table[leaf[i], row[sample[i]]]
-        cell[0] += target[i]
-        cell[1] += 1.0
+def _pack(target: Array, packed: Array) -> float:
+    """Targets as whole numbers, of which each also counts one row; returns the unit of their sums.
+
+    Sums of whole numbers are exact in any order, so that those of one half of a leaf are the leaf's
+    less those of the other half.
+    """
+    largest = 0.0
+    for i in range(len(target)):
+        largest = max(largest, abs(target[i]))
+    unit = max(largest, np.finfo(np.float64).tiny * LEVELS) / LEVELS
+    for i in range(len(target)):
+        packed[i] = np.int64(np.rint(target[i] / unit)) * ROWS + 1
+    return unit
 
 
 @compiled(error_model="numpy", nogil=True)
-def _weigh(table: Array, gain: Array, shrinkage: float) -> None:
+def _fill(table: Array, column: Array, rows: Array, leaf: Array, packed: Array) -> None:
+    """Sums of some rows' packed targets by leaf and bin of one input."""
+    table[:] = 0
+    for k in range(len(rows)):
+        i = rows[k]
+        table[leaf[i], column[i]] += packed[i]
+
+
+@compiled(error_model="numpy", nogil=True)
+def _weigh(table: Array, gain: Array, unit: float, weight: Array) -> None:
     """What each threshold of one input would explain, over all leaves."""
     gain[:] = 0.0
     for a in range(table.shape[0]):
-        all_sum = 0.0
-        all_rows = 0.0
+        total = np.int64(0)
         for b in range(table.shape[1]):
-            all_sum += table[a, b, 0]
-            all_rows += table[a, b, 1]
-        low_sum = 0.0
-        low_rows = 0.0
+            total += table[a, b]
+        low = np.int64(0)
         for b in range(table.shape[1] - 1):
-            low_sum += table[a, b, 0]
-            low_rows += table[a, b, 1]
-            high_sum = all_sum - low_sum
-            high_rows = all_rows - low_rows
-            low = low_sum**2 / (low_rows + shrinkage)
-            gain[b] += low + high_sum**2 / (high_rows + shrinkage)
+            low += table[a, b]
+            high = total - low
+            low_rows = low & (ROWS - 1)
+            high_rows = high & (ROWS - 1)
+            low_sum = unit * (low >> ROW_BITS)
+            high_sum = unit * (high >> ROW_BITS)
+            gain[b] += low_sum**2 * weight[low_rows] + high_sum**2 * weight[high_rows]
+
+
+@compiled(error_model="numpy", nogil=True)
+def _split(table: Array, half: Array, side: int) -> None:
+    """Sums of leaves by those of one half of each: its number, then the other's."""
+    for a in range(half.shape[0] - 1, -1, -1):
+        for b in range(half.shape[1]):
+            whole = table[a, b]
+            table[2 * a + side, b] = half[a, b]
+            table[2 * a + 1 - side, b] = whole - half[a, b]
+
+
+@compiled(error_model="numpy", nogil=True)
+def _close(leaf: Array, packed: Array, weight: Array, leaves: Array) -> None:
+    """What leaves say: sums of their rows' targets, by the weight of so many rows."""
+    sums = np.zeros(len(leaves), dtype=np.int64)
+    for i in range(len(leaf)):
+        sums[leaf[i]] += packed[i]
+    for a in range(len(leaves)):
+        leaves[a] = weight[sums[a] & (ROWS - 1)] * (sums[a] >> ROW_BITS)
 
 
 @compiled(error_model="numpy", nogil=True)
@@ -188,34 +232,44 @@ def _grow(
     depth = inputs.shape[0]
     drawn = len(sample)
     places = np.zeros(depth, dtype=np.int64)
-    leaf = np.zeros(drawn, dtype=np.int64)
-    target = left[sample]
-    table = np.zeros((1 << depth, bins, 2))
+    leaf = np.zeros(drawn, dtype=np.uint8)
+    packed = np.zeros(drawn, dtype=np.int64)
+    unit = _pack(left[sample], packed)
+    weight = 1.0 / (np.arange(drawn + 1) + shrinkage)
+    columns = np.zeros((len(among), drawn), dtype=np.uint8)
+    tables = np.zeros((len(among), 1 << depth, bins), dtype=np.int64)
+    half = np.zeros((1 << depth, bins), dtype=np.int64)
+    rows = np.arange(drawn).astype(np.uint32)
+    for k in range(len(among)):
+        columns[k] = binned[among[k]][sample]
+        _fill(tables[k, :1], columns[k], rows, leaf, packed)
     gain = np.zeros(bins)
     for d in range(depth):
         best = -1.0
-        for f in among:
-            _fill(table[: 1 << d], binned[f], sample, leaf, target)
-            _weigh(table[: 1 << d], gain, shrinkage)
+        asked = 0
+        for k in range(len(among)):
+            _weigh(tables[k, : 1 << d], gain, unit, weight)
             for b in range(bins - 1):
                 if gain[b] > best:
                     best = gain[b]
-                    inputs[d] = f
+                    asked = k
                     places[d] = b
-        answers = binned[inputs[d]]
+        inputs[d] = among[asked]
+        answers = columns[asked] > places[d]
+        side = 1 if 2 * answers.sum() < drawn else 0
+        if d + 1 < depth:
+            rows = np.flatnonzero(answers == (side == 1)).astype(np.uint32)
+            for k in range(len(among)):
+                _fill(half[: 1 << d], columns[k], rows, leaf, packed)
+                _split(tables[k], half[: 1 << d], side)
         for i in range(drawn):
-            leaf[i] = 2 * leaf[i] + (1 if answers[sample[i]] > places[d] else 0)
-    sums = np.zeros((1 << depth, 2))
-    for i in range(drawn):
-        sums[leaf[i], 0] += target[i]
-        sums[leaf[i], 1] += 1.0
-    for a in range(1 << depth):
-        leaves[a] = rate * sums[a, 0] / (sums[a, 1] + shrinkage)
+            leaf[i] = 2 * leaf[i] + (1 if answers[i] else 0)
+    _close(leaf, packed, unit * rate * weight, leaves)
     number = np.zeros(len(left), dtype=np.int64)
     for d in range(depth):
-        answers = binned[inputs[d]]
+        answers = binned[inputs[d]] > places[d]
         for t in range(len(left)):
-            number[t] = 2 * number[t] + (1 if answers[t] > places[d] else 0)
+            number[t] = 2 * number[t] + (1 if answers[t] else 0)
     for t in range(len(left)):
         left[t] -= leaves[number[t]]
     return places

@@ -60,12 +60,14 @@ def test_a_model_knows_where_it_was_fitted(fitted: FitResults, motions: list[Mot
         assert (trained.high[k] - trained.low[k] <= np.ptp(values, axis=0)).all()
     half = trained.torque_half_width
     assert np.all(half > 0.0)
+    estimate = fitted.identified.estimate
     twice = replace(
         fitted.identified,
         estimate=replace(
-            fitted.identified.estimate,
-            covariance=4.0 * fitted.identified.estimate.covariance,
-            spread=2.0 * fitted.identified.estimate.spread,
+            estimate,
+            covariance=4.0 * estimate.covariance,
+            efficient=estimate.values - 2.0 * estimate.shift(estimate.values),
+            spread=2.0 * estimate.spread,
         ),
     )
     assert find_training_range(motions, fitted.model.nominal, twice).torque_half_width == pytest.approx(2.0 * half)
