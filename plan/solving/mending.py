@@ -81,9 +81,9 @@ def share_kept_back(controller: Controller | None) -> float:
 def measure_check(controller: Controller | None) -> Callable[[Ledger, Candidate], None]:
     """What a ledger does with the first motion that is allowed.
 
-    The motion is checked once, and as much is kept back as the checks at the end will take. Of least
-    energy, a motion that keeps its limits on the controller's step as it is leaves no time for a
-    search on that; what takes the shortest time goes to its limits later.
+    The motion is checked once, and as much is kept back as the checks at the end will take. Of
+    least energy, a motion that keeps its limits on the controller's step as it is leaves no time
+    for a search on that; what takes the shortest time goes to its limits later.
 
     Args:
         controller: Who executes the plan; None for a plan by itself.
@@ -103,7 +103,9 @@ def measure_check(controller: Controller | None) -> Callable[[Ledger, Candidate]
 
 
 def certify_best(
-    ledger: Ledger, rng: np.random.Generator, controller: Controller | None
+    ledger: Ledger,
+    rng: np.random.Generator,
+    controller: Controller | None,
 ) -> tuple[Splines | None, Certificate | None]:
     """The best candidate, on its controller's step if there is one, and its dense check.
 
@@ -196,7 +198,9 @@ class _Mending:
         return self._chosen is None or candidate.cost < self._chosen.cost
 
     def _search_again(
-        self, certificate: Certificate, rng: np.random.Generator
+        self,
+        certificate: Certificate,
+        rng: np.random.Generator,
     ) -> Iterator[Executed]:
         """The motion slowed down a little, where time is free.
 
@@ -265,7 +269,9 @@ class _Mending:
             is_late = self._time <= 0.0
 
     def _search_on_step(
-        self, controller: Controller, certificate: Certificate
+        self,
+        controller: Controller,
+        certificate: Certificate,
     ) -> Iterator[Executed]:
         """The motion searched anew with its knots on the controller's step.
 

@@ -95,7 +95,10 @@ def cheapest_routes(costs: Sequence[Float[Array, "a b"]], most: int) -> list[Rou
 
 
 def _allowed_positions(
-    task: Task, stop: Stop, number: int, beside: Sequence[PlanningProblem]
+    task: Task,
+    stop: Stop,
+    number: int,
+    beside: Sequence[PlanningProblem],
 ) -> list[Array]:
     """The positions of a stop at which a motion may end and the next may begin.
 

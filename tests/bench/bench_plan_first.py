@@ -23,11 +23,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import toppra
 from ruckig import InputParameter, Ruckig, Trajectory
 
 from plan.command_options import SolveOptions
 from plan.geometry.scene import Scene
-from plan.planners.base import Ledger
 from plan.problem.problem import PlanningProblem
 from plan.solving.solve import solve
 from tests.bench.bench_plan_optimum import arm_of, draw, torque_of
@@ -99,15 +99,28 @@ def ask_roboplan(python: str, tasks: list[PlanningProblem], seconds: float) -> l
 
 
 def ask_ompl(task: PlanningProblem) -> list[float]:
-    """Processor seconds of OMPL's path with TOPP-RA's time, and its duration [s]; nan without OMPL."""
+    """Processor seconds of OMPL's first path timed by TOPP-RA, and its duration [s]; nan without OMPL.
+
+    The path is a cubic spline through what is left of OMPL's corners.
+    """
     if not is_installed():
         return [np.nan, np.nan]
-    ledger = Ledger(10**6, 60.0)
-    OmplToppra().run([task], ledger, np.random.default_rng(0))
-    best = ledger.best
-    if best is None or not best.feasible:
+    toppra.setup_logging("ERROR")
+    began = time.process_time()
+    corners = OmplToppra().find_path(task, np.random.default_rng(0))
+    if corners is None:
         return [np.inf, np.inf]
-    return [ledger.cpu_seconds, best.cost]
+    lengths = np.abs(np.diff(corners, axis=0)).max(axis=1)
+    path = toppra.SplineInterpolator(np.concatenate([[0.0], np.cumsum(lengths)]), corners)
+    speed = np.stack([-task.limits.speed, task.limits.speed], axis=1)
+    acceleration = np.full((task.n, 2), [-ACCELERATION, ACCELERATION])
+    constraints = [
+        toppra.constraint.JointVelocityConstraint(speed),
+        toppra.constraint.JointAccelerationConstraint(acceleration),
+    ]
+    motion = toppra.algorithm.TOPPRA(constraints, path).compute_trajectory(0.0, 0.0)
+    spent = time.process_time() - began
+    return [spent, np.inf if motion is None else float(motion.duration)]
 
 
 def touches(task: PlanningProblem, positions: list[list[float]]) -> bool:

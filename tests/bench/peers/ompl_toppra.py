@@ -45,7 +45,7 @@ class OmplToppra(Planner):
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
         """Finds one path and times it."""
         task = problems[0]
-        path = self._path(task, rng)
+        path = self.find_path(task, rng)
         ledger.count(1)
         if path is None:
             ledger.notes.append("ompl: no path was found")
@@ -66,7 +66,7 @@ class OmplToppra(Planner):
             carrier = task.with_initial(Splines(motion.points, motion.durations * longer), free="vias", label="ompl")
             ledger.evaluate(carrier, carrier.initial[None])
 
-    def _path(self, task: PlanningProblem, rng: np.random.Generator) -> Float[Array, "k n"] | None:
+    def find_path(self, task: PlanningProblem, rng: np.random.Generator) -> Float[Array, "k n"] | None:
         """Positions of OMPL's path, corners cut; None where it finds none in time."""
         base, geometric = importlib.import_module("ompl.base"), importlib.import_module("ompl.geometric")
         util = importlib.import_module("ompl.util")

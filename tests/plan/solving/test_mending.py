@@ -1,4 +1,4 @@
-"""What mending may spend: counted by a clock that runs by the work alone, one unit for each piece of it."""
+"""What mending may spend, by a clock that runs by the work alone."""
 
 from __future__ import annotations
 
@@ -77,7 +77,10 @@ def spent_ledger(clock: Clock, kept_back: float) -> Ledger:
 @pytest.mark.parametrize("check", [0.01, 0.1, 0.3])
 @pytest.mark.parametrize("name", [None, *CONTROLLERS])
 def test_mending_takes_no_more_than_was_kept_back(
-    name: str | None, check: float, clock: Clock, monkeypatch: pytest.MonkeyPatch
+    name: str | None,
+    check: float,
+    clock: Clock,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Law: with any controller, whatever a check takes, all that is spent is what was asked for.
 
@@ -88,7 +91,9 @@ def test_mending_takes_no_more_than_was_kept_back(
     checks = []
 
     def slow_check(
-        task: PlanningProblem, splines: Splines, controller: Controller | None
+        task: PlanningProblem,
+        splines: Splines,
+        controller: Controller | None,
     ) -> Certificate:
         clock.now += check
         checks.append(splines)
@@ -122,7 +127,11 @@ def test_mending_takes_no_more_than_was_kept_back(
 @pytest.mark.parametrize("check", [0.02, 0.5])
 @pytest.mark.parametrize("case", ["energy", "energy, broken", "time"])
 def test_as_much_is_kept_back_as_a_check_was_seen_to_take(
-    name: str | None, check: float, case: str, clock: Clock, monkeypatch: pytest.MonkeyPatch
+    name: str | None,
+    check: float,
+    case: str,
+    clock: Clock,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Law: the first motion that is allowed is checked once; the whole stays what was asked for.
 
@@ -132,7 +141,9 @@ def test_as_much_is_kept_back_as_a_check_was_seen_to_take(
     controller = None if name is None else CONTROLLERS[name]
 
     def slow_check(
-        task: PlanningProblem, splines: Splines, controller: Controller | None
+        task: PlanningProblem,
+        splines: Splines,
+        controller: Controller | None,
     ) -> Certificate:
         clock.now += check
         return certify(task, splines, controller)

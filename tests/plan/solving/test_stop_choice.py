@@ -1,4 +1,4 @@
-"""How an arm stands at a cycle's stops: routes, poses that are reached, and what the whole costs."""
+"""How an arm stands at a cycle's stops: routes, poses that are reached, and the whole's cost."""
 
 from __future__ import annotations
 
