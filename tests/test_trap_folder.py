@@ -66,6 +66,9 @@ LIGHT = {
     "new": "ident new {o}/run.csv",
     "evaluate": "ident evaluate {r}/E1 --model {c}/model --html {o}/a.html",
     "patch": "ident patch {c}/diagnosis.json --robot tm5-900 --out {o}/patch",
+    "patch into a URDF": "ident patch {c}/diagnosis.json --robot tm5-900 --out {o}/patch --into {o}/own.urdf",
+    "patch into an MJCF": "ident patch {c}/diagnosis.json --robot tm5-900 --out {o}/patch --into {o}/own.xml",
+    "score a board": "ident board score {c}/boards/board {c}/boards/entry --kept {c}/boards/kept --html {o}/a.html",
     "export": "ident export {c}/model --out {o}/export",
     "export a graph": "ident export {c}/model --out {o}/export --format onnx",
     "view": "ident view {r}/E1 --model {c}/model --rrd {o}/a.rrd",
@@ -157,7 +160,8 @@ def test_commands_take_nothing_from_the_folder_where_they_are_started(name: str,
     """
     given, out = tmp_path / "traps", tmp_path / "out"
     out.mkdir()
-    shutil.copy(corpus / "run.csv", out / "run.csv")
+    for good in (corpus / "run.csv", corpus / "own/own.urdf", corpus / "own/own.xml"):
+        shutil.copy(good, out / good.name)
     (out / "task.toml").write_text(TASK)
     (out / "cycle.toml").write_text(CYCLE)
     traps.set_traps(given)

@@ -64,10 +64,20 @@ SETTINGS = {
     "session.toml": "robot = 1\n",
     "settings.toml": "evil = 1\n",
     "sitecustomize.pth": "import evil\n",
+    ".sqliterc": ".load ./evil.so\n",
+    ".pxrrc": "import evil\n",
+    "assets.xml": "<mujoco/>\n",
+    "robot.urdf": "<robot/>\n",
+    "parameters.toml": "evil = 1\n",
+    "unnamed.toml": "evil = 1\n",
+    "records.toml": "evil = 1\n",
+    "answers.json": "{}\n",
+    "board.json": "{}\n",
 }
 LIBRARIES = ("evil", "libhsl", "libcoinhsl", "libpardiso", "libma27", "libipopt", "libglfw", "libmujoco", "libcoal")
 LIBRARIES += ("libcasadi_nlpsol_ipopt", "libcasadi_linsol_ma27", "libopenblas", "libgomp", "libtbb", "libsvml")
 LIBRARIES += ("libassimp", "libarrow", "libcuda", "libnuma", "libEGL", "libOSMesa")
+LIBRARIES += ("libelasticity", "libactuator", "libobj_decoder", "libstl_decoder", "libsdf_plugin", "libsqlite3")
 LIBRARIES += ("libusd_ms", "libonnxruntime_providers_cuda", "libonnxruntime_providers_shared")
 FOLDERS = ("plugin", "plugins", "mujoco_plugin", "share", "lib", "etc", "__pycache__", ".dask", ".config", ".cache")
 FOLDERS += ("outcmaes", ".mujoco", ".matplotlib", ".jupyter", "stylelib", "locale", "cmeel.prefix", "numba_cache")

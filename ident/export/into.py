@@ -8,7 +8,9 @@ sensors, keyframes and comments are not touched.
 from __future__ import annotations
 
 import difflib
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError, RobotError, first_line
 from ident.export.identified import IdentifiedArm
 from ident.export.mjcf import CONSTRAINT_TIME, HARDNESS
+from ident.export.own_file import REMEDY, read_own_file
 from ident.export.xml_places import EditedXml, Element, find_all
 from ident.files import atomic_write
 from ident.laws.acting import payload_parameters
@@ -30,7 +33,7 @@ from ident.model.bodies import is_consistent
 from ident.model.link_inertia import about_centre, moved, read_inertial
 from ident.robot.arm import ArmModel
 from ident.robot.tolerance import parameter_scale
-from ident.safe_read import LARGEST_TEXT, declare_prefixes, require_regular
+from ident.safe_read import declare_prefixes
 
 # How far an axis of the file may lie from the URDF's to be the same [m, rad].
 SAME_PLACE = 1e-4
@@ -75,12 +78,10 @@ def write_into(path: Path, identified: IdentifiedArm) -> tuple[bytes, WrittenInt
     Raises:
         InputError: It is neither, or lacks a joint of the arm.
     """
-    remedy = "give your own URDF or MJCF"
-    require_regular(path, remedy, largest=LARGEST_TEXT)
-    edited = EditedXml(path.read_bytes(), str(path))
+    edited = EditedXml(read_own_file(path), str(path))
     forms = {"robot": ("urdf", _edit_urdf), "mujoco": ("mjcf", _edit_mjcf)}
     if edited.root.tag not in forms:
-        raise InputError(path, f"its root is <{edited.root.tag}>, not <robot> or <mujoco>", remedy)
+        raise InputError(path, f"its root is <{edited.root.tag}>, not <robot> or <mujoco>", REMEDY)
     form, edit = forms[edited.root.tag]
     written = WrittenInto(path, form)
     edit(edited, identified, written)
@@ -99,26 +100,38 @@ def is_mjcf(path: Path) -> bool:
     Raises:
         InputError: It can't be read, or is no XML.
     """
-    require_regular(path, "give your own URDF or MJCF", largest=LARGEST_TEXT)
-    return EditedXml(path.read_bytes(), str(path)).root.tag == "mujoco"
+    return EditedXml(read_own_file(path), str(path)).root.tag == "mujoco"
 
 
-def save_into(path: Path, text: bytes, written: WrittenInto) -> None:
-    """Puts the edited text in the place of the user's file, whole or not at all, once its simulator has loaded it.
+def require_loadable(path: Path, text: bytes, written: WrittenInto) -> None:
+    """Passes if the edited text can take the place of the user's file: its simulator loads it.
+
+    It is tried beside the file, where its meshes are found; nothing of that stays.
 
     Raises:
-        InputError: The edited file does not load.
+        InputError: It does not load, or nothing can be written there.
     """
-    with atomic_write(path) as part:
-        part.write_bytes(text)
+    with suppress(_Tried), atomic_write(path) as temporary:
+        temporary.write_bytes(text)
         try:
             if written.form == "mjcf":
-                _compile(part)
+                _compile(temporary)
             else:
                 ArmModel.from_urdf(text.decode(), path)
         except (RobotError, ValueError) as error:
             what = f"with what was identified it does not load ({first_line(error)})"
             raise InputError(path, what, "take robot.urdf and robot.xml of --out") from None
+        raise _Tried
+
+
+class _Tried(Exception):
+    """Ends the lending of a file that is not to be kept."""
+
+
+def save_into(path: Path, text: bytes) -> None:
+    """Puts the edited text in the place of the user's file, whole or not at all."""
+    with atomic_write(path) as temporary:
+        temporary.write_bytes(text)
 
 
 def match_joints(wanted: Sequence[str], there: Sequence[str], where: Path) -> dict[str, str]:
@@ -137,6 +150,10 @@ def match_joints(wanted: Sequence[str], there: Sequence[str], where: Path) -> di
             what = f"{', '.join(names)} may each be {joint!r}" if names else what
             raise InputError(where, what, "name the joints as the URDF does; <include> is not followed")
         found[joint] = names[0]
+    several = [name for name, count in Counter(found.values()).items() if count > 1]
+    if several:
+        what = f"{several[0]!r} would be two joints of the arm"
+        raise InputError(where, what, "name the joints as the URDF does")
     return found
 
 
@@ -165,6 +182,7 @@ def _edit_urdf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
     arm = identified.nominal
     losses = identified.losses
     joints = _named(edited.root.children, "joint")
+    _require_single(joints, edited.root.children, written.path)
     names = match_joints(arm.joint_names, list(joints), written.path)
     for j, joint in enumerate(arm.joint_names):
         values = {"damping": float(losses.viscous[j]), "friction": float(losses.coulomb[j])}
@@ -191,6 +209,13 @@ def _edit_urdf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
 def _named(elements: Sequence[Element], tag: str) -> dict[str, Element]:
     """Elements of a tag by their names."""
     return {each.attributes.get("name", ""): each for each in elements if each.tag == tag}
+
+
+def _require_single(named: Mapping[str, Element], elements: Sequence[Element], where: Path) -> None:
+    """Raises where two joints have one name: one of them would be left as it is."""
+    joints = sum(each.tag == "joint" for each in elements)
+    if joints > len(named):
+        raise InputError(where, f"two of its {joints} joints have one name", REMEDY)
 
 
 def _other_urdf(edited: EditedXml, arm: ArmModel, written: WrittenInto) -> str:
@@ -241,6 +266,8 @@ def _edit_mjcf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
     owners: dict[str, tuple[Element, Element]] = {}
     for body in find_all(edited.root, lambda element: element.tag == "body"):
         for name, element in _named(body.children, "joint").items():
+            if name and name in owners:
+                raise InputError(written.path, f"it has two joints {name!r}", REMEDY)
             owners[name] = (body, element)
     names = match_joints(arm.joint_names, list(owners), written.path)
     for j, joint in enumerate(arm.joint_names):
@@ -281,8 +308,11 @@ def _compile(path: Path) -> mujoco.MjModel:
         ValueError: MuJoCo refuses it.
     """
     mujoco.set_mju_user_warning(lambda _: None)
-    with catch_warnings(action="ignore"):
-        return mujoco.MjModel.from_xml_path(str(path))
+    try:
+        with catch_warnings(action="ignore"):
+            return mujoco.MjModel.from_xml_path(str(path))
+    except mujoco.FatalError as error:
+        raise ValueError(first_line(error)) from None
 
 
 # A body of the file, and its frame in that of the arm's link: rotation and place.

@@ -21,7 +21,7 @@ from ident.export.controllers import InFile, write_cpp, write_isaac, write_limit
 from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, state_arm, stood_in, usual_run
 from ident.export.friction_files import FEED_FORWARD, UR, check_feed_forward, write_feed_forward, write_ur
 from ident.export.identified import Diagnosed, IdentifiedArm
-from ident.export.into import is_mjcf, save_into, write_into
+from ident.export.into import is_mjcf, require_loadable, save_into, write_into
 from ident.export.learned import FILE as LEARNED
 from ident.export.learned import has_learned, write_learned
 from ident.export.loaded import FILE_OF, WrittenFile, load_module
@@ -136,11 +136,12 @@ def write_patch(
         record["provenance"] = origin.to_dict()
         if into is not None:
             text, written = write_into(into, arm.stated("mjcf" if is_mjcf(into) else "urdf"))
+            require_loadable(into, text, written)
             record["into"] = written.to_dict()
-            arm.write(f"before_{into.name}", into.read_text(encoding="utf-8"))
+            (folder / f"before_{into.name}").write_bytes(into.read_bytes())
         arm.write("patch.json", as_json(record) + "\n")
     if into is not None:
-        save_into(into, text, written)
+        save_into(into, text)
     return record
 
 

@@ -8,6 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
@@ -120,6 +121,9 @@ def _model(folder: Path, arm: ArmModel, net: bool) -> None:
 def _settings(folder: Path) -> None:
     (folder / "session.toml").write_text(SESSION_TOML)
     shutil.copy(data_path("urdf/tm5_900.urdf"), folder / "robot.urdf")
+    (folder / "own").mkdir()
+    shutil.copy(data_path("urdf/tm5_900.urdf"), folder / "own/own.urdf")
+    (folder / "own/own.xml").write_text(mujoco.MjSpec.from_file(str(data_path("urdf/tm5_900.urdf"))).to_xml())
     (folder / "arm.xacro").write_text(XACRO)
     (folder / "links.xacro").write_text(LINKS)
     (folder / "limits.toml").write_text(LIMITS)

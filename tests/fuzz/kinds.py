@@ -15,7 +15,8 @@ from ident.benchmark.board.report import BoardReport, render_board, score_board
 from ident.checks.inspection import inspect_sessions
 from ident.checks.report import TOO_LITTLE, TelemetryReport
 from ident.effects.catalogue import load_catalogue
-from ident.export.identified import Diagnosed
+from ident.export.identified import Diagnosed, IdentifiedArm
+from ident.export.into import require_loadable, write_into
 from ident.model.evaluation_limits import load_limits
 from ident.model.hybrid import HybridModel
 from ident.model.net_options import NAME as CHECKPOINT
@@ -140,7 +141,7 @@ def check_boxes(around: Any) -> None:
 
 
 # What is made by its reader: it is no file that is only read.
-MADE = ("trap folder",)
+MADE = ("trap folder", "own/own.xml", "own/own.urdf")
 NETS = ("model/residual.json", "model/residual.safetensors", "checkpoint")
 
 
@@ -154,6 +155,7 @@ def kinds(folder: Path) -> list[Kind]:
         *scenes(folder, arm),
         *records(folder, arm),
         *boards(folder / "boards"),
+        *own_files(folder / "own", arm),
     ]
 
 
@@ -336,3 +338,16 @@ def boards(folder: Path) -> list[Kind]:
     names = ("board/board.json", "board/effects.json", "board/truths.json", "kept/answers.json")
     names += ("entry/s001.json", "entry/s001.parquet", "kept/unseen/s001.parquet")
     return [Kind(f"boards/{name}", folder / name, score, check_score, 0.3) for name in names]
+
+
+def own_files(folder: Path, arm: ArmModel) -> list[Kind]:
+    """A user's own URDF and MJCF, into which something is written."""
+    identified = IdentifiedArm.as_urdf(arm)
+
+    def write(path: Path) -> object:
+        text, written = write_into(path, identified)
+        require_loadable(path, text, written)
+        return written
+
+    names = ("own.xml", "own.urdf")
+    return [Kind(f"own/{name}", folder / name, write, share=0.5, writes=True) for name in names]

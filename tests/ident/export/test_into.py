@@ -138,7 +138,7 @@ def test_a_heavier_link_of_the_users_is_left_and_the_others_are_written(
         (lambda text: text.replace('name="joint_2"', 'name="elbow"'), "no joint 'joint_2'"),
         (lambda text: text.replace("</worldbody>", f"</worldbody><asset>{MESH}</asset>"), "does not load"),
         (lambda text: text.replace("<mujoco", "<sdf").replace("</mujoco", "</sdf"), "not <robot> or <mujoco>"),
-        (lambda text: text[:-40], "no XML"),
+        (lambda text: text[:-40], "not XML"),
     ],
 )
 def test_a_file_that_can_not_take_it_stays_as_it_was(
