@@ -216,8 +216,10 @@ class BlindReport(Result):
         for size, cases in group_by(asked, lambda case: case.amplitude).items():
             best = sum(case.oracle or 0.0 for case in cases) / len(cases)
             ours = share(case.strict for case in cases)
-            ends = [_over(end, best) for end in (ours.value, ours.low, ours.high)]
-            scores[f"{size:g}"] = Score(*ends, len(cases))
+            value = _over(ours.value, best)
+            low = _over(ours.low, best)
+            high = _over(ours.high, best)
+            scores[f"{size:g}"] = Score(value, low, high, len(cases))
         return scores
 
     @property

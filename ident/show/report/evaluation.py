@@ -256,7 +256,7 @@ def describe_steps(score: SessionScore) -> str:
     start = _joule(energy[urdf])
     if len(shown) == 1:
         return f"The energy error of a run is {start} J, and no rung changes that much."
-    steps = []
+    steps: list[str] = []
     for k in shown[1:]:
         subject = SUBJECTS.get(score.rungs[k], score.rungs[k])
         words = f"{subject} to {_joule(energy[k])} J"
