@@ -20,6 +20,7 @@ from ident.show.report.diagnosis_verdict import (
     place_words,
     units_of,
 )
+from ident.show.report.numbers import MOST_NAMED
 from ident.show.report.words import (
     TABLES,
     effect_name,
@@ -41,9 +42,7 @@ if TYPE_CHECKING:
 Record = Mapping[str, Any]
 
 STILL = "only torque beyond its static friction shows"
-# Joints, changes and sessions that one line names; of more it says how many.
-MOST_JOINTS = 3
-MOST_CHANGES = 3
+# Sessions that one line names.
 MOST_SESSIONS = 6
 # Where the rest is of a result whose first screen leaves something out.
 REST = "More: `--details` prints {}; `--html PAGE` has it with pictures."
@@ -85,7 +84,7 @@ def _few(joints: Sequence[str]) -> str:
     """Some joints by their names, more of them by their number; of none the arm."""
     if not joints:
         return "the arm"
-    return join_words(joints) if len(joints) <= MOST_JOINTS else f"{len(joints)} joints"
+    return join_words(joints) if len(joints) <= MOST_NAMED else f"{len(joints)} joints"
 
 
 def describe_limits(record: Record) -> str:
@@ -119,7 +118,7 @@ def limit_rows(record: Record) -> list[dict[str, str]]:
         joints = entry["joints"]
         row = {
             "effect": effect_name(entry["effect"]),
-            "joints": join_words(joints) if len(joints) <= MOST_JOINTS else "the whole arm",
+            "joints": join_words(joints) if len(joints) <= MOST_NAMED else "the whole arm",
             "limit": in_units_of(joints, record, limit, entry["effect"]),
             "bound": TABLES["bounds"].get(entry["bound_by"], entry["bound_by"]),
         }
@@ -131,8 +130,8 @@ def headline(record: Record) -> tuple[str, str]:
     """The verdict as a sentence, and what to do where no change is named."""
     from ident.diagnosis.change.laws import PLAIN_FRICTION  # a diagnosis compares nothing
 
-    changes = join_words([_called(change) for change in record["changes"][:MOST_CHANGES]])
-    more = len(record["changes"]) - MOST_CHANGES
+    changes = join_words([_called(change) for change in record["changes"][:MOST_NAMED]])
+    more = len(record["changes"]) - MOST_NAMED
     if more > 0:
         changes = f"{changes}, and {more} more"
     risen = join_words(describe_risen(record))
@@ -160,7 +159,7 @@ def _called(change: Record) -> str:
     tied = [] if is_likely(change) else change.get("class", [])[:MOST_TIED]
     name = " or ".join(map(effect_name, tied or [change["effect"]]))
     where = places_of(change)
-    if where and len(change["joints"]) > MOST_JOINTS:
+    if where and len(change["joints"]) > MOST_NAMED:
         where = "the whole arm"
     return f"{name} in {where}" if where else name
 

@@ -16,6 +16,7 @@ from ident.show.report import numbers
 from ident.show.report.evaluation import ReportInput, evaluation_sections
 from ident.show.report.page import (
     EPOCH_FROM,
+    MOST_STAMPS,
     Section,
     describe_origin,
     facts_section,
@@ -54,8 +55,6 @@ if TYPE_CHECKING:
     from ident.show.report.traces import Traces
 
 MOST_SENTENCES = 5
-# Sessions of a set that a title names.
-MOST_SESSIONS = 4
 TRACES = (
     "Torque as it was measured and as three models have it, on runs that the tuned models were not "
     "fitted to. Below: what each model is off by. Where a joint rests or turns round no model is "
@@ -373,6 +372,6 @@ def render_comparison_report(record: Record) -> str:
 
 def _describe_side(side: Record) -> str:
     """The sessions of a set, and how much was recorded."""
-    sessions = ", ".join(side["sessions"][:MOST_SESSIONS])
-    more = " …" if len(side["sessions"]) > MOST_SESSIONS else ""
+    sessions = ", ".join(side["sessions"][:MOST_STAMPS])
+    more = " …" if len(side["sessions"]) > MOST_STAMPS else ""
     return f"{sessions}{more} ({plural(side['runs'], 'run')}, {side['duration_s']:.0f} s)"
