@@ -1,7 +1,5 @@
 """All cases together: the scores of `ident.blind/1`.
 
-A score is a row of a table: of which cases, of what in them.
-
 Cases are also taken apart by what their worlds differ in: numbers cut at powers of ten or at
 terciles, words at themselves.
 """
@@ -17,181 +15,106 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ident.benchmark.score_rules import (
+    edit_rules,
+    headline_rules,
+    is_refusable,
+    is_single,
+    is_visible,
+    measure,
+    method_rules,
+    name_rules,
+    world_rules,
+)
 from ident.benchmark.scoring import (
     Outcome,
     Score,
     auroc,
     calibration_curve,
     calibration_error,
-    mean,
     share,
 )
 from ident.results import Result
 
 # Properties of worlds by which scores are given: numbers, and words.
 NUMBERS = (
-    *(
-        "encoder_noise_rad",
-        "rate_hz",
-        "run_spread",
-        "friction_drift",
-        "torque_noise",
-        "jitter",
-        "lost",
-    ),
-    *("bandwidth_hz", "friction_scale", "rotor_scale", "runs", "duration_s", "link_error"),
+    "encoder_noise_rad",
+    "rate_hz",
+    "run_spread",
+    "friction_drift",
+    "torque_noise",
+    "jitter",
+    "lost",
+    "bandwidth_hz",
+    "friction_scale",
+    "rotor_scale",
+    "runs",
+    "duration_s",
+    "link_error",
 )
 WORDS = ("world", "robot", "velocity", "encoder_at", "feed_forward", "reference")
 # A number that spans decades is cut at these.
 DECADES = ("encoder_noise_rad",)
-# An edit test is passed where the error is at most this multiple of the oracle's.
-EDIT_WITHIN = 1.1
+# Others are cut where each part has as many cases.
+TERCILES = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 # A stratum of worlds with fewer visible single effects is no stratum.
 LEAST_CASES = 8
+# The models of an edit test.
+MODELS = ("edited", "tuned", "unedited")
+
+Entry = TypeVar("Entry")
+Row = dict[str, Any]
 
 
 def world_axes(world: Mapping[str, Any]) -> dict[str, float | str]:
-    """What cases are sorted by."""
+    """What cases are sorted by.
+
+    An encoder's noise and the width of its steps count together.
+    """
     counts = 2.0 ** world["encoder_bits"] * (100.0 if world["encoder_at"] == "motor" else 1.0)
-    noise = float(np.hypot(world["encoder_noise_rad"], 2.0 * np.pi / counts / np.sqrt(12.0)))
-    own = {
-        "encoder_noise_rad": noise,
+    rounding = 2.0 * np.pi / counts / np.sqrt(12.0)
+    stated = {
+        **world,
+        "encoder_noise_rad": float(np.hypot(world["encoder_noise_rad"], rounding)),
         "world": world["name"],
         "run_spread": world["friction_spread"],
     }
-    return {name: {**world, **own}[name] for name in (*NUMBERS, *WORDS)}
+    return {name: stated[name] for name in (*NUMBERS, *WORDS)}
 
 
-def places_on(axis: str, values: Sequence[Any]) -> list[dict[str, Any]]:
+def places_on(axis: str, values: Sequence[Any]) -> list[Row]:
     """For each value of a property the stratum that it lies in.
 
     A word, or the bounds of a number.
     """
     if axis in WORDS:
         return [{"value": str(value)} for value in values]
-    x = np.array(values, dtype=float)
-    edges = np.unique(np.quantile(x, [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0]))
+    numbers = np.array(values, dtype=float)
     if axis in DECADES:
-        edges = 10.0 ** np.arange(
-            np.floor(np.log10(x.min())), np.ceil(np.log10(x.max() * (1.0 + 1e-9))) + 1
-        )
-    at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
-    return [{"low": float(edges[k]), "high": float(edges[k + 1])} for k in at]
+        first = np.floor(np.log10(numbers.min()))
+        last = np.ceil(np.log10(numbers.max() * (1.0 + 1e-9)))
+        edges = 10.0 ** np.arange(first, last + 1)
+    else:
+        edges = np.unique(np.quantile(numbers, TERCILES))
+    strata = np.searchsorted(edges, numbers, side="right") - 1
+    strata = np.clip(strata, 0, len(edges) - 2)
+    return [{"low": float(edges[k]), "high": float(edges[k + 1])} for k in strata]
 
 
-T = TypeVar("T")
-Choice = Callable[[Outcome], bool]
-Rules = Mapping[str, tuple[Choice, Callable[[Sequence[Any]], Score], Callable[[Outcome], Any]]]
-
-
-def of(*kinds: str) -> Choice:
-    """Cases of some kinds."""
-    return lambda one: one.kind in kinds
-
-
-def is_visible(one: Outcome) -> bool:
-    """Single effects of one noise floor or more, in rich motion: the cases of the headline."""
-    return one.kind == "single" and one.rich and one.amplitude >= 1.0
-
-
-SINGLE = of("single")
-REFUSABLE = of("excluded", "outside")
-SETS = of("pair", "triple")
-WITHOUT = of("healthy", "decoy")
-# Scores of any single effects: whatever is chosen before.
-NAMES: Rules = {
-    "strict": (SINGLE, share, lambda one: one.strict),
-    "class_aware": (SINGLE, share, lambda one: one.class_aware),
-    "joint": (SINGLE, share, lambda one: one.joint),
-    "mean_class_size": (SINGLE, mean, lambda one: one.class_size),
-    "extra_names": (SINGLE, mean, lambda one: len(one.named) - 1 if one.named else None),
-    "unnamed": (SINGLE, share, lambda one: not one.named),
-}
-HEADLINE: Rules = {
-    **{name: (is_visible, summarise, value) for name, (_, summarise, value) in NAMES.items()},
-    "class_aware_small": (
-        lambda one: SINGLE(one) and one.rich and one.amplitude < 1.0,
-        share,
-        lambda one: one.class_aware,
-    ),
-    "class_holds": (SINGLE, share, lambda one: None if one.class_size is None else one.class_aware),
-    "class_size": (SINGLE, mean, lambda one: one.class_size),
-    "companion": (is_visible, share, lambda one: one.has_companion),
-    "false_alarm": (of("healthy"), share, lambda one: one.has_false_name),
-    "false_alarm_decoy": (of("decoy"), share, lambda one: one.has_false_name),
-    "told_gap": (
-        of("healthy"),
-        share,
-        lambda one: None if one.urdf_wrong else one.verdict != "no_gap",
-    ),
-    "refusal": (REFUSABLE, share, lambda one: one.refused),
-    "wrongly_named": (REFUSABLE, share, lambda one: one.verdict == "named"),
-    "set_f1": (SETS, mean, lambda one: one.set_f1),
-    "shrink_vs_oracle": (is_visible, mean, lambda one: one.shrink_share),
-    "seconds_per_case": (lambda one: True, mean, lambda one: one.seconds),
-}
-# Scores of a stratum of worlds.
-OF_WORLDS: Rules = {
-    **{name: HEADLINE[name] for name in ("strict", "class_aware", "joint", "companion")},
-    "false_alarm": (WITHOUT, *HEADLINE["false_alarm"][1:]),
-    "told_gap": (WITHOUT, *HEADLINE["told_gap"][1:]),
-}
-PASSED: Rules = {
-    "edit": (
-        lambda one: one.edit is not None,
-        share,
-        lambda one: (one.edit or {})["edited"] <= EDIT_WITHIN,
-    )
-}
-
-
-def rules_of(method: str) -> Rules:
-    """Scores of a plain method, which has neither probabilities nor verdicts."""
-
-    def names(one: Outcome) -> Sequence[tuple[str, str]]:
-        return one.rivals.get(method, ())
-
-    def first(one: Outcome) -> tuple[str, str]:
-        return next(iter(names(one)), ("", ""))
-
-    def f1(one: Outcome) -> float:
-        return 2.0 * len(set(names(one)) & set(one.truth)) / (len(names(one)) + len(one.truth))
-
-    return {
-        "strict": (is_visible, share, lambda one: first(one)[0] == one.truth[0][0]),
-        "joint": (is_visible, share, lambda one: one.truth[0][1] in ("", first(one)[1])),
-        "false_alarm": (of("healthy"), share, lambda one: bool(names(one))),
-        "false_alarm_decoy": (of("decoy"), share, lambda one: bool(names(one))),
-        "refusal": (REFUSABLE, share, lambda one: not names(one)),
-        "set_f1": (SETS, mean, f1),
-    }
-
-
-def measure(cases: Iterable[Outcome], rules: Rules) -> dict[str, Score]:
-    """The scores of a table of rules.
-
-    A case of which a score says nothing (None) is left out of it.
-    """
-    some = list(cases)
-    found = {}
-    for name, (chosen, summarise, value) in rules.items():
-        values = [value(one) for one in some if chosen(one)]
-        found[name] = summarise([one for one in values if one is not None])
-    return found
-
-
-def group_by(rows: Iterable[T], key: Callable[[T], Any]) -> dict[Any, list[T]]:
+def group_by(rows: Iterable[Entry], key: Callable[[Entry], Any]) -> dict[Any, list[Entry]]:
     """Rows that have a key in common, keys in order."""
-    found: dict[Any, list[T]] = {}
+    groups: dict[Any, list[Entry]] = {}
     for row in rows:
-        found.setdefault(key(row), []).append(row)
-    return dict(sorted(found.items()))
+        groups.setdefault(key(row), []).append(row)
+    return dict(sorted(groups.items()))
 
 
 def judged(cases: Iterable[Outcome]) -> tuple[list[float], list[bool]]:
     """Probabilities of all names that are true or false, and which."""
-    said = [name for one in cases for name in one.judged]
-    return [p for _, p, _ in said], [right for _, _, right in said]
+    names = [name for case in cases for name in case.judged]
+    probabilities = [probability for _, probability, _ in names]
+    right = [is_right for _, _, is_right in names]
+    return probabilities, right
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,58 +134,62 @@ class BlindReport(Result):
         """The headline. `auroc`: how sure the diagnosis is that the catalogue lacks the cause where
         it does, against where it does not.
         """
-        lacking = [outcome.refusal_score for outcome in self.outcomes if REFUSABLE(outcome)]
-        holding = [
-            outcome.refusal_score
-            for outcome in self.outcomes
-            if SINGLE(outcome) and outcome.amplitude >= 1.0
-        ]
-        edited = any(SINGLE(outcome) and outcome.edit is not None for outcome in self.outcomes)
-        return {
-            **measure(self.outcomes, HEADLINE),
-            "auroc": auroc(
-                *([score for score in some if score is not None] for some in (lacking, holding))
-            ),
-            "calibration_error": calibration_error(*judged(self.outcomes)),
-            "interval_coverage": share(
-                cover["inside"] for one in self.outcomes for cover in one.coverage
-            ),
-            **(measure(filter(is_visible, self.outcomes), PASSED) if edited else {}),
-        }
+        scores = measure(self.outcomes, headline_rules())
+        scores["auroc"] = self._auroc()
+        scores["calibration_error"] = calibration_error(*judged(self.outcomes))
+        scores["interval_coverage"] = share(cover["inside"] for cover in self._coverage())
+        if any(is_single(case) and case.edit is not None for case in self.outcomes):
+            scores |= measure(filter(is_visible, self.outcomes), edit_rules())
+        return scores
+
+    def _auroc(self) -> Score:
+        """Of cases whose cause the catalogue lacks against visible single effects."""
+        lacking = []
+        holding = []
+        for case in self.outcomes:
+            if case.refusal_score is None:
+                continue
+            if is_refusable(case):
+                lacking.append(case.refusal_score)
+            elif is_single(case) and case.amplitude >= 1.0:
+                holding.append(case.refusal_score)
+        return auroc(lacking, holding)
+
+    def _coverage(self) -> list[Row]:
+        """Every true parameter with its interval, of all cases."""
+        return [cover for case in self.outcomes for cover in case.coverage]
 
     @cached_property
-    def worlds(self) -> dict[str, list[dict[str, Any]]]:
+    def worlds(self) -> dict[str, list[Row]]:
         """By each property in which the worlds of the cases differ, a row a stratum.
 
         Its word or bounds, its scores.
         """
-        found: dict[str, list[dict[str, Any]]] = {}
-        placed = [
-            (world_axes(outcome.world), outcome) for outcome in self.outcomes if outcome.world
-        ]
+        drawn = [case for case in self.outcomes if case.world]
+        places = [world_axes(case.world) for case in drawn]
+        tables = {}
         for axis in (*NUMBERS, *WORDS):
-            values = [place[axis] for place, _ in placed]
-            if len(set(values)) < 2:
-                continue
-            strata = group_by(
-                zip(places_on(axis, values), (one for _, one in placed), strict=True),
-                lambda pair: (*pair[0].values(),),
-            )
-            found[axis] = []
-            for rows in strata.values():
-                cases = [one for _, one in rows]
-                scores = {
-                    **measure(cases, OF_WORLDS),
-                    "calibration_error": calibration_error(*judged(cases)),
-                }
-                columns = in_columns(scores)
-                found[axis].append(
-                    {**rows[0][0], "cases": len(cases), **columns.pop("scores"), **columns}
-                )
-        return found
+            values = [place[axis] for place in places]
+            if len(set(values)) > 1:
+                pairs = zip(places_on(axis, values), drawn, strict=True)
+                strata = group_by(pairs, lambda pair: (*pair[0].values(),))
+                tables[axis] = [self._stratum(pairs) for pairs in strata.values()]
+        return tables
+
+    def _stratum(self, pairs: Sequence[tuple[Row, Outcome]]) -> Row:
+        """The row of a stratum.
+
+        Args:
+            pairs: Its cases, each with the stratum's word or bounds.
+        """
+        cases = [case for _, case in pairs]
+        scores = measure(cases, world_rules())
+        scores["calibration_error"] = calibration_error(*judged(cases))
+        columns = in_columns(scores)
+        return {**pairs[0][0], "cases": len(cases), **columns.pop("scores"), **columns}
 
     @property
-    def worst(self) -> dict[str, Any] | None:
+    def worst(self) -> Row | None:
         """The stratum of worlds in which fewest visible effects are named, of those with cases
         enough.
         """
@@ -272,31 +199,28 @@ class BlindReport(Result):
             return None
         axis, row = min(enough, key=lambda pair: pair[1]["strict"] or 0.0)
         span = row["value"] if "value" in row else f"{row['low']:.3g} to {row['high']:.3g}"
-        about = {
+        return {
+            "world": f"{axis} {span}",
             "strict": row["strict"],
             "cases": row["counts"]["strict"],
             "interval": row["intervals"]["strict"],
         }
-        return {"world": f"{axis} {span}", **about}
 
     @cached_property
     def efficiency(self) -> dict[str, Score]:
         """By size: effects named, over those that an oracle would name; the oracle's share is taken
         as known.
         """
-        found = {}
-        asked = [
-            outcome for outcome in self.outcomes if SINGLE(outcome) and outcome.oracle is not None
-        ]
-        for size, cases in group_by(asked, lambda one: one.amplitude).items():
+        asked = [case for case in self.outcomes if is_single(case) and case.oracle is not None]
+        scores = {}
+        for size, cases in group_by(asked, lambda case: case.amplitude).items():
             best = sum(case.oracle or 0.0 for case in cases) / len(cases)
             ours = share(case.strict for case in cases)
-            ends = (ours.value, ours.low, ours.high)
-            value, low, high = (
-                end / best if end is not None and best > 0.0 else None for end in ends
-            )
-            found[f"{size:g}"] = Score(value, low, high, len(cases))
-        return found
+            value = _over(ours.value, best)
+            low = _over(ours.low, best)
+            high = _over(ours.high, best)
+            scores[f"{size:g}"] = Score(value, low, high, len(cases))
+        return scores
 
     @property
     def confidently_wrong(self) -> list[Outcome]:
@@ -308,52 +232,48 @@ class BlindReport(Result):
 
         Of names by the effect that they name.
         """
-        singles = list(filter(SINGLE, self.outcomes))
-        cells = group_by(singles, lambda one: (not one.rich, one.amplitude))
-        by_truth = group_by(singles, lambda one: one.truth[0][0])
-        names = group_by(
-            (name for one in self.outcomes for name in one.judged), lambda name: name[0]
-        )
-        covers = group_by(
-            (cover for one in self.outcomes for cover in one.coverage),
-            lambda one: f"{one['effect']}.{one['parameter']}",
-        )
-        edits = {}
+        singles = list(filter(is_single, self.outcomes))
+        by_truth = group_by(singles, lambda case: case.truth[0][0])
+        strata = {}
+        cells = group_by(singles, lambda case: (not case.rich, case.amplitude))
+        for (poor, size), cases in cells.items():
+            name = f"{size:g}x {'poor' if poor else 'rich'}"
+            strata[name] = _full(measure(cases, name_rules(is_single)))
+        confusion = {}
         for effect, cases in by_truth.items():
-            own = [case for case in cases if case.edit is not None]
-            if own:
-                models = ("edited", "tuned", "unedited")
-                medians = {
-                    model: median(one.edit[model] for one in own if one.edit) for model in models
-                }
-                edits[effect] = {
-                    "cases": len(own),
-                    "median": medians,
-                    "within": vars(measure(own, PASSED)["edit"]),
-                }
-        return {
-            "strata": {
-                f"{size:g}x {'poor' if poor else 'rich'}": _full(measure(own, NAMES))
-                for (poor, size), own in cells.items()
-            },
-            "confusion": {
-                effect: dict(Counter(one.named[0][0] if one.named else one.verdict for one in own))
-                for effect, own in by_truth.items()
-            },
-            "coverage": _full(
-                {name: share(cover["inside"] for cover in own) for name, own in covers.items()}
-            ),
-            "reliability": _full(
-                {effect: share(right for _, _, right in own) for effect, own in names.items()}
-            ),
-            **({"edits": edits} if edits else {}),
+            answers = [case.named[0][0] if case.named else case.verdict for case in cases]
+            confusion[effect] = dict(Counter(answers))
+        coverage = {}
+        covers = group_by(self._coverage(), lambda row: f"{row['effect']}.{row['parameter']}")
+        for parameter, rows in covers.items():
+            coverage[parameter] = share(row["inside"] for row in rows)
+        reliability = {}
+        names = [name for case in self.outcomes for name in case.judged]
+        for effect, of_effect in group_by(names, lambda name: name[0]).items():
+            reliability[effect] = share(right for _, _, right in of_effect)
+        tables: dict[str, Any] = {
+            "strata": strata,
+            "confusion": confusion,
+            "coverage": _full(coverage),
+            "reliability": _full(reliability),
         }
+        edits = _edits(by_truth)
+        if edits:
+            tables["edits"] = edits
+        return tables
 
     def to_dict(self) -> dict[str, Any]:
         """`ident.blind/1`."""
-        methods = sorted({method for one in self.outcomes for method in one.rivals})
+        methods = sorted({method for case in self.outcomes for method in case.rivals})
         columns = in_columns(self.scores)
         columns["scores"]["efficiency"] = in_columns(self.efficiency)["scores"]
+        calibration = []
+        for low, high, said, right in calibration_curve(*judged(self.outcomes)):
+            calibration.append({"low": low, "high": high, "said": said, "right": vars(right)})
+        baselines = {}
+        for method in methods:
+            scores = measure(self.outcomes, method_rules(method))
+            baselines[method] = in_columns(scores)["scores"]
         return {
             "schema": "ident.blind/1",
             "robot": self.robot,
@@ -364,31 +284,53 @@ class BlindReport(Result):
             "provenance": self.provenance.to_dict(),
             **columns,
             **self._by_cause(),
-            "calibration": [
-                {"low": low, "high": high, "said": said, "right": vars(right)}
-                for low, high, said, right in calibration_curve(*judged(self.outcomes))
-            ],
+            "calibration": calibration,
             "worlds": self.worlds,
             "worst_stratum": self.worst,
             "efficiency": _full(self.efficiency),
-            "baselines": {
-                m: in_columns(measure(self.outcomes, rules_of(m)))["scores"] for m in methods
-            },
-            "confidently_wrong": [one.name for one in self.confidently_wrong],
+            "baselines": baselines,
+            "confidently_wrong": [case.name for case in self.confidently_wrong],
             "seconds_per_case": self.scores["seconds_per_case"].value,
             "outcomes": [outcome.to_dict() for outcome in self.outcomes],
             "run": self.run,
         }
 
 
+def _edits(by_truth: Mapping[str, Sequence[Outcome]]) -> dict[str, Row]:
+    """Of each true effect the median errors of the models of its edit tests.
+
+    Args:
+        by_truth: Cases of single effects, by the effect.
+    """
+    edits = {}
+    for effect, cases in by_truth.items():
+        tested = [case for case in cases if case.edit is not None]
+        if not tested:
+            continue
+        medians = {}
+        for model in MODELS:
+            medians[model] = median(case.edit[model] for case in tested if case.edit)
+        edits[effect] = {
+            "cases": len(tested),
+            "median": medians,
+            "within": vars(measure(tested, edit_rules())["edit"]),
+        }
+    return edits
+
+
+def _over(share_named: float | None, best: float) -> float | None:
+    """A share over the oracle's; None where either is none."""
+    if share_named is None or best <= 0.0:
+        return None
+    return share_named / best
+
+
 def in_columns(scores: Mapping[str, Score]) -> dict[str, dict[str, Any]]:
     """Values, intervals and counts of scores, each by their names."""
-    values = {name: score.value for name, score in scores.items()}
-    intervals = {name: [score.low, score.high] for name, score in scores.items()}
     return {
-        "scores": values,
-        "intervals": intervals,
-        "counts": {name: one.count for name, one in scores.items()},
+        "scores": {name: score.value for name, score in scores.items()},
+        "intervals": {name: [score.low, score.high] for name, score in scores.items()},
+        "counts": {name: score.count for name, score in scores.items()},
     }
 
 

@@ -19,7 +19,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.export.bodies import random_states
 from ident.export.identified import IdentifiedArm, in_module
-from ident.export.mjcf import SPRING_SUFFIX, write_mjcf, write_urdf
+from ident.export.mjcf import SPRING_SUFFIX, write_mjcf
+from ident.export.urdf_file import write_urdf
 from ident.files import run_python
 from ident.laws.acting import Effect, acting_torque, read_log, shifted
 from ident.laws.motion import Arm, Losses, MovingArm

@@ -20,6 +20,7 @@ from ident.show.report.diagnosis_verdict import (
     place_words,
     units_of,
 )
+from ident.show.report.numbers import MOST_NAMED
 from ident.show.report.words import (
     TABLES,
     effect_name,
@@ -41,83 +42,104 @@ if TYPE_CHECKING:
 Record = Mapping[str, Any]
 
 STILL = "only torque beyond its static friction shows"
+# Sessions that one line names.
+MOST_SESSIONS = 6
 # Where the rest is of a result whose first screen leaves something out.
 REST = "More: `--details` prints {}; `--html PAGE` has it with pictures."
 UNTESTABLE: list[dict[str, Any]] = TABLES["untestable"]
+ASSUMED = "how much friction differs from run to run is assumed, for single runs can't say"
 
 
 def group_silent(rows: Sequence[Record]) -> list[str]:
     """Lines such as: not testable, as the motion shows too little of it: backlash (joint_1), …"""
-    return [f"not testable, as {reason}: {', '.join(items)}" for reason, items in silent_groups(rows)]
+    lines = []
+    for reason, items in silent_groups(rows):
+        lines.append(f"not testable, as {reason}: {', '.join(items)}")
+    return lines
 
 
 def silent_groups(rows: Sequence[Record]) -> list[tuple[str, list[str]]]:
     """Reasons, each with the effects that it keeps from being tested, and at which joints."""
-    found: dict[str, dict[str, list[str]]] = {}
+    groups: dict[str, dict[str, list[str]]] = {}
     for row in rows:
-        kind = next(one["words"] for one in UNTESTABLE if any(mark in row["reason"] for mark in one["marks"]))
-        joints = found.setdefault(kind, {}).setdefault(str(row["effect"]), [])
+        effects = groups.setdefault(_kind_of(row["reason"]), {})
+        joints = effects.setdefault(str(row["effect"]), [])
         joints += [joint for joint in row.get("joints", []) if joint not in joints]
-    rows_of: list[tuple[str, list[str]]] = []
-    for reason in sorted(found, key=[one["words"] for one in UNTESTABLE].index):
-        places = {
-            effect: join_words(joints) if 0 < len(joints) <= 3 else f"{len(joints)} joints" if joints else "the arm"
-            for effect, joints in found[reason].items()
-        }
-        rows_of.append((reason, [f"{effect_name(effect)} ({where})" for effect, where in places.items()]))
-    return rows_of
+    told: list[tuple[str, list[str]]] = []
+    for kind in (entry["words"] for entry in UNTESTABLE):
+        if kind in groups:
+            effects = groups[kind]
+            items = [f"{effect_name(name)} ({_few(joints)})" for name, joints in effects.items()]
+            told.append((kind, items))
+    return told
+
+
+def _kind_of(reason: str) -> str:
+    """What lies behind a reason why an effect could not be tested, in words."""
+    fitting = (entry for entry in UNTESTABLE if any(mark in reason for mark in entry["marks"]))
+    return str(next(fitting)["words"])
+
+
+def _few(joints: Sequence[str]) -> str:
+    """Some joints by their names, more of them by their number; of none the arm."""
+    if not joints:
+        return "the arm"
+    return join_words(joints) if len(joints) <= MOST_NAMED else f"{len(joints)} joints"
 
 
 def describe_limits(record: Record) -> str:
-    """One line about all effects that would have been named, each with its range over the joints; "" without any."""
-    rows = [one for one in record.get("detectable", []) if not one["hidden"] and one["limit"] is not None]
-    parts, found = [], dict[tuple[str, str, str], list[float]]()
-    for one in rows:
-        unit = in_units_of(one["joints"], record, parameter_name(one["figure"])[1], one["effect"])
-        found.setdefault((one["effect"], one["named"], unit), []).append(one["limit"])
-    for (effect, named, unit), limits in found.items():
-        low, high = significant(min(limits)), significant(max(limits))
-        parts.append(f"{effect_name(effect)} {named} {low}{f' to {high}' * (low != high)} {unit}".strip())
-    return f"would have been named nine times in ten: {', '.join(parts)}" if parts else ""
+    """One line about all effects that would have been named, each with its range over the joints;
+    "" without any.
+    """
+    limits: dict[tuple[str, str, str], list[float]] = {}
+    for row in record.get("detectable", []):
+        if not row["hidden"] and row["limit"] is not None:
+            unit = parameter_name(row["figure"])[1]
+            unit = in_units_of(row["joints"], record, unit, row["effect"])
+            limits.setdefault((row["effect"], row["named"], unit), []).append(row["limit"])
+    ranges = []
+    for (effect, named, unit), sizes in limits.items():
+        low = significant(min(sizes))
+        high = significant(max(sizes))
+        span = low if low == high else f"{low} to {high}"
+        ranges.append(f"{effect_name(effect)} {named} {span} {unit}".strip())
+    return f"would have been named nine times in ten: {', '.join(ranges)}" if ranges else ""
 
 
 def limit_rows(record: Record) -> list[dict[str, str]]:
     """A row for each effect and joint: what would have been named, and what bounds it."""
     rows = []
-    for one in record.get("detectable", []):
+    for entry in record.get("detectable", []):
         limit = "shows nothing"
-        if one["limit"] is not None:
-            name, unit = parameter_name(one["figure"])
-            limit = f"{name} {one['named']} {significant(one['limit'])} {unit}".strip()
-            limit += ": more than is plausible" if one["hidden"] else ""
-        joints = join_words(one["joints"]) if len(one["joints"]) <= 3 else "the whole arm"
-        bound = TABLES["bounds"].get(one["bound_by"], one["bound_by"])
-        limit = in_units_of(one["joints"], record, limit, one["effect"])
-        rows.append({"effect": effect_name(one["effect"]), "joints": joints, "limit": limit, "bound": bound})
+        if entry["limit"] is not None:
+            name, unit = parameter_name(entry["figure"])
+            limit = f"{name} {entry['named']} {significant(entry['limit'])} {unit}".strip()
+            limit += ": more than is plausible" if entry["hidden"] else ""
+        joints = entry["joints"]
+        row = {
+            "effect": effect_name(entry["effect"]),
+            "joints": join_words(joints) if len(joints) <= MOST_NAMED else "the whole arm",
+            "limit": in_units_of(joints, record, limit, entry["effect"]),
+            "bound": TABLES["bounds"].get(entry["bound_by"], entry["bound_by"]),
+        }
+        rows.append(row)
     return rows
 
 
 def headline(record: Record) -> tuple[str, str]:
     """The verdict as a sentence, and what to do where no change is named."""
-    from ident.diagnosis.change.candidates import CARRIED  # a diagnosis compares nothing
-    from ident.diagnosis.change.laws import PLAIN_FRICTION
+    from ident.diagnosis.change.laws import PLAIN_FRICTION  # a diagnosis compares nothing
 
-    named = []
-    for change in record["changes"][:3]:  # each with its place; one of the whole arm has none
-        tied = change.get("class", [])[:MOST_TIED] if not is_likely(change) else []
-        mass, effect = change["parameters"].get("mass_kg"), " or ".join(map(effect_name, tied or [change["effect"]]))
-        if change["effect"] == CARRIED:
-            side = "more" if mass["value"] > 0.0 else "less"
-            effect = f"{significant(abs(mass['value']), 3)} kg {side} at the flange"
-        elif where := places_of(change):
-            effect += f" in {where if len(change['joints']) <= 3 else 'the whole arm'}"
-        named.append(effect)
-    more = len(record["changes"]) - 3
-    changes = join_words(named) + (f", and {more} more" if more > 0 else "")
-    kind, risen = record["verdict"], join_words(describe_risen(record))
-    if kind == "no_change" and any(row["effect"] == PLAIN_FRICTION for row in record["not_testable"]):
-        kind = "friction_unseen"
+    changes = join_words([_called(change) for change in record["changes"][:MOST_NAMED]])
+    more = len(record["changes"]) - MOST_NAMED
+    if more > 0:
+        changes = f"{changes}, and {more} more"
+    risen = join_words(describe_risen(record))
     unforetold = join_words(describe_unforetold(record))
+    kind = record["verdict"]
+    untested = [row["effect"] for row in record["not_testable"]]
+    if kind == "no_change" and PLAIN_FRICTION in untested:
+        kind = "friction_unseen"
     if kind == "changed_unexplained" and not changes and (unforetold or risen):
         kind = "unforetold" if unforetold else "risen"
     words, order = TABLES["changes"][kind]
@@ -126,24 +148,44 @@ def headline(record: Record) -> tuple[str, str]:
     return told, "" if changes else order
 
 
+def _called(change: Record) -> str:
+    """A change with its place; one of the whole arm has none."""
+    from ident.diagnosis.change.candidates import CARRIED  # a diagnosis compares nothing
+
+    if change["effect"] == CARRIED:
+        mass = change["parameters"]["mass_kg"]["value"]
+        side = "more" if mass > 0.0 else "less"
+        return f"{significant(abs(mass), 3)} kg {side} at the flange"
+    tied = [] if is_likely(change) else change.get("class", [])[:MOST_TIED]
+    name = " or ".join(map(effect_name, tied or [change["effect"]]))
+    where = places_of(change)
+    if where and len(change["joints"]) > MOST_NAMED:
+        where = "the whole arm"
+    return f"{name} in {where}" if where else name
+
+
 def describe_unforetold(record: Record) -> list[str]:
-    """How far off each joint is that one set's model does not foretell and no change is named at; the worst first."""
+    """How far off each joint is that one set's model does not foretell and no change is named at;
+    the worst first.
+    """
     named = {joint for change in record["changes"] for joint in change["joints"]}
-    rows = [one for one in record.get("unforetold", ()) if one["joint"] not in named]
-    rows.sort(key=lambda one: -one["ratio"])
-    return [
-        f"{one['joint']} is off by {significant(one['error_Nm'])} {in_units_of([one['joint']], record, TORQUE)} (rms), "
-        f"{one['ratio']:.1f} times the usual ({one['low']:.1f} to {one['high']:.1f})"
-        for one in rows
-    ]
+    rows = [row for row in record.get("unforetold", ()) if row["joint"] not in named]
+    lines = []
+    for row in sorted(rows, key=lambda row: -row["ratio"]):
+        unit = in_units_of([row["joint"]], record, TORQUE)
+        error = f"{row['joint']} is off by {significant(row['error_Nm'])} {unit} (rms)"
+        usual = f"({row['low']:.1f} to {row['high']:.1f})"
+        lines.append(f"{error}, {row['ratio']:.1f} times the usual {usual}")
+    return lines
 
 
 def describe_risen(record: Record) -> list[str]:
     """By how much each joint's residual rose beside what every law explains."""
-    return [
-        f"that of {one['joint']} is {one['ratio']:.1f} times what it was (rms; {one['low']:.1f} to {one['high']:.1f})"
-        for one in record.get("risen", ())
-    ]
+    lines = []
+    for row in record.get("risen", ()):
+        what = f"that of {row['joint']} is {row['ratio']:.1f} times what it was"
+        lines.append(f"{what} (rms; {row['low']:.1f} to {row['high']:.1f})")
+    return lines
 
 
 def places_of(change: Record) -> str:
@@ -151,18 +193,18 @@ def places_of(change: Record) -> str:
     return "" if change["effect"] in OF_THE_ARM else with_others(change)
 
 
-def with_others(one: Record) -> str:
+def with_others(cause: Record) -> str:
     """The joints of a finding or change, and those where the same effect may be as well."""
-    others = [it["joint"] for it in one.get("elsewhere", ()) if it["joint"] and it["effect"] == one["effect"]]
-    return join_words(one["joints"]) + (f" (or {join_words(others)})" if others else "")
+    same = [place for place in cause.get("elsewhere", ()) if place["effect"] == cause["effect"]]
+    others = [place["joint"] for place in same if place["joint"]]
+    joints = join_words(cause["joints"])
+    return f"{joints} (or {join_words(others)})" if others else joints
 
 
 def print_comparison(console: Console, record: Record, details: bool = False) -> None:
     """Verdict and changes with what to do; all else where `details` are asked for."""
     for name in ("before", "after"):
-        side = record[name]
-        size = f"{plural(side['runs'], 'run')}, {side['samples']} samples, {side['duration_s']:.0f} s"
-        console.print(f"{name}: {', '.join(side['sessions'][:6])}{' …' if len(side['sessions']) > 6 else ''}; {size}")
+        console.print(f"{name}: {_describe_side(record[name])}")
     say(console, describe_known(record), hanging="  ")
     print_issues(console, record["telemetry"], "warning")
     words, order = headline(record)
@@ -180,10 +222,18 @@ def print_comparison(console: Console, record: Record, details: bool = False) ->
     for line in filter(None, [*lines, *rest] if details else lines):
         say(console, f"{sentence(line)}.", "  ", "    ")
     if not details:
-        parts = ["the sizes of each change"] if record["changes"] else []
-        parts += ["what fits and is not reported"] if record["reservations"] else []
-        parts += ["how much friction differs from run to run, what these recordings can't show"]
-        say(console, REST.format(", ".join(parts)))
+        left = ["the sizes of each change"] if record["changes"] else []
+        left += ["what fits and is not reported"] if record["reservations"] else []
+        left += ["how much friction differs from run to run, what these recordings can't show"]
+        say(console, REST.format(", ".join(left)))
+
+
+def _describe_side(side: Record) -> str:
+    """The sessions of a set, and how much was recorded."""
+    sessions = ", ".join(side["sessions"][:MOST_SESSIONS])
+    more = " …" if len(side["sessions"]) > MOST_SESSIONS else ""
+    samples = f"{side['samples']} samples, {side['duration_s']:.0f} s"
+    return f"{sessions}{more}; {plural(side['runs'], 'run')}, {samples}"
 
 
 def describe_known(record: Record) -> str:
@@ -215,8 +265,8 @@ def _mount_of(side: Record) -> str:
 
 def without_still(record: Record) -> list[Record]:
     """What could not be tested for another reason than that a joint stood still."""
-    said = {one["reason"] for one in record.get("still", ())}
-    return [one for one in record["not_testable"] if one["reason"] not in said]
+    said = {row["reason"] for row in record.get("still", ())}
+    return [row for row in record["not_testable"] if row["reason"] not in said]
 
 
 def describe_name(cause: Record, record: Record, measured: str) -> str:
@@ -256,14 +306,14 @@ def describe_sizes(change: Record, record: Record) -> str:
     """How large a change is, and what it explains at each of its joints."""
     heldout = change["heldout"]
     after = heldout["rms_after_Nm"]
-    parts = [
-        f"{name} {fixed(before)} → {fixed(after[name])} {in_units_of([name], record, TORQUE)}"
-        for name, before in heldout["rms_before_Nm"].items()
-    ]
+    errors = []
+    for joint, before in heldout["rms_before_Nm"].items():
+        unit = in_units_of([joint], record, TORQUE)
+        errors.append(f"{joint} {fixed(before)} → {fixed(after[joint])} {unit}")
     words = parameters_in_words(change["parameters"])
     sizes = in_units_of(change["joints"], record, words, change["effect"])
     closed = f"{percent(heldout['shrink'])} of what can be closed"
-    return f"{sizes}; error in the later set {', '.join(parts)} ({closed})"
+    return f"{sizes}; error in the later set {', '.join(errors)} ({closed})"
 
 
 def describe_notes(record: Record) -> list[str]:
@@ -274,11 +324,12 @@ def describe_notes(record: Record) -> list[str]:
 
 def describe_unreported(record: Record) -> list[str]:
     """What fits and is not reported, a line for each reason."""
-    found: dict[str, list[str]] = {}
-    for one in record["reservations"]:
-        reason = in_units_of(one["joints"], record, with_units(one["reason"]), one["effect"])
-        found.setdefault(reason, []).append(f"{effect_name(one['effect'])} in {join_words(one['joints'])}")
-    return [f"not reported: {join_words(what)}: {reason}" for reason, what in found.items()]
+    effects: dict[str, list[str]] = {}
+    for row in record["reservations"]:
+        reason = in_units_of(row["joints"], record, with_units(row["reason"]), row["effect"])
+        name = f"{effect_name(row['effect'])} in {join_words(row['joints'])}"
+        effects.setdefault(reason, []).append(name)
+    return [f"not reported: {join_words(names)}: {reason}" for reason, names in effects.items()]
 
 
 def describe_unnamed_changes(record: Record) -> list[str]:
@@ -297,29 +348,45 @@ def describe_still(record: Record) -> list[str]:
 
 
 def describe_spread(record: Record) -> str:
-    """How much friction differs from run to run of one set, or is taken to where each has a single run."""
-    parts = [f"{joint} {percent(share)}" for joint, share in record["friction_run_spread"].items()]
-    if parts and record["before"]["runs"] + record["after"]["runs"] <= 2:
-        return "how much friction differs from run to run is assumed, for single runs can't say: record three a side"
-    return f"friction differs from run to run of one set by: {', '.join(parts)}" if parts else ""
+    """How much friction differs from run to run of one set, or is taken to where each has a single
+    run.
+    """
+    spread = record["friction_run_spread"]
+    if not spread:
+        return ""
+    if record["before"]["runs"] + record["after"]["runs"] <= 2:
+        return f"{ASSUMED}: record three a side"
+    shares = [f"{joint} {percent(share)}" for joint, share in spread.items()]
+    return f"friction differs from run to run of one set by: {', '.join(shares)}"
 
 
 def describe_used(record: Record) -> list[str]:
-    """Joints whose friction is known in less than half of their samples, a line each: what the others are."""
-    return [
-        f"samples of {one['joint']}: {percent(one['in_motion'])} in motion, {percent(one['at_rest'])} at rest "
-        f"({plural(one['holds'], 'hold')}, each one observation), {percent(one['turning'])} near stops and turns, "
-        f"{percent(one['left_out'])} left out ({one['why']})"
-        for one in record.get("samples_used", ())
-        if one["in_motion"] < 0.5
-    ]
+    """Joints whose friction is known in less than half of their samples, a line each: what the
+    others are.
+    """
+    lines = []
+    seldom = [row for row in record.get("samples_used", ()) if row["in_motion"] < 0.5]
+    for row in seldom:
+        shares = [
+            f"{percent(row['in_motion'])} in motion",
+            f"{percent(row['at_rest'])} at rest ({plural(row['holds'], 'hold')}, each one observation)",
+            f"{percent(row['turning'])} near stops and turns",
+            f"{percent(row['left_out'])} left out ({row['why']})",
+        ]
+        lines.append(f"samples of {row['joint']}: {', '.join(shares)}")
+    return lines
 
 
 def draw_comparison(record: Record) -> Figure:
     """Error of the common model in the later set, without and with the changes."""
     heldout = record["heldout"]
     names: list[str] = list(heldout["rms_before_Nm"]) or list(record["joints"])
-    bars = [("without the changes", TUNED, "rms_before_Nm"), ("with them", NAMED, "rms_after_Nm")]
-    bars = [*bars[: 2 if record["changes"] else 1], ("noise", NOISE, "noise_Nm")]
-    rows = {words: (colour, [heldout[key].get(name) for name in names]) for words, colour, key in bars}
-    return draw_bars(names, rows, f"torque [{units_of(record)}]", f"{record['robot']}: {record['verdict']}")
+    bars = [("without the changes", TUNED, "rms_before_Nm")]
+    if record["changes"]:
+        bars.append(("with them", NAMED, "rms_after_Nm"))
+    bars.append(("noise", NOISE, "noise_Nm"))
+    rows = {}
+    for words, colour, key in bars:
+        rows[words] = (colour, [heldout[key].get(name) for name in names])
+    title = f"{record['robot']}: {record['verdict']}"
+    return draw_bars(names, rows, f"torque [{units_of(record)}]", title)

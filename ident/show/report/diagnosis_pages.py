@@ -16,6 +16,7 @@ from ident.show.report import numbers
 from ident.show.report.evaluation import ReportInput, evaluation_sections
 from ident.show.report.page import (
     EPOCH_FROM,
+    MOST_STAMPS,
     Section,
     describe_origin,
     facts_section,
@@ -56,21 +57,26 @@ if TYPE_CHECKING:
 
 MOST_SENTENCES = 5
 TRACES = (
-    "Torque as it was measured and as three models have it, on runs that the tuned models were not fitted to. "
-    "Below: what each model is off by. Where a joint rests or turns round no model is judged."
+    "Torque as it was measured and as three models have it, on runs that the tuned models were not "
+    "fitted to. Below: what each model is off by. Where a joint rests or turns round no model is "
+    "judged."
 )
 # A cell this many times as dense as the mean has the strongest colour.
 DENSEST = 3.0
 
+Record = Mapping[str, Any]
+"""A result, or a part of it, as JSON has it."""
+
 
 def write_diagnosis_report(
     path: str | Path,
-    record: Mapping[str, Any],
+    record: Record,
     evaluation: ReportInput | None = None,
     pictures: Sequence[LawPicture | None] = (),
     traces: Traces | None = None,
 ) -> Path:
-    """Writes the page of a diagnosis, whole or not at all; arguments as for `render_diagnosis_report`.
+    """Writes the page of a diagnosis, whole or not at all; arguments as for
+    `render_diagnosis_report`.
 
     Raises:
         InputError: The folder can't be written to.
@@ -79,7 +85,7 @@ def write_diagnosis_report(
 
 
 def render_diagnosis_report(
-    record: Mapping[str, Any],
+    record: Record,
     evaluation: ReportInput | None = None,
     pictures: Sequence[LawPicture | None] = (),
     traces: Traces | None = None,
@@ -104,35 +110,38 @@ def render_diagnosis_report(
     ]
     if evaluation is not None:
         shown = {"verdict", *(section.anchor for section in sections if section is not None)}
-        sections += [one for one in evaluation_sections(evaluation) if one is not None and one.anchor not in shown]
+        further = [section for section in evaluation_sections(evaluation) if section is not None]
+        sections += [section for section in further if section.anchor not in shown]
     title = f"{record['robot']}: why does the arm not move as its model says?"
     return render_page(title, sections, describe_origin(record))
 
 
-def verdict_section(record: Mapping[str, Any]) -> Section:
+def verdict_section(record: Record) -> Section:
     """Verdict, what to make of it, and the gap joint by joint."""
     session = record.get("session", {})
-    own = any("model_rms_Nm" in gap for gap in record.get("gap", {}).values())
+    runs = plural(session.get("runs", 0), "run")
+    seconds = fixed(session.get("duration_s", 0.0), 0)
+    given = any("model_rms_Nm" in gap for gap in record.get("gap", {}).values())
+    lead = [verdict.describe_findings(record), verdict.describe_unnamed(record)]
     values = {
         "headline": glue(verdict.diagnosis_headline(record)),
         "first": glue(verdict.first_action(record)),
-        "lead": glue(" ".join(filter(None, (verdict.describe_findings(record), verdict.describe_unnamed(record))))),
+        "lead": glue(" ".join(text for text in lead if text)),
         "telemetry": record.get("telemetry", []),
         "motion": glue(verdict.describe_motion(record)),
         "doubts": [glue(line) for line in verdict.describe_reservations(record)],
-        "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
-        f"{fixed(session.get('duration_s', 0.0), 0)} s",
+        "session": f"{runs}, {session.get('samples', 0):,} samples, {seconds} s",
         "gaps": gap_rows(record),
         "noise": verdict.describe_noise(record),
         "named": bool(record.get("findings")),
         "units": verdict.units_of(record),
         # The model untuned is the user's own where one was given.
-        "untuned": "the model that was given" if own else "inertias of the URDF, friction tuned",
+        "untuned": "the model that was given" if given else "inertias of the URDF, friction tuned",
     }
     return Section("verdict", "Verdict", "diagnosis_verdict.html", values)
 
 
-def numbers_section(record: Mapping[str, Any]) -> Section | None:
+def numbers_section(record: Record) -> Section | None:
     """What the URDF says beside what was found, joint by joint."""
     rows = numbers.table_of(record)
     if not rows:
@@ -157,148 +166,189 @@ def traces_section(traces: Traces | None) -> Section | None:
         return None
     from ident.show.report.traces import section_values
 
-    return Section("traces", "Measured against model", "traces.html", section_values(traces, TRACES))
+    values = section_values(traces, TRACES)
+    return Section("traces", "Measured against model", "traces.html", values)
 
 
-def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
+def gap_rows(record: Record) -> list[dict[str, Any]]:
     """Residual, ceiling and noise of every joint, with bars on one scale."""
-    gaps, heldout, named = record.get("gap", {}), record.get("heldout") or {}, bool(record.get("findings"))
+    gaps = record.get("gap", {})
+    heldout = record.get("heldout") or {}
+    named = bool(record.get("findings"))
     after = heldout.get("rms_after_Nm", {}) if named else {}
-    joules, spread = (heldout.get(f"energy_error_after_{what}") or {} for what in ("J", "std_J"))
+    joules = heldout.get("energy_error_after_J") or {}
+    spread = heldout.get("energy_error_after_std_J") or {}
     hidden = verdict.joints_tuned_away(record)
     sizes = [gap["rms_Nm"] for gap in gaps.values()]
     sizes += [gaps[joint].get("fixed_rms_Nm", 0.0) for joint in hidden if joint in gaps]
     rows = []
     for joint, gap in gaps.items():
         energy = gap.get("energy_error_J") or {}
-        shown = {
-            "rms": gap["rms_Nm"],
-            "after": after.get(joint),
-            "noise": gap["noise_floor_Nm"],
-        }
-        shown["flexible"] = gap.get("ceiling_rms_Nm")
         untuned = gap.get("model_rms_Nm", gap.get("fixed_rms_Nm"))
         places = row_places([gap["rms_Nm"], gap["noise_floor_Nm"]])
         # Else a fall from what tuning made worse would look like a gain.
         worse = untuned is not None and round(untuned, places) < round(gap["rms_Nm"], places)
-        shown["untuned"] = untuned if worse or joint in hidden else None
-        rows.append(
-            {
-                "joint": joint,
-                "places": places,
-                "urdf": gap.get("urdf_rms_Nm"),
-                "model": untuned,
-                "energy": pair(energy.get("mean"), _spread(record, energy.get("std"))),
-                "energy_after": pair(joules.get(joint), _spread(record, spread.get(joint))) if named else DASH,
-                **shown,
-                "bars": {key: None if value is None else bar(value, sizes) for key, value in shown.items()},
-            }
-        )
+        shown = {
+            "rms": gap["rms_Nm"],
+            "after": after.get(joint),
+            "noise": gap["noise_floor_Nm"],
+            "flexible": gap.get("ceiling_rms_Nm"),
+            "untuned": untuned if worse or joint in hidden else None,
+        }
+        energy_after = DASH
+        if named:
+            energy_after = pair(joules.get(joint), _spread(record, spread.get(joint)))
+        bars = {key: None if size is None else bar(size, sizes) for key, size in shown.items()}
+        row = {
+            "joint": joint,
+            "places": places,
+            "urdf": gap.get("urdf_rms_Nm"),
+            "model": untuned,
+            "energy": pair(energy.get("mean"), _spread(record, energy.get("std"))),
+            "energy_after": energy_after,
+            **shown,
+            "bars": bars,
+        }
+        rows.append(row)
     return rows
 
 
-def _spread(record: Mapping[str, Any], std: float | None) -> float | None:
+def _spread(record: Record, std: float | None) -> float | None:
     """A spread over the runs; a single run has none."""
     return None if record.get("session", {}).get("runs", 0) < 2 else std
 
 
-def findings_section(record: Mapping[str, Any], pictures: Sequence[LawPicture | None] = ()) -> Section | None:
-    """The named effects, a card each: how sure, how large, how far they shrink the gap, and their twins."""
+def findings_section(record: Record, pictures: Sequence[LawPicture | None] = ()) -> Section | None:
+    """The named effects, a card each: how sure, how large, how far they shrink the gap, and their
+    twins.
+    """
     runs = record.get("session", {}).get("runs", 2)  # of a single run an energy error has no spread
-    picture_of, cards = dict(zip(map(id, record.get("findings", [])), pictures, strict=False)), []
-    for one in verdict.in_order_of_joints(record):
-        before, after = (verdict.energy_pair(one["heldout"], when, runs) for when in ("before", "after"))
-        title, order = sentence(verdict.called(one)), verdict.order_of(one, record)
-        cards.append((one, title, order, f"{before} → {after} J", picture_of.get(id(one))))
-    title, values = (
-        "What causes it, and what to do",
-        {"findings": cards, "record": record, "in_units_of": verdict.in_units_of},
-    )
-    return Section("findings", title, "findings.html", values) if cards else None
+    identities = map(id, record.get("findings", []))
+    picture_of = dict(zip(identities, pictures, strict=False))
+    cards = []
+    for finding in verdict.in_order_of_joints(record):
+        before = verdict.energy_pair(finding["heldout"], "before", runs)
+        after = verdict.energy_pair(finding["heldout"], "after", runs)
+        title = sentence(verdict.called(finding))
+        order = verdict.order_of(finding, record)
+        picture = picture_of.get(id(finding))
+        cards.append((finding, title, order, f"{before} → {after} J", picture))
+    if not cards:
+        return None
+    values = {"findings": cards, "record": record, "in_units_of": verdict.in_units_of}
+    return Section("findings", "What causes it, and what to do", "findings.html", values)
 
 
-def where_section(record: Mapping[str, Any]) -> Section | None:
-    """The cells that matter in words, then the map: against the tuned model, and against it as it is."""
+def where_section(record: Record) -> Section | None:
+    """The cells that matter in words, then the map: against the tuned model, and against it as it
+    is.
+    """
     if not record.get("where") and not record.get("maps"):
         return None
-    places, maps, untuned = (from_start(record, key) for key in ("where", "maps", "maps_fixed"))
-    places = [one for one in places if one["p_value"] <= USUAL_MAP.significant]
+    places = from_start(record, "where")
+    sure = [place for place in places if place["p_value"] <= USUAL_MAP.significant]
+    sentences = []
+    for place in sure[:MOST_SENTENCES]:
+        words = describe_place(place)
+        sentences.append(verdict.in_units_of([place["joint"]], record, words))
     values = {
-        "sentences": [
-            verdict.in_units_of([one["joint"]], record, describe_place(one)) for one in places[:MOST_SENTENCES]
-        ],
-        "map": map_table(maps, record["joints"]),
-        "fixed": map_table(untuned, record["joints"]),
+        "sentences": sentences,
+        "map": map_table(from_start(record, "maps"), record["joints"]),
+        "fixed": map_table(from_start(record, "maps_fixed"), record["joints"]),
     }
     return Section("where", "Where the gap lies", "where.html", values)
 
 
-def from_start(record: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
-    """A record's cells or strips of the map; times on a clock since 1970 from the first sample on."""
+def from_start(record: Record, key: str) -> list[dict[str, Any]]:
+    """A record's cells or strips of the map; times on a clock since 1970 from the first sample
+    on.
+    """
     stamps = (record.get("provenance") or {}).get("sessions", [])
-    start = min((stamp["first"] for stamp in stamps if stamp.get("first") is not None), default=0.0)
-    shift = start if start >= EPOCH_FROM else 0.0
-    found = [dict(one) for one in record.get(key, [])]
-    for one in found if shift else ():
-        if one["axis"] == "time":
-            one |= {end: np.subtract(one[end], shift).tolist() for end in ("low", "high", "edges") if end in one}
-    return found
+    firsts = [stamp["first"] for stamp in stamps if stamp.get("first") is not None]
+    start = min(firsts, default=0.0)
+    entries = [dict(entry) for entry in record.get(key, [])]
+    if start < EPOCH_FROM:
+        return entries
+    for entry in entries:
+        if entry["axis"] == "time":
+            for end in ("low", "high", "edges"):
+                if end in entry:
+                    entry[end] = np.subtract(entry[end], start).tolist()
+    return entries
 
 
-def describe_place(place: Mapping[str, Any]) -> str:
+def describe_place(place: Record) -> str:
     """A cell of the map in words."""
-    where = interval_words(place["axis"], place["low"], place["high"])
-    where = f"in moving {where}" if place["axis"] == "direction" else f"at {axis_name(place['axis'])} {where}"
+    axis = place["axis"]
+    span = interval_words(axis, place["low"], place["high"])
+    where = f"in moving {span}" if axis == "direction" else f"at {axis_name(axis)} {span}"
     text = f"{place['joint']}: {percent(place['share_of_gap'])} of its gap lies {where}"
     if place.get("share_of_time") is not None:
         share = percent(place["share_of_time"])
-        of_noise = place["axis"] == "frequency"
+        of_noise = axis == "frequency"
         text += f", where {share} of the noise lies" if of_noise else f", in {share} of the time"
     return f"{text} (p = {significant(place['p_value'], 1)})."
 
 
-def map_table(strips: Sequence[Mapping[str, Any]], joints: Sequence[str]) -> dict[str, Any]:
+def map_table(strips: Sequence[Record], joints: Sequence[str]) -> dict[str, Any]:
     """Rows of strips: a row a joint, a column an axis."""
     axes = list(dict.fromkeys(strip["axis"] for strip in strips))
     table = {(strip["joint"], strip["axis"]): strip for strip in strips}
-    shown = [joint for joint in joints if any(joint == own for own, _ in table)]
-    rows = [{"joint": j, "strips": [_strip(table[j, a]) if (j, a) in table else None for a in axes]} for j in shown]
-    return {"axes": [{"name": axis_name(axis), "unit": axis_unit(axis)} for axis in axes], "rows": rows}
+    mapped = {strip["joint"] for strip in strips}
+    rows = []
+    for joint in joints:
+        if joint in mapped:
+            of_joint = [table.get((joint, axis)) for axis in axes]
+            cells = [None if strip is None else _strip(strip) for strip in of_joint]
+            rows.append({"joint": joint, "strips": cells})
+    heads = [{"name": axis_name(axis), "unit": axis_unit(axis)} for axis in axes]
+    return {"axes": heads, "rows": rows}
 
 
-def _strip(strip: Mapping[str, Any]) -> dict[str, Any]:
+def _strip(strip: Record) -> dict[str, Any]:
     """Cells of one axis, with what a pointer over them tells."""
+    axis = strip["axis"]
     edges = strip["edges"]
     columns = ("share_of_gap", "share_of_time", "energy_J", "p_value")
+    rows = zip(*(strip[name] for name in columns), strict=True)
     cells = []
-    for k, (gap, time, energy, p_value) in enumerate(zip(*(strip[name] for name in columns), strict=True)):
-        words = [f"{interval_words(strip['axis'], edges[k], edges[k + 1])}: {percent(gap)} of the gap"]
-        words += [f"in {percent(time)} of the {'noise' if energy is None else 'time'}"]
-        words += [] if energy is None else [f"{fixed(energy)} J"]
-        cells.append(
-            {
-                "shade": shade((gap / max(time, 1e-9) - 1.0) / (DENSEST - 1.0)),
-                "sure": p_value <= USUAL_MAP.significant and gap > time and says_where(strip["axis"], edges[k]),
-                "share": percent(gap),
-                "words": f"{', '.join(words)}, p = {significant(p_value, 1)}",
-            }
-        )
+    for k, (gap, time, energy, p_value) in enumerate(rows):
+        words = [f"{interval_words(axis, edges[k], edges[k + 1])}: {percent(gap)} of the gap"]
+        if energy is None:
+            words.append(f"in {percent(time)} of the noise")
+        else:
+            words.append(f"in {percent(time)} of the time")
+            words.append(f"{fixed(energy)} J")
+        is_dense = p_value <= USUAL_MAP.significant and gap > time
+        cell = {
+            "shade": shade((gap / max(time, 1e-9) - 1.0) / (DENSEST - 1.0)),
+            "sure": is_dense and says_where(axis, edges[k]),
+            "share": percent(gap),
+            "words": f"{', '.join(words)}, p = {significant(p_value, 1)}",
+        }
+        cells.append(cell)
+    if axis == "direction":
+        return {"cells": cells, "low": "−", "high": "+"}
     low = 0.0 if abs(edges[0]) < 1e-3 * abs(edges[-1]) else edges[0]
-    ends = ("−", "+") if strip["axis"] == "direction" else (significant(low), significant(edges[-1]))
-    return {"cells": cells, "low": ends[0], "high": ends[1]}
+    return {"cells": cells, "low": significant(low), "high": significant(edges[-1])}
 
 
-def outlook_section(record: Mapping[str, Any]) -> Section | None:
+def outlook_section(record: Record) -> Section | None:
     """The next experiment first; then the effects that could not be tested."""
     if not any(record.get(key) for key in ("next_experiment", "not_testable", "detectable")):
         return None
     tied = any(len(finding["class"]) > 1 for finding in record.get("findings", []))
-    values = {"tied": tied, "limits": limit_rows(record), "silent": silent_groups(record.get("not_testable", []))}
-    values |= {"record": record, "in_units_of": verdict.in_units_of}
+    values = {
+        "tied": tied,
+        "limits": limit_rows(record),
+        "silent": silent_groups(record.get("not_testable", [])),
+        "record": record,
+        "in_units_of": verdict.in_units_of,
+    }
     return Section("next", "What to record next", "outlook.html", values)
 
 
-def render_comparison_report(record: Mapping[str, Any]) -> str:
+def render_comparison_report(record: Record) -> str:
     """The page as text: one sentence, then each change with what to do about it."""
     words, order = headline(record)
     values = {
@@ -318,10 +368,13 @@ def render_comparison_report(record: Mapping[str, Any]) -> str:
         telemetry_section(record["telemetry"]),
         facts_section(provenance_facts(record)),
     ]
-    sides = [
-        f"{name}: {', '.join(record[name]['sessions'][:4])}{' …' if len(record[name]['sessions']) > 4 else ''} "
-        f"({plural(record[name]['runs'], 'run')}, {record[name]['duration_s']:.0f} s)"
-        for name in ("before", "after")
-    ]
-    origin = " · ".join([record["robot"], *sides, describe_known(record)])
-    return render_page(f"What changed: {record['robot']}", sections, origin)
+    sides = [f"{name}: {_describe_side(record[name])}" for name in ("before", "after")]
+    subtitle = " · ".join([record["robot"], *sides, describe_known(record)])
+    return render_page(f"What changed: {record['robot']}", sections, subtitle)
+
+
+def _describe_side(side: Record) -> str:
+    """The sessions of a set, and how much was recorded."""
+    sessions = ", ".join(side["sessions"][:MOST_STAMPS])
+    more = " …" if len(side["sessions"]) > MOST_STAMPS else ""
+    return f"{sessions}{more} ({plural(side['runs'], 'run')}, {side['duration_s']:.0f} s)"

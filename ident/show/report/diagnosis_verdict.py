@@ -1,8 +1,9 @@
 """A diagnosis in words: its verdict, what to do first, what is not known.
 
-One order holds for all words, that of the map: the joint of its first place leads, one whose whole torque is off by a
-factor, else of the largest gap. The first line begins with it, what to do first is about it, and of the names those
-that show there come first. A factor of a joint that has no gap is said after the verdict.
+One order holds for all words, that of the map: the joint of its first place leads, one whose whole
+torque is off by a factor, else of the largest gap. The first line begins with it, what to do first
+is about it, and of the names those that show there come first. A factor of a joint that has no gap
+is said after the verdict.
 """
 
 from __future__ import annotations
@@ -21,25 +22,74 @@ from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import setup_for
 from ident.errors import join_words
 from ident.show.report.numbers import MOST_NAMED, describe_numbers
-from ident.show.report.words import TABLES, effect_name, fixed, pair, percent, sentence, significant, with_units
+from ident.show.report.words import (
+    TABLES,
+    effect_name,
+    fixed,
+    pair,
+    percent,
+    sentence,
+    significant,
+    with_units,
+)
 from ident.units import FORCE, TORQUE, in_linear_units
 
-# Tuned on other runs a model that errs by so many times what it does untuned has learned what does not carry over.
+# Tuned on other runs a model that errs by so many times what it does untuned has learned what does
+# not carry over.
 OVERTUNED = 2.0
 BODIES = {effect.id for effect in CATALOGUE if effect.as_change.body}
 GAINS = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
 OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
+# They act on other joints' torque, too.
+ELSEWHERE = {effect.id for effect in CATALOGUE if effect.rows == "all"}
 # A joint that reads a factor, and the factor, in what the telemetry check says.
 READS = re.compile(r"(\S+) reads (-?\d+\.\d+)")
-ELSEWHERE = {effect.id for effect in CATALOGUE if effect.rows == "all"}  # they act on other joints' torque, too
-
-
 # A first line that is longer says less, step by step [characters].
 LONGEST_HEADLINE = 200
+# What the check of the recordings says of a body at the arm's end.
+BODY = "body_differs"
+MASS_AT_THE_END = {
+    False: "less mass at the arm's end than the URDF has",
+    True: "more mass at the arm's end than the URDF has",
+}
+# What to do about that first, of a mass too much in the URDF and of one that it lacks.
+AT_THE_END = {
+    False: "take the hand or tool that is not mounted out of the URDF; if all of it is",
+    True: "give what the arm carries at its end as [payload] of session.toml; if it carries nothing",
+}
+# A name below is less likely than not.
+LIKELY = 0.5
+# A chance of one in five that something is left at a joint is worth saying.
+WORTH_SAYING = 0.2
+# Tied names that one sentence holds.
+MOST_TIED = MOST_NAMED
+# What a motion's words begin with where it takes more than motion.
+NO_MOTION = "Motion alone hardly tells these apart. "
+OWN_INERTIAS = (
+    "Give what the flange carries as [payload] of session.toml; if it carries nothing, fit the "
+    "arm's own inertias (`ident fit`) and give them with `--model`."
+)
+RECORD_WIDER = "Record this again, longer and wider: several minutes, each joint over its whole range, at all speeds."
+# Where nothing but numbers of the URDF is wrong: what is left once they are right, and how they get
+# there.
+RIGHTED = "With that put right, the model is as good as these recordings can tell."
+PATCH = (
+    "`ident patch why.json --robot … --out patched --into MINE.urdf`, or MINE.xml "
+    "(why.json is what `--json why.json` writes here)."
+)
+WRITE_NUMBERS = f"Write these numbers into your model: {PATCH}"
+# Verdicts of which no name tells what to do.
+WITHOUT_ACTION = ("not_testable", "none_of_catalogue")
+# Verdicts after which no motion is asked for.
+WITHOUT_MOTION = ("no_gap", "refused")
+
+Finding = Mapping[str, Any]
+"""A name's record in `findings`."""
 
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
-    """The leading joint's gap if no effect of its own explains it, the verdict, and a factor of a torque elsewhere.
+    """The leading joint's gap if no effect of its own explains it, the verdict, and a factor of a
+    torque elsewhere.
 
     As many names as one sentence holds; all of them stand in the list below it.
     """
@@ -52,93 +102,146 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
 
 def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
     """The first line with so many names at most."""
-    scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
-    key, size, lead, elsewhere = verdict_key(record), f"{beyond} beyond noise", "", ""
+    scale = _misread(record)
+    joint, beyond = leading_joint(record)
+    shown = in_order_of_joints(record)
+    key = verdict_key(record)
+    size = f"{beyond} beyond noise"
     misread = scale is not None and joint in scale["joints"]
     # A likely body at the joint itself is said first: it may be why the torque reads a factor.
     first = bool(scale and misread and scale["bodily"] and joint in shown[0]["joints"])
+    lead = ""
+    elsewhere = ""
     if scale and first:
         elsewhere = f"{scale['reading']}{scale['others']}: the body may be why."
     elif scale and misread:
-        lead = f"{scale['reading']}{f' ({size})' * bool(record.get('where'))}{scale['others']}."
+        gap = f" ({size})" if record.get("where") else ""
+        lead = f"{scale['reading']}{gap}{scale['others']}."
     elif scale:
         elsewhere = f"{scale['reading']}{scale['others']}."
         if joint and not scale["bodily"]:  # else it is what to do first
             elsewhere += f" {sentence(scale['remedy'])}."
-    if not misread and shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it itself
+    # The verdict `mostly` says itself where the gap is.
+    is_elsewhere = bool(shown) and joint not in ("", *shown[0]["joints"])
+    if not misread and is_elsewhere and key != "mostly":
         acts = _acts_on(shown[0], joint, record)
         there = "where a cause elsewhere is felt" if acts else "and is unexplained there"
         lead = f"The gap is largest at {joint}, {size}, {there}."
     # A gain of a joint that reads a factor is only another name of it.
-    other = [one for one in shown if not (scale and misread and _names_factor(one, scale))]
-    listed = other or shown
-    has = "has a name" if any(map(is_likely, listed[:1])) else "may have a name"
-    words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
-    size = "" if misread or not joint else f": {joint} is off by {size}"
-    rest = _largest_rest(record) if with_rest else ""
-    words = words.format(has=has, named=_first_names(listed, names, record), size=size, rest=rest)
-    if key == "no_gap" and (wrong := describe_numbers(record)):
-        words = wrong if misread else f"{wrong} {RIGHTED}"
-    if key == "no_gap":
-        words = f"{words}{describe_doubt(record)}"
+    other = shown
+    if scale and misread:
+        other = [finding for finding in shown if not _names_factor(finding, scale)]
+    words = _verdict_words(record, other or shown, names, with_rest, misread)
     if scale and misread and scale["bodily"] and not first:
         words = f"A load, or a link's wrong mass, may be why. {words}"
     elif misread and not first and (other or not shown):
         words = f"Beyond that, {words[:1].lower()}{words[1:]}"
-    return " ".join(filter(None, (lead, words, elsewhere)))
+    return " ".join(text for text in (lead, words, elsewhere) if text)
 
 
-def _first_names(listed: Sequence[Mapping[str, Any]], most: int, record: Mapping[str, Any]) -> str:
+def _verdict_words(
+    record: Mapping[str, Any],
+    listed: Sequence[Finding],
+    names: int,
+    with_rest: bool,
+    misread: bool,
+) -> str:
+    """The verdict as a sentence, and what may be wrong though there is no gap.
+
+    Args:
+        record: The diagnosis.
+        listed: Its names in their order.
+        names: How many are said at most.
+        with_rest: Whether it is said where most of the gap is left.
+        misread: Whether the leading joint's torque is off by a factor, which is said before.
+    """
+    key = verdict_key(record)
+    joint, beyond = leading_joint(record)
+    pattern = str(TABLES["headlines"].get(key, key.replace("_", " ")))
+    has = "has a name" if listed and is_likely(listed[0]) else "may have a name"
+    size = "" if misread or not joint else f": {joint} is off by {beyond} beyond noise"
+    rest = _largest_rest(record) if with_rest else ""
+    named = _first_names(listed, names, record)
+    words = pattern.format(has=has, named=named, size=size, rest=rest)
+    if key != "no_gap":
+        return words
+    wrong = describe_numbers(record)
+    if wrong:
+        words = wrong if misread else f"{wrong} {RIGHTED}"
+    return f"{words}{describe_doubt(record)}"
+
+
+def _first_names(listed: Sequence[Finding], most: int, record: Mapping[str, Any]) -> str:
     """The first names with their joints, the leading one first, and how many more there are."""
     lead = leading_joint(record)[0]
     names = []
     for finding in listed[:most]:
-        at_the_end = is_likely(finding) and _is_at_the_end(finding, record)
-        names.append(MASS_AT_THE_END[_adds_mass(finding)] if at_the_end else called(finding, lead))
+        if is_likely(finding) and _is_at_the_end(finding, record):
+            names.append(MASS_AT_THE_END[_adds_mass(finding)])
+        else:
+            names.append(called(finding, lead))
     joined = "; ".join(names) if " and " in "".join(names) else join_words(names)
     left = len(listed) - most
     return f"{joined}, and {left} more" if left > 0 else joined
 
 
-def _acts_on(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any]) -> bool:
+def _acts_on(finding: Finding, joint: str, record: Mapping[str, Any]) -> bool:
     """Whether a name is felt at a joint: it shows there, or is a body that the joint carries."""
+    if joint in joints_shown(finding):
+        return True
     order = list(record.get("joints", ()))
-    carries = finding["effect"] in BODIES and {joint, *finding["joints"]} <= {*order}
-    behind = carries and any(order.index(one) > order.index(joint) for one in finding["joints"])
-    return behind or joint in joints_shown(finding)
+    if finding["effect"] not in BODIES or not {joint, *finding["joints"]} <= set(order):
+        return False
+    return any(order.index(other) > order.index(joint) for other in finding["joints"])
 
 
-def _names_factor(finding: Mapping[str, Any], off: Mapping[str, Any]) -> bool:
-    """Whether a name is a gain, of joints alone that read a factor, and as they do: too much or too little."""
-    reads = {joint: float(factor) for joint, factor in READS.findall(off["evidence"])}
+def _names_factor(finding: Finding, off: Mapping[str, Any]) -> bool:
+    """Whether a name is a gain, of joints alone that read a factor, and as they do: too much or too
+    little.
+    """
+    if finding["effect"] not in GAINS or not set(finding["joints"]) <= set(off["joints"]):
+        return False
     gain = finding.get("parameters", {}).get("gain", {}).get("value")
-    alike = all(
-        gain is None or joint not in reads or (gain > 0.0) == (reads[joint] > 1.0) for joint in finding["joints"]
-    )
-    return finding["effect"] in GAINS and {*finding["joints"]} <= {*off["joints"]} and alike
+    if gain is None:
+        return True
+    reads = {joint: float(factor) for joint, factor in READS.findall(off["evidence"])}
+    known = [reads[joint] for joint in finding["joints"] if joint in reads]
+    return all((gain > 0.0) == (factor > 1.0) for factor in known)
 
 
 def _largest_rest(record: Mapping[str, Any]) -> str:
     """Where the names leave most beyond noise, and how much."""
-    after, gap = (record.get("heldout") or {}).get("rms_after_Nm", {}), record.get("gap", {})
-    left = {joint: rms**2 - gap[joint]["noise_floor_Nm"] ** 2 for joint, rms in after.items() if joint in gap}
-    joint = max(left, key=left.__getitem__, default="")
-    if not joint or left[joint] <= 0.0:
+    after = (record.get("heldout") or {}).get("rms_after_Nm", {})
+    gap = record.get("gap", {})
+    left = {}
+    for joint, rms in after.items():
+        if joint in gap:
+            left[joint] = rms**2 - gap[joint]["noise_floor_Nm"] ** 2
+    worst = max(left, key=left.__getitem__, default="")
+    if not worst or left[worst] <= 0.0:
         return ""
-    size = in_units_of([joint], record, f"{significant(math.sqrt(left[joint]))} N m")
-    return f"; most of the rest is at {joint}, {size} beyond noise"
+    size = in_units_of([worst], record, f"{significant(math.sqrt(left[worst]))} {TORQUE}")
+    return f"; most of the rest is at {worst}, {size} beyond noise"
 
 
-def called(finding: Mapping[str, Any], lead: str = "") -> str:
-    """A name with its joints, `lead` first; of one less likely than not those of its class, and how likely they are."""
-    joints, likely = sorted(finding["joints"], key=lambda one: one != lead), is_likely(finding)
+def called(finding: Finding, lead: str = "") -> str:
+    """A name with its joints; of one less likely than not those of its class, and how likely they
+    are.
+
+    Args:
+        finding: The name.
+        lead: The joint that is said first.
+    """
+    joints = sorted(finding["joints"], key=lambda joint: joint != lead)
     words = name_with_rivals(finding) + place_words(finding["effect"], joints)
-    rivals = finding.get("class", ())[1:]
-    sure = finding.get("class_probability", 1.0) if rivals else finding["probability"]
-    return words if likely else f"{words} ({percent(sure)})"
+    if is_likely(finding):
+        return words
+    has_rivals = len(finding.get("class", ())) > 1
+    sure = finding.get("class_probability", 1.0) if has_rivals else finding["probability"]
+    return f"{words} ({percent(sure)})"
 
 
-def name_with_rivals(finding: Mapping[str, Any]) -> str:
+def name_with_rivals(finding: Finding) -> str:
     """A name; of one less likely than not those of its class beside it."""
     if is_likely(finding):
         return effect_name(finding["effect"])
@@ -161,66 +264,116 @@ def place_words(effect: str, joints: Sequence[str]) -> str:
 
 def every_place(effect: str, joints: Sequence[str]) -> str:
     """Where an effect is, however many joints that are."""
-    return f" {'felt at' if effect in OF_THE_ARM else 'in'} {join_words(joints)}" if joints else ""
+    if not joints:
+        return ""
+    word = "felt at" if effect in OF_THE_ARM else "in"
+    return f" {word} {join_words(joints)}"
 
 
 def leading_joint(record: Mapping[str, Any]) -> tuple[str, str]:
-    """The joint of the first place, else of the largest gap with a name or factor, or of any; its size beyond noise."""
-    factors = [one["joints"] for one in record.get("telemetry", []) if one["issue"] == MISREAD]
-    own = set().union(*map(joints_shown, record.get("findings", [])), *factors)
-    gaps = [(joint, one) for joint, one in record.get("gap", {}).items() if joint in own or not own]
-    found = {joint: math.sqrt(max(one["rms_Nm"] ** 2 - one["noise_floor_Nm"] ** 2, 0.0)) for joint, one in gaps}
-    if where := record.get("where"):
-        found = {where[0]["joint"]: where[0].get("beyond_noise_Nm", 0.0)}
-    joint, size = max(found.items(), key=lambda one: one[1], default=("", 0.0))
-    return joint, f"{significant(size)} {in_units_of([joint], record, TORQUE)}"
+    """The joint that all words begin with, and its gap beyond noise with its unit.
+
+    The joint of the map's first place, else that of the largest gap with a name or a factor, or of
+    any; "" where there is none.
+    """
+    sizes: dict[str, float] = {}
+    where = record.get("where")
+    if where:
+        sizes = {where[0]["joint"]: where[0].get("beyond_noise_Nm", 0.0)}
+    else:
+        spoken_of: set[str] = set()
+        for finding in record.get("findings", []):
+            spoken_of.update(joints_shown(finding))
+        for issue in _issues(record, MISREAD):
+            spoken_of.update(issue["joints"])
+        for joint, gap in record.get("gap", {}).items():
+            if joint in spoken_of or not spoken_of:
+                beyond = gap["rms_Nm"] ** 2 - gap["noise_floor_Nm"] ** 2
+                sizes[joint] = math.sqrt(max(beyond, 0.0))
+    lead = max(sizes, key=sizes.__getitem__, default="")
+    size = sizes.get(lead, 0.0)
+    return lead, f"{significant(size)} {in_units_of([lead], record, TORQUE)}"
+
+
+def _issues(record: Mapping[str, Any], kind: str) -> list[Mapping[str, Any]]:
+    """What the check of the recordings says of one kind."""
+    return [issue for issue in record.get("telemetry", ()) if issue["issue"] == kind]
 
 
 def in_units_of(joints: Iterable[str], record: Mapping[str, Any], text: str, effect: str = "") -> str:
-    """What is said of some joints, in the units of those that slide where all do; angles of the whole arm stay."""
-    slides = {*record.get("slides", ()), *(joint for joint, gap in record.get("gap", {}).items() if "unit" in gap)}
-    if set() < {*joints} <= slides:
-        text = text.replace(TORQUE, FORCE) if effect in OF_THE_ARM else in_linear_units(text)
-    return text
+    """What is said of some joints, in the units of those that slide where all do; angles of the
+    whole arm stay.
+    """
+    slides = set(record.get("slides", ()))
+    slides.update(joint for joint, gap in record.get("gap", {}).items() if "unit" in gap)
+    concerned = set(joints)
+    if not concerned or not concerned <= slides:
+        return text
+    if effect in OF_THE_ARM:
+        return text.replace(TORQUE, FORCE)
+    return in_linear_units(text)
 
 
 def units_of(record: Mapping[str, Any], unit: str = TORQUE) -> str:
     """A unit of all joints, with that of those that slide beside it."""
-    found = {in_units_of([joint], record, unit) for joint in record["joints"]}
-    return "; of joints that slide ".join(sorted(found)[::-1])
+    units = {in_units_of([joint], record, unit) for joint in record["joints"]}
+    return "; of joints that slide ".join(sorted(units)[::-1])
 
 
-def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Names as they are shown: those that act at the leading joint first, of them what closes most there.
+def in_order_of_joints(record: Mapping[str, Any]) -> list[Finding]:
+    """Names as they are shown: those that act at the leading joint first, of them what closes most
+    there.
 
-    Where the leading joint's torque is off by a factor that has a name, such names of other joints stand beside it. A
-    gain that nobody measured comes before what is told in its unit.
+    Where the leading joint's torque is off by a factor that has a name, such names of other joints
+    stand beside it. A gain that nobody measured comes before what is told in its unit.
     """
-    lead, findings = leading_joint(record)[0], record.get("findings", [])
-    off = [one for one in record.get("telemetry", []) if one["issue"] == MISREAD]
-    guessed = {name for one in record.get("telemetry", []) if one["issue"] == "guessed_gains" for name in one["joints"]}
-    factors = [one for one in findings if is_likely(one) and any(_names_factor(one, issue) for issue in off)]
-    factors = factors if any(lead in one["joints"] for one in factors) else []
+    lead = leading_joint(record)[0]
+    findings = record.get("findings", [])
+    off = _issues(record, MISREAD)
+    guessed: set[str] = set()
+    for issue in _issues(record, "guessed_gains"):
+        guessed.update(issue["joints"])
 
-    def rank(one: Mapping[str, Any]) -> tuple[bool, bool, bool, float, bool, bool]:
-        before, after = (
-            one.get("heldout", {}).get(f"rms_{side}_Nm", {}).get(lead, 0.0) for side in ("before", "after")
+    def names_one_of_them(finding: Finding) -> bool:
+        return is_likely(finding) and any(_names_factor(finding, issue) for issue in off)
+
+    factors = list(filter(names_one_of_them, findings))
+    if not any(lead in finding["joints"] for finding in factors):
+        factors = []
+
+    def rank(finding: Finding) -> tuple[bool, bool, bool, float, bool, bool]:
+        """What sorts first, in turn: False before True, a larger fall of the square before less."""
+        figures = finding.get("heldout", {})
+        before = figures.get("rms_before_Nm", {}).get(lead, 0.0)
+        after = figures.get("rms_after_Nm", {}).get(lead, 0.0)
+        is_gain = finding["effect"] in GAINS and is_likely(finding)
+        return (
+            finding not in factors,
+            not _acts_on(finding, lead, record),
+            not (is_gain and not guessed.isdisjoint(finding["joints"])),
+            after**2 - before**2,
+            lead not in finding["joints"],
+            not is_likely(finding),
         )
-        elsewhere, fall = lead not in one["joints"], after**2 - before**2
-        gain = one["effect"] in GAINS and is_likely(one) and not guessed.isdisjoint(one["joints"])
-        return one not in factors, not _acts_on(one, lead, record), not gain, fall, elsewhere, not is_likely(one)
 
     return sorted(findings, key=rank)
 
 
-def is_likely(finding: Mapping[str, Any], alike: Collection[str] = ()) -> bool:
-    """Whether a name is likelier than not; where its whole class is of one kind, that kind."""
+def is_likely(finding: Finding, alike: Collection[str] = ()) -> bool:
+    """Whether a name is likelier than not; where its whole class is of one kind, that kind.
+
+    Args:
+        finding: The name.
+        alike: The effects of that kind, by id.
+    """
     key = "class_probability" if {*finding.get("class", "?")} <= {*alike} else "probability"
     return bool(finding.get(key, 1.0) >= LIKELY)
 
 
 def verdict_key(record: Mapping[str, Any]) -> str:
-    """The verdict by which words are chosen: of a gap without a name, whether it has names beside it."""
+    """The verdict by which words are chosen: of a gap without a name, whether it has names beside
+    it.
+    """
     if record["verdict"] != "none_of_catalogue":
         return str(record["verdict"])
     return "mostly" if record.get("findings") else "none_of_catalogue"
@@ -235,55 +388,91 @@ def first_action(record: Mapping[str, Any]) -> str:
     Returns:
         One or two sentences with their full stops; "" where there is nothing to do.
     """
-    scale, (joint, beyond) = _misread(record), leading_joint(record)
+    scale = _misread(record)
+    joint, beyond = leading_joint(record)
     if scale and not scale["bodily"] and joint in ("", *scale["joints"]):
         return f"At {scale['places']}: {scale['remedy']}."
-    named = [one for one in in_order_of_joints(record) if not joint or _acts_on(one, joint, record)]
-    overtuned, hidden = overtuned_joints(record), tuned_away_joints(record)
-    discount_by_discrepancy = any(map(is_likely, named)) or not (overtuned or hidden)
-    action = next(filter(None, (order_of(one, record) for one in named)), "")
-    if action and discount_by_discrepancy and record["verdict"] not in ("not_testable", "none_of_catalogue"):
+    named = in_order_of_joints(record)
+    if joint:
+        named = [finding for finding in named if _acts_on(finding, joint, record)]
+    overtuned = overtuned_joints(record)
+    hidden = tuned_away_joints(record)
+    orders = (order_of(finding, record) for finding in named)
+    action = next((order for order in orders if order), "")
+    is_sound = any(map(is_likely, named)) or not (overtuned or hidden)
+    if action and is_sound and record["verdict"] not in WITHOUT_ACTION:
         return f"{sentence(action)}."
     if overtuned:
-        return "Record this again, longer and wider: several minutes, each joint over its whole range, at all speeds."
+        return RECORD_WIDER
+    if hidden and joint in hidden:
+        return f"{beyond} at {joint} may be a load or wrong inertias. {OWN_INERTIAS}"
     if hidden:
-        return f"{beyond} at {joint} may be a load or wrong inertias. " * (joint in hidden) + OWN_INERTIAS
+        return OWN_INERTIAS
     if record["verdict"] == "no_gap" and describe_numbers(record):
         return WRITE_NUMBERS
-    motion = "" if record["verdict"] in ("no_gap", "refused") else _next_motion(record)
-    unnamed = f"{beyond} at {joint} are unexplained. " if record.get("findings") and not named else ""
-    return f"{unnamed}Record this next: {motion}." if motion else ""
+    motion = "" if record["verdict"] in WITHOUT_MOTION else _next_motion(record)
+    if not motion:
+        return ""
+    is_unnamed = record.get("findings") and not named
+    unnamed = f"{beyond} at {joint} are unexplained. " if is_unnamed else ""
+    return f"{unnamed}Record this next: {motion}."
 
 
 def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """What telemetry says of joints whose whole torque is off by a factor, if anything: the leading joint's first.
+    """What telemetry says of joints whose whole torque is off by a factor, if anything: the leading
+    joint's first.
 
-    None, too, where a likely name says what it is: first of all the gain of every joint that is off, or what turns
-    gravity at several joints, as a zero or a mount, and closes the gap there. The first name of all, a likely body that
-    the leading joint carries, may be it (`bodily`), so far as it goes.
+    None, too, where a likely name says what it is: first of all the gain of every joint that is
+    off, or what turns gravity at several joints, as a zero or a mount, and closes the gap there.
+    The first name of all, a likely body that the leading joint carries, may be it (`bodily`), so
+    far as it goes.
     """
-    off = next((one for one in record.get("telemetry", []) if one["issue"] == MISREAD), None)
+    issues = _issues(record, MISREAD)
+    if not issues or record["verdict"] == "refused":
+        return None
+    off = issues[0]
     shown = in_order_of_joints(record)
-    likely = [one for one in shown if is_likely(one)]
-    if off is None or record["verdict"] == "refused":
-        return None
-    gained = {joint for one in likely if _names_factor(one, off) for joint in one["joints"]}
-    if set(off["joints"]) <= gained and _names_factor(likely[0], off):
-        return None
-    turning = [one for one in likely if one["effect"] in ELSEWHERE - BODIES]
-    if {*off["joints"]} <= {joint for one in turning for joint in joints_shown(one) if _explains(one, joint, record)}:
+    likely = [finding for finding in shown if is_likely(finding)]
+    if _gains_explain(off, likely) or _turning_explains(off, likely, record):
         return None
     lead = leading_joint(record)[0]
-    there = bool(shown) and (not lead or _acts_on(shown[0], lead, record))
-    body = there and shown[0]["effect"] in BODIES and is_likely(shown[0], BODIES)
+    acts = bool(shown) and (not lead or _acts_on(shown[0], lead, record))
+    body = acts and shown[0]["effect"] in BODIES and is_likely(shown[0], BODIES)
     session, _, evidence = off["evidence"].rpartition(": ")
-    where = f" in {session}" * (bool(session) and len(record.get("provenance", {}).get("sessions", ())) != 1)
-    joints = sorted(off["joints"], key=lambda one: one != lead)
-    readings = sorted(evidence.split("; "), key=lambda one: not one.startswith(f"{lead} "))
-    others = f"; off as well: {join_words(joints[1:])}" * (len(joints) > 1)
-    places = _with_factors(joints, evidence)
-    texts = {"reading": f"{readings[0]}{where}", "others": others, "places": places}
-    return {**off, **texts, "joints": joints, "bodily": body}
+    is_one_session = len(record.get("provenance", {}).get("sessions", ())) == 1
+    where = f" in {session}" if session and not is_one_session else ""
+    joints = sorted(off["joints"], key=lambda joint: joint != lead)
+    readings = sorted(evidence.split("; "), key=lambda text: not text.startswith(f"{lead} "))
+    others = f"; off as well: {join_words(joints[1:])}" if len(joints) > 1 else ""
+    return {
+        **off,
+        "reading": f"{readings[0]}{where}",
+        "others": others,
+        "places": _with_factors(joints, evidence),
+        "joints": joints,
+        "bodily": body,
+    }
+
+
+def _gains_explain(off: Mapping[str, Any], likely: Sequence[Finding]) -> bool:
+    """Whether gains, the first of the likely names among them, are the factors of all joints that
+    are off.
+    """
+    gained: set[str] = set()
+    for finding in likely:
+        if _names_factor(finding, off):
+            gained.update(finding["joints"])
+    return set(off["joints"]) <= gained and _names_factor(likely[0], off)
+
+
+def _turning_explains(off: Mapping[str, Any], likely: Sequence[Finding], record: Mapping[str, Any]) -> bool:
+    """Whether names that turn gravity close the gap at all joints that are off."""
+    explained: set[str] = set()
+    for finding in likely:
+        if finding["effect"] in ELSEWHERE - BODIES:
+            places = joints_shown(finding)
+            explained.update(joint for joint in places if _explains(finding, joint, record))
+    return set(off["joints"]) <= explained
 
 
 def _with_factors(joints: Sequence[str], evidence: str) -> str:
@@ -294,36 +483,50 @@ def _with_factors(joints: Sequence[str], evidence: str) -> str:
     return join_words([factors.get(joint, joint) for joint in joints])
 
 
-def _explains(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any]) -> bool:
-    """Whether a name by itself closes nearly all of what the model errs by at a joint beyond its noise."""
+def _explains(finding: Finding, joint: str, record: Mapping[str, Any]) -> bool:
+    """Whether a name by itself closes nearly all of what the model errs by at a joint beyond its
+    noise.
+    """
     figures = finding.get("heldout") or {}
-    before, after = (figures.get(key, {}).get(joint, math.inf) for key in ("rms_before_Nm", "rms_after_Nm"))
+    before = figures.get("rms_before_Nm", {}).get(joint, math.inf)
+    after = figures.get("rms_after_Nm", {}).get(joint, math.inf)
     floor = record.get("gap", {}).get(joint, {}).get("noise_floor_Nm", math.inf)
     left = (1.0 - USUAL_VERDICT.explained) * (before**2 - floor**2)
     return floor < before < math.inf and after**2 - floor**2 <= left
 
 
-def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
+def order_of(finding: Finding, record: Mapping[str, Any]) -> str:
     """What to do about a name; of tied ones that are less likely than not no single order."""
     names = finding.get("class", [])
     action = _with_joint_names(str(finding.get("action", "")), record)
     scale = _misread(record) if record.get("findings") else None
     if action and scale and _names_factor(finding, scale):
-        return f"settle the factor above first; what is left of it with all masses tuned: {action}"
+        what = "settle the factor above first; what is left of it with all masses tuned"
+        return f"{what}: {action}"
     if action and _is_at_the_end(finding, record):
         return f"{AT_THE_END[_adds_mass(finding)]}, {action}"
     if is_likely(finding) or not action or len(names) < 2:
         return action
-    lead, motion = leading_joint(record)[0], _next_motion(record)
+    lead = leading_joint(record)[0]
     joint = lead if lead in finding["joints"] else finding["joints"][0]
-    parted = set(names[:2]) <= set((record.get("next_experiment") or {}).get("separates", ()))
-    if not parted or ("--joint" in motion and f"--joint {joint} " not in f"{motion} "):
-        motion = f"`plan excite --robot … --separate {names[0]},{names[1]} --joint {joint}` works the motion out"
-        motion = setup_for(names[:2], CATALOGUE) or motion
-    elif setup := setup_for(names[:2], CATALOGUE):
-        motion = setup
+    motion = _parting_motion(names[:2], joint, record)
     tied = " or ".join(effect_name(name) for name in names[:MOST_TIED])
-    return f"act on none yet, for it may be {tied} in {joint}; record this to tell them apart: {motion}"
+    what = f"act on none yet, for it may be {tied} in {joint}"
+    return f"{what}; record this to tell them apart: {motion}"
+
+
+def _parting_motion(pair_of: Sequence[str], joint: str, record: Mapping[str, Any]) -> str:
+    """The change of set-up, or the motion, that tells two effects at a joint apart."""
+    set_up = setup_for(pair_of, CATALOGUE)
+    if set_up:
+        return set_up
+    motion = _next_motion(record)
+    parted = set(pair_of) <= set((record.get("next_experiment") or {}).get("separates", ()))
+    is_of_another = "--joint" in motion and f"--joint {joint} " not in f"{motion} "
+    if parted and not is_of_another:
+        return motion
+    command = f"`plan excite --robot … --separate {pair_of[0]},{pair_of[1]} --joint {joint}`"
+    return f"{command} works the motion out"
 
 
 def _with_joint_names(text: str, record: Mapping[str, Any]) -> str:
@@ -337,61 +540,34 @@ def _with_joint_names(text: str, record: Mapping[str, Any]) -> str:
     return re.sub(r"joint number (\d+)", name, text)
 
 
-def _is_at_the_end(finding: Mapping[str, Any], record: Mapping[str, Any]) -> bool:
+def _is_at_the_end(finding: Finding, record: Mapping[str, Any]) -> bool:
     """Whether a link's mass is what the check of the recordings has found at the arm's end."""
-    bodies = [issue for issue in record.get("telemetry", ()) if issue["issue"] == BODY]
-    checked = {joint for issue in bodies for joint in issue["joints"]}
-    places = {*finding["joints"], *(place["joint"] for place in finding.get("elsewhere", ()))}
+    if finding["effect"] not in BODIES or "mass_change_kg" not in finding.get("parameters", {}):
+        return False
+    checked: set[str] = set()
+    for issue in _issues(record, BODY):
+        checked.update(issue["joints"])
+    places = set(finding["joints"])
+    places.update(place["joint"] for place in finding.get("elsewhere", ()))
     may_be_carried = not BODIES.isdisjoint(finding.get("class", ())[1:])
-    changes_link = finding["effect"] in BODIES and "mass_change_kg" in finding.get("parameters", {})
-    return changes_link and bool(checked) and (may_be_carried or not checked.isdisjoint(places))
+    return bool(checked) and (may_be_carried or not checked.isdisjoint(places))
 
 
-def _adds_mass(finding: Mapping[str, Any]) -> bool:
+def _adds_mass(finding: Finding) -> bool:
     """Whether a link weighs more than its URDF has it."""
     return bool(finding["parameters"]["mass_change_kg"]["value"] > 0.0)
 
 
 def _next_motion(record: Mapping[str, Any]) -> str:
-    return str((record.get("next_experiment") or {}).get("motion", "")).removeprefix(NO_MOTION)
-
-
-# What the check of the recordings says of a body at the arm's end.
-BODY = "body_differs"
-MASS_AT_THE_END = {
-    False: "less mass at the arm's end than the URDF has",
-    True: "more mass at the arm's end than the URDF has",
-}
-# What to do about that first, of a mass too much in the URDF and of one that it lacks.
-AT_THE_END = {
-    False: "take the hand or tool that is not mounted out of the URDF; if all of it is",
-    True: "give what the arm carries at its end as [payload] of session.toml; if it carries nothing",
-}
-# A name below is less likely than not.
-LIKELY = 0.5
-# A chance of one in five that something is left at a joint is worth saying.
-WORTH_SAYING = 0.2
-# Tied names that one sentence holds.
-MOST_TIED = MOST_NAMED
-# What a motion's words begin with where it takes more than motion.
-NO_MOTION = "Motion alone hardly tells these apart. "
-OWN_INERTIAS = (
-    "Give what the flange carries as [payload] of session.toml; if it carries nothing, fit the arm's own inertias "
-    "(`ident fit`) and give them with `--model`."
-)
-
-
-# Where nothing but numbers of the URDF is wrong: what is left once they are right, and how they get there.
-RIGHTED = "With that put right, the model is as good as these recordings can tell."
-PATCH = (
-    "`ident patch why.json --robot … --out patched --into MINE.urdf`, or MINE.xml "
-    "(why.json is what `--json why.json` writes here)."
-)
-WRITE_NUMBERS = f"Write these numbers into your model: {PATCH}"
+    """The motion to record next, in words; "" where none is known."""
+    motion = str((record.get("next_experiment") or {}).get("motion", ""))
+    return motion.removeprefix(NO_MOTION)
 
 
 def describe_doubt(record: Mapping[str, Any]) -> str:
-    """Where something without a name may be left, though less likely than not; nothing where that is hardly likely."""
+    """Where something without a name may be left, though less likely than not; nothing where that
+    is hardly likely.
+    """
     left = record.get("leftover", {})
     joint = max(left, key=left.__getitem__, default="")
     if not joint or left[joint] < WORTH_SAYING:
@@ -421,72 +597,92 @@ def describe_noise(record: Mapping[str, Any]) -> str:
 
 def tuned_away_joints(record: Mapping[str, Any]) -> list[str]:
     """Joints whose torque only inertias beyond the URDF's tolerance explain, the loudest first."""
-    hidden = {
-        joint: gap["tuned_away_Nm"] / max(gap["noise_floor_Nm"], 1e-12)
-        for joint, gap in record.get("gap", {}).items()
-        if gap.get("tuned_away_Nm", 0.0) > gap["noise_floor_Nm"]
-    }
+    hidden = {}
+    for joint, gap in record.get("gap", {}).items():
+        if gap.get("tuned_away_Nm", 0.0) > gap["noise_floor_Nm"]:
+            hidden[joint] = gap["tuned_away_Nm"] / max(gap["noise_floor_Nm"], 1e-12)
     return sorted(hidden, key=lambda joint: -hidden[joint])
 
 
 def overtuned_joints(record: Mapping[str, Any]) -> list[str]:
-    """Joints that the tuned model, with the names, foretells worse on unseen runs than the model as it was given."""
-    after, gaps = (record.get("heldout") or {}).get("rms_after_Nm", {}), record.get("gap", {})
-    left = {joint: min(gap["rms_Nm"], after.get(joint, math.inf)) for joint, gap in gaps.items()}
-    return [joint for joint, gap in gaps.items() if left[joint] > OVERTUNED * gap.get("fixed_rms_Nm", math.inf)]
+    """Joints that the tuned model, with the names, foretells worse on unseen runs than the model as
+    it was given.
+    """
+    after = (record.get("heldout") or {}).get("rms_after_Nm", {})
+    overtuned = []
+    for joint, gap in record.get("gap", {}).items():
+        left = min(gap["rms_Nm"], after.get(joint, math.inf))
+        if left > OVERTUNED * gap.get("fixed_rms_Nm", math.inf):
+            overtuned.append(joint)
+    return overtuned
 
 
 def joints_tuned_away(record: Mapping[str, Any]) -> set[str]:
     """Joints at which tuning hides a named effect, which is judged by the model before tuning."""
-    hidden = [
-        finding for finding in record.get("findings", []) if finding.get("evidence", {}).get("judged_against") == "urdf"
-    ]
-    return set[str]().union(*map(joints_shown, hidden))
+    joints: set[str] = set()
+    for finding in record.get("findings", []):
+        if finding.get("evidence", {}).get("judged_against") == "urdf":
+            joints.update(joints_shown(finding))
+    return joints
 
 
 def describe_findings(record: Mapping[str, Any]) -> str:
-    """How far the named effects shrink the gap: where tuning hides one, that of the model before tuning."""
-    heldout, gaps, findings = record.get("heldout") or {}, record.get("gap", {}), record.get("findings", [])
+    """How far the named effects shrink the gap: where tuning hides one, that of the model before
+    tuning.
+    """
+    heldout = record.get("heldout") or {}
+    gaps = record.get("gap", {})
+    findings = record.get("findings", [])
     if not findings or "shrink" not in heldout:
         return ""
     absorbed = joints_tuned_away(record)
     named = set[str]().union(*map(joints_shown, findings))
-    new, old = heldout.get("rms_after_Nm", {}), heldout.get("rms_before_Nm", {})
-    old = {**old, **{joint: gaps[joint]["fixed_rms_Nm"] for joint in absorbed}}
-    parts = [
-        f"{joint} {significant(old.get(joint))} → {significant(new.get(joint))}" for joint in gaps if joint in named
-    ]
-    squares = np.array([(old[joint], new[joint], gaps[joint]["noise_floor_Nm"]) for joint in absorbed]) ** 2
-    share, since = heldout["shrink"], ""
+    after = heldout.get("rms_after_Nm", {})
+    before = dict(heldout.get("rms_before_Nm", {}))
+    before.update({joint: gaps[joint]["fixed_rms_Nm"] for joint in absorbed})
+    share = heldout["shrink"]
+    since = ""
     if absorbed:
-        before, after, floor = squares.sum(axis=0)
-        share, since = (before - after) / max(before - floor, 1e-12), ", counted from the model before tuning"
+        rows = [(before[joint], after[joint], gaps[joint]["noise_floor_Nm"]) for joint in absorbed]
+        old, new, floor = (np.array(rows) ** 2).sum(axis=0)
+        share = (old - new) / max(old - floor, 1e-12)
+        since = ", counted from the model before tuning"
     amount = "nothing" if share <= 0.0 else percent(share)
     closes = f"On parts that the fit never saw all names close {amount} of what can be closed{since}"
-    return f"{closes}. Torque error [{units_of(record)}]: {', '.join(parts)}." if parts else f"{closes}."
+    errors = []
+    for joint in gaps:
+        if joint in named:
+            error = f"{significant(before.get(joint))} → {significant(after.get(joint))}"
+            errors.append(f"{joint} {error}")
+    if not errors:
+        return f"{closes}."
+    return f"{closes}. Torque error [{units_of(record)}]: {', '.join(errors)}."
 
 
 def describe_reservations(record: Mapping[str, Any]) -> list[str]:
     """Reasons to doubt: what fits and is not believed, by reason, and a replay that ends far off.
 
-    A reason reads "what was found: why no arm is like that"; effects that share the second part make one sentence, with
-    what was found of the first.
+    A reason reads "what was found: why no arm is like that"; effects that share the second part
+    make one sentence, with what was found of the first.
     """
-    alike, doubts = dict[str, list[Mapping[str, Any]]](), []
-    for one in record.get("reservations", []):
-        if one["effect"]:
-            alike.setdefault(one["reason"].split(": ")[-1], []).append(one)
+    alike: dict[str, list[Mapping[str, Any]]] = {}
+    doubts = []
+    for reservation in record.get("reservations", []):
+        if reservation["effect"]:
+            reason = reservation["reason"].split(": ")[-1]
+            alike.setdefault(reason, []).append(reservation)
         else:
-            doubts.append(f"Doubt: {one['reason']}.")
+            doubts.append(f"Doubt: {reservation['reason']}.")
     return [*(_describe_unbelieved(some, record) for some in alike.values()), *doubts]
 
 
 def _describe_unbelieved(some: Sequence[Mapping[str, Any]], record: Mapping[str, Any]) -> str:
     """One sentence about effects that fit and are not believed for one reason."""
-    joints = dict[str, dict[str, None]]()
-    for one in some:
-        joints.setdefault(one["effect"], {}).update(dict.fromkeys(one["joints"]))
-    places = [effect_name(effect) + every_place(effect, list(where)) for effect, where in joints.items()]
+    joints: dict[str, dict[str, None]] = {}
+    for reservation in some:
+        of_effect = joints.setdefault(reservation["effect"], {})
+        of_effect.update(dict.fromkeys(reservation["joints"]))
+    places = [effect_name(effect) + every_place(effect, [*where]) for effect, where in joints.items()]
     names = join_words(places)
     first = some[0]
     reason = in_units_of(first["joints"], record, with_units(first["reason"]), first["effect"])
@@ -496,35 +692,54 @@ def _describe_unbelieved(some: Sequence[Mapping[str, Any]], record: Mapping[str,
 
 
 def describe_unnamed(record: Mapping[str, Any]) -> str:
-    """What speaks for a gap beside, or without, any name: inertias tuned too far, a candidate that came near."""
-    parts = []
-    if worse := overtuned_joints(record):
+    """What speaks for a gap beside, or without, any name: inertias tuned too far, a candidate that
+    came near.
+    """
+    sentences = []
+    worse = overtuned_joints(record)
+    if worse:
         joint = max(worse, key=lambda name: record["gap"][name]["rms_Nm"])
-        before, after = (significant(record["gap"][joint][key]) for key in ("fixed_rms_Nm", "rms_Nm"))
-        parts.append(
-            f"These recordings are too few to tune a model on: tuned on one part of them it is further off on the rest "
-            f"than as it was given ({joint}: {before} → {after} N m), so little can be concluded."
+        gap = record["gap"][joint]
+        before = significant(gap["fixed_rms_Nm"])
+        after = significant(gap["rms_Nm"])
+        sentences.append(
+            "These recordings are too few to tune a model on: tuned on one part of them it is "
+            f"further off on the rest than as it was given ({joint}: {before} → {after} N m), so "
+            "little can be concluded."
         )
-    if hidden := tuned_away_joints(record):
-        parts.append(
-            "The tuned inertias lie farther from the given ones than their tolerance allows; what they hide acts most "
-            f"on {join_words(hidden[:2])}. Wrong links in the URDF, a load or a wrong gain look like this."
+    hidden = tuned_away_joints(record)
+    if hidden:
+        sentences.append(
+            "The tuned inertias lie farther from the given ones than their tolerance allows; what "
+            f"they hide acts most on {join_words(hidden[:2])}. Wrong links in the URDF, a load or a "
+            "wrong gain look like this."
         )
         if not first_action(record).endswith(OWN_INERTIAS):
-            parts.append(OWN_INERTIAS)
-    return " ".join(parts)
+            sentences.append(OWN_INERTIAS)
+    return " ".join(sentences)
 
 
 def describe_motion(record: Mapping[str, Any]) -> str:
     """By how much the replayed motion comes nearer, of the joints that the names are about."""
     forward = (record.get("heldout") or {}).get("forward")
-    if not record.get("findings") or not forward:
+    findings = record.get("findings")
+    if not findings or not forward:
         return ""
-    before, after = (forward["position_rms_rad"][key] for key in ("before", "after"))
-    named = [joint for joint in before if any(joint in one["joints"] for one in record["findings"])]
-    parts = [f"{joint} {fixed(1e3 * before[joint], 1)} → {fixed(1e3 * after[joint], 1)}" for joint in named]
+    before = forward["position_rms_rad"]["before"]
+    after = forward["position_rms_rad"]["after"]
+    named: set[str] = set()
+    for finding in findings:
+        named.update(finding["joints"])
+    errors = []
+    for joint in before:
+        if joint in named:
+            change = f"{fixed(1e3 * before[joint], 1)} → {fixed(1e3 * after[joint], 1)}"
+            errors.append(f"{joint} {change}")
+    if not errors:
+        return ""
     window = f"after {1e3 * forward['window_s']:.0f} ms by [{units_of(record, 'mrad')}]"
-    return f"Replayed under the recorded torques, the motion is off {window}: {', '.join(parts)}." if parts else ""
+    what = "Replayed under the recorded torques, the motion is off"
+    return f"{what} {window}: {', '.join(errors)}."
 
 
 def energy_pair(heldout: Mapping[str, Any], when: str, runs: int) -> str:

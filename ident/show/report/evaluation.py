@@ -1,4 +1,6 @@
-"""The page of an evaluation: verdict, the ladder in the shape of the paper's table 1, and which sections follow."""
+"""The page of an evaluation: verdict, the ladder in the shape of the paper's table 1, and which
+sections follow.
+"""
 
 from __future__ import annotations
 
@@ -14,15 +16,31 @@ from ident.model.hybrid import HybridModel
 from ident.recordings.recording import TelemetryIssue
 from ident.show.palette import rung_name
 from ident.show.report.page import Section, models_section, telemetry_section, write_report
-from ident.show.report.words import MINUS, fixed, glue, percent, places_for, table_places
+from ident.show.report.words import (
+    MINUS,
+    fixed,
+    glue,
+    percent,
+    places_for,
+    sentence,
+    table_places,
+)
 
 # Share of the URDF's torque error that may be left for "follows", and for "follows in part".
-FOLLOWS, IN_PART = 0.25, 0.7
+FOLLOWS = 0.25
+IN_PART = 0.7
 # A rung that leaves more than this share of both errors isn't worth a word in the lead.
 UNTOLD = 0.9
 # From here on a joint is called worse: less is within the scatter of the runs.
 WORSE = 1.02
-SUBJECTS = {"inertia": "fitting the inertias", "loss": "friction", "named": "named laws", "net": "the net"}
+# A share of an error by which a rung changes nothing.
+UNCHANGED = 0.0005
+SUBJECTS = {
+    "inertia": "fitting the inertias",
+    "loss": "friction",
+    "named": "named laws",
+    "net": "the net",
+}
 MOST_NAMES = 8
 
 
@@ -32,7 +50,8 @@ class ReportInput:
 
     models: tuple[HybridModel, ...]  # fitted models
     evaluations: tuple[Evaluation, ...]  # the evaluation of each model, in the same order
-    issues: tuple[TelemetryIssue, ...] = ()  # what the telemetry check of the evaluated sessions found
+    # What the telemetry check of the evaluated sessions says.
+    issues: tuple[TelemetryIssue, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("models", "evaluations", "issues"):
@@ -42,7 +61,9 @@ class ReportInput:
 
     @property
     def main(self) -> int:
-        """Which model the page speaks of first: that of most training samples, of equals the first."""
+        """Which model the page speaks of first: that of most training samples, of equals the
+        first.
+        """
         samples = [model.provenance.get("samples", 0) for model in self.models]
         return samples.index(max(samples))
 
@@ -58,15 +79,22 @@ class ReportInput:
 
     def seen_runs(self) -> int:
         """How many evaluated runs the main model was fitted on: they flatter it."""
-        trained = [(d.get("session"), str(d.get("file", ""))) for d in self.model.provenance.get("data", [])]
-        stems = {(session, file.rsplit(".", 1)[0]) for session, file in trained}
-        return sum((score.name, run) in stems for score in self.evaluation.sessions for run in score.runs)
+        trained = set()
+        for entry in self.model.provenance.get("data", []):
+            stem = str(entry.get("file", "")).rsplit(".", 1)[0]
+            trained.add((entry.get("session"), stem))
+        seen = 0
+        for score in self.evaluation.sessions:
+            seen += sum((score.name, run) in trained for run in score.runs)
+        return seen
 
 
 def pool_name(score: SessionScore, longest: int = 70) -> str:
     """Name of a group of runs; a count of its sessions where their names would fill the line."""
-    parts = score.name.split(" + ")
-    return score.name if len(parts) == 1 or len(score.name) <= longest else f"all {len(parts)} sessions"
+    sessions = score.name.split(" + ")
+    if len(sessions) == 1 or len(score.name) <= longest:
+        return score.name
+    return f"all {len(sessions)} sessions"
 
 
 def evaluation_sections(source: ReportInput) -> list[Section | None]:
@@ -82,7 +110,7 @@ def evaluation_sections(source: ReportInput) -> list[Section | None]:
         figures.fits_section(source),
         figures.residuals_section(source),
         figures.parameters_section(source),
-        telemetry_section([one.to_dict() for one in source.issues]),
+        telemetry_section([issue.to_dict() for issue in source.issues]),
         models_section(list(zip(names, source.models, strict=True))),
     ]
 
@@ -101,9 +129,12 @@ def write_evaluation_report(
     source = ReportInput(tuple(models), tuple(evaluations), tuple(issues))
     scores = source.evaluation.sessions
     runs = sum(len(score.runs) for score in scores)
-    names = ", ".join(score.name for score in scores) if len(scores) <= MOST_NAMES else f"{len(scores)} sessions"
+    names = f"{len(scores)} sessions"
+    if len(scores) <= MOST_NAMES:
+        names = ", ".join(score.name for score in scores)
     subtitle = f"{source.model.robot.name} · {names} · {plural(runs, 'run')}"
-    return write_report(path, "Does the model follow the arm?", evaluation_sections(source), subtitle)
+    sections = evaluation_sections(source)
+    return write_report(path, "Does the model follow the arm?", sections, subtitle)
 
 
 def verdict_section(source: ReportInput) -> Section:
@@ -113,7 +144,7 @@ def verdict_section(source: ReportInput) -> Section:
         "headline": glue(headline(score)),
         "lead": glue(describe_steps(score)),
         "seen": source.seen_runs(),
-        "runs": sum(len(one.runs) for one in source.evaluation.sessions),
+        "runs": sum(len(session.runs) for session in source.evaluation.sessions),
         "facts": [(kind, glue(text)) for kind, text in describe_facts(source, score)],
         "score": score,
         "session": pool_name(score),
@@ -122,36 +153,60 @@ def verdict_section(source: ReportInput) -> Section:
 
 
 def describe_facts(source: ReportInput, score: SessionScore) -> Iterator[tuple[str, str]]:
-    """Kind and words: the largest error left, joints that became worse, payloads, unseen runs, telemetry."""
+    """Kind and words: the largest error left, joints that became worse, payloads, unseen runs,
+    telemetry.
+    """
     rest = score.rmse_mean[-1, :-1]
     if not np.all(np.isnan(rest)):
-        worst = int(np.nanargmax(rest))
-        torque = np.concatenate([trace.motion.tau_filtered[:, worst] for trace in source.evaluation.traces])
-        size = np.sqrt(np.mean(torque**2))
-        share = f", {percent(rest[worst] / size)} of its rms torque" if size > 0 else ""
-        text = f"Largest torque error left: {score.joints[worst]}, {fixed(rest[worst], 2)} N m{share}."
-        if np.any(np.isfinite(score.r2[-1])):
-            low = int(np.nanargmin(score.r2[-1]))
-            text += f" Least explained: {score.joints[low]}, R² {fixed(score.r2[-1][low], 3)}."
-        yield "", text
+        yield "", _describe_worst(source, score, int(np.nanargmax(rest)))
     yield from worse_joints(score)
-    loaded = [one for one in source.evaluation.sessions if one.payload_kg > 0]
-    if loaded and len(loaded) < len(source.evaluation.sessions):
-        errors = np.array([one.rmse_mean[:, -1] for one in loaded])
-        ordered = bool(np.all(np.diff(errors, axis=1) < 0))
-        order = "every rung still helps" if ordered else "not every rung helps any more"
-        heaviest, most = max(one.payload_kg for one in loaded), fixed(errors[:, -1].max(), 2)
-        text = f"With up to {1000 * heaviest:.0f} g at the flange {order}; torque error at most {most} N m."
-        yield "good" if ordered else "warning", text
+    sessions = source.evaluation.sessions
+    loaded = [session for session in sessions if session.payload_kg > 0]
+    if loaded and len(loaded) < len(sessions):
+        yield _describe_payloads(loaded)
     if not source.seen_runs():
         known = bool(source.model.provenance.get("data"))
-        unseen = "that the fit never saw" if known else "(which runs the model was fitted on is not recorded)"
+        unseen = "(which runs the model was fitted on is not recorded)"
+        if known:
+            unseen = "that the fit never saw"
         text = f"Judged on {pool_name(score)}: {plural(len(score.runs), 'run')} {unseen}."
         yield "good" if known else "warning", text
     for severity, noun in (("fatal", "fatal issue"), ("warning", "warning")):
-        if count := sum(one.severity == severity for one in source.issues):
+        count = sum(issue.severity == severity for issue in source.issues)
+        if count:
             yield "warning", f"Telemetry: {plural(count, noun)}. See the table below."
             return
+
+
+def _describe_worst(source: ReportInput, score: SessionScore, worst: int) -> str:
+    """The largest torque error left, and the joint of which least is explained.
+
+    Args:
+        source, score: Models and their scores, and all runs together.
+        worst: The joint of the largest error.
+    """
+    rest = score.rmse_mean[-1, worst]
+    traces = source.evaluation.traces
+    torque = np.concatenate([trace.motion.tau_filtered[:, worst] for trace in traces])
+    size = np.sqrt(np.mean(torque**2))
+    share = f", {percent(rest / size)} of its rms torque" if size > 0 else ""
+    text = f"Largest torque error left: {score.joints[worst]}, {fixed(rest, 2)} N m{share}."
+    explained = score.r2[-1]
+    if np.any(np.isfinite(explained)):
+        low = int(np.nanargmin(explained))
+        text += f" Least explained: {score.joints[low]}, R² {fixed(explained[low], 3)}."
+    return text
+
+
+def _describe_payloads(loaded: Sequence[SessionScore]) -> tuple[str, str]:
+    """Kind and words: whether every rung helps with payload, too."""
+    errors = np.array([session.rmse_mean[:, -1] for session in loaded])
+    ordered = bool(np.all(np.diff(errors, axis=1) < 0))
+    order = "every rung still helps" if ordered else "not every rung helps any more"
+    heaviest = max(session.payload_kg for session in loaded)
+    most = fixed(errors[:, -1].max(), 2)
+    what = f"With up to {1000 * heaviest:.0f} g at the flange {order}"
+    return "good" if ordered else "warning", f"{what}; torque error at most {most} N m."
 
 
 def urdf_rung(score: SessionScore) -> int:
@@ -161,73 +216,107 @@ def urdf_rung(score: SessionScore) -> int:
 
 def headline(score: SessionScore) -> str:
     """Whether the last rung follows the arm, in one sentence with numbers."""
-    first, last = score.rmse_mean[urdf_rung(score), -1], score.rmse_mean[-1, -1]
+    first = score.rmse_mean[urdf_rung(score), -1]
+    last = score.rmse_mean[-1, -1]
     share = last / first if first > 0 else 1.0
     place = places_for([first, last])
-    numbers = f"torque error {fixed(last, place)} N m; the URDF alone {fixed(first, place)} N m"
     if len(score.rungs) == 1:
         return f"Only the URDF was judged: torque error {fixed(first, place)} N m."
     below, with_last = np.sqrt(np.mean(score.energy_error[-2:].sum(axis=2) ** 2, axis=1))
     energy = ""
     if with_last > WORSE * below:
-        off, before = (fixed(value, table_places([value])) for value in (with_last, below))
         last_rung = SUBJECTS.get(score.rungs[-1], score.rungs[-1])
-        energy = f" Not in energy: with {last_rung} a run is off by {off} J, without by {before} J."
-    words = "follows the arm" if share <= FOLLOWS else "follows the arm in part" if share <= IN_PART else ""
-    return f"{f'The fitted model {words}' if words else 'The fit helps little'}: {numbers}.{energy}"
+        off = f"with {last_rung} a run is off by {_joule(with_last)} J"
+        energy = f" Not in energy: {off}, without by {_joule(below)} J."
+    words = "The fit helps little"
+    if share <= FOLLOWS:
+        words = "The fitted model follows the arm"
+    elif share <= IN_PART:
+        words = "The fitted model follows the arm in part"
+    urdf = f"the URDF alone {fixed(first, place)} N m"
+    return f"{words}: torque error {fixed(last, place)} N m; {urdf}.{energy}"
+
+
+def _joule(value: float) -> str:
+    """An energy with as many decimals as a table gives it."""
+    return fixed(value, table_places([value]))
 
 
 def describe_steps(score: SessionScore) -> str:
     """What each rung that matters does to the energy error of a run and to the torque error."""
-    energy, torque = score.energy_mean[:, -1], score.rmse_mean[:, -1]
+    energy = score.energy_mean[:, -1]
+    torque = score.rmse_mean[:, -1]
     urdf = urdf_rung(score)
     shown = [urdf]
     for k in range(urdf + 1, len(score.rungs)):
-        if torque[k] <= UNTOLD * torque[shown[-1]] or abs(energy[k]) <= UNTOLD * abs(energy[shown[-1]]):
+        last = shown[-1]
+        less_torque = torque[k] <= UNTOLD * torque[last]
+        if less_torque or abs(energy[k]) <= UNTOLD * abs(energy[last]):
             shown.append(k)
-    joule = [fixed(value, table_places([value])) for value in energy]
-    start = joule[urdf]
+    start = _joule(energy[urdf])
     if len(shown) == 1:
         return f"The energy error of a run is {start} J, and no rung changes that much."
-    first = SUBJECTS.get(score.rungs[shown[1]], score.rungs[shown[1]])
-    steps = [f"{first[0].upper()}{first[1:]} brings the energy error of a run from {start} to {joule[shown[1]]} J"]
-    steps += [f"{SUBJECTS.get(score.rungs[k], score.rungs[k])} to {joule[k]} J" for k in shown[2:]]
-    return f"{', '.join(steps)}; torque error {' → '.join(fixed(torque[k], 2) for k in shown)} N m."
+    steps: list[str] = []
+    for k in shown[1:]:
+        subject = SUBJECTS.get(score.rungs[k], score.rungs[k])
+        words = f"{subject} to {_joule(energy[k])} J"
+        if not steps:
+            brings = f"{sentence(subject)} brings the energy error of a run from {start}"
+            words = f"{brings} to {_joule(energy[k])} J"
+        steps.append(words)
+    errors = " → ".join(fixed(torque[k], 2) for k in shown)
+    return f"{', '.join(steps)}; torque error {errors} N m."
 
 
 def worse_joints(score: SessionScore) -> list[tuple[str, str]]:
     """Joints on which the last rung makes the torque error larger than the rung before it."""
     if len(score.rungs) < 2:
         return []
-    before, after = score.rmse_mean[-2, :-1], score.rmse_mean[-1, :-1]
-    worse = [
-        f"{joint} ({fixed(a)} → {fixed(b)} N m)"
-        for joint, a, b in zip(score.joints, before, after, strict=True)
-        if b > WORSE * a
-    ]
+    errors = zip(score.joints, *score.rmse_mean[-2:, :-1], strict=True)
+    worse = []
+    for joint, before, after in errors:
+        if after > WORSE * before:
+            worse.append(f"{joint} ({fixed(before)} → {fixed(after)} N m)")
+    if not worse:
+        return []
     subject = SUBJECTS.get(score.rungs[-1], score.rungs[-1])
-    return [("warning", f"Worse with {subject} than without: {', '.join(worse)}.")] if worse else []
+    return [("warning", f"Worse with {subject} than without: {', '.join(worse)}.")]
 
 
 def ladder_section(source: ReportInput) -> Section:
     """The main model on all runs without payload, then each session and each other model, folded."""
     main = source.evaluation
-    sessions = [(None, score) for score in main.sessions] if len(main.sessions) > 1 else []
-    others = [(one.model, one.pooled) for k, one in enumerate(source.evaluations) if k != source.main]
-    values = {"main": main, "reductions": reductions(main.pooled), "sessions": sessions, "others": others}
-    return Section("ladder", "The ladder, joint by joint", "ladder.html", {**values, "pool_name": pool_name})
+    sessions = main.sessions if len(main.sessions) > 1 else ()
+    others = list(source.evaluations)
+    del others[source.main]
+    values = {
+        "main": main,
+        "reductions": reductions(main.pooled),
+        "sessions": [(None, score) for score in sessions],
+        "others": [(evaluation.model, evaluation.pooled) for evaluation in others],
+        "pool_name": pool_name,
+    }
+    return Section("ladder", "The ladder, joint by joint", "ladder.html", values)
 
 
 def reductions(score: SessionScore) -> list[str]:
     """How much of the energy and torque error each rung takes away from the one below it."""
-    energy, torque = np.abs(score.energy_mean[:, -1]), score.rmse_mean[:, -1]
+    energy = np.abs(score.energy_mean[:, -1])
+    torque = score.rmse_mean[:, -1]
     lines = []
     for k in range(1, len(score.rungs)):
-        reported = []
-        for word, before, after in (("energy", *energy[k - 1 : k + 1]), ("torque", *torque[k - 1 : k + 1])):
-            share = 1.0 - after / before if before > 0 else 0.0
-            sign = MINUS if share >= 0 else "+"
-            change = "as before" if not before > 0 else "unchanged" if abs(share) < 0.0005 else ""
-            reported.append(f"{word} error {change or sign + percent(abs(share))}")
-        lines.append(glue(f"{rung_name(score.rungs[k])}: {', '.join(reported)}"))
+        less_energy = f"energy error {_describe_change(energy[k - 1], energy[k])}"
+        less_torque = f"torque error {_describe_change(torque[k - 1], torque[k])}"
+        lines.append(glue(f"{rung_name(score.rungs[k])}: {less_energy}, {less_torque}"))
     return lines
+
+
+def _describe_change(before: float, after: float) -> str:
+    """By what share an error falls or rises."""
+    if not before > 0:
+        return "as before"
+    share = 1.0 - after / before
+    if abs(share) < UNCHANGED:
+        return "unchanged"
+    sign = MINUS if share >= 0 else "+"
+    return f"{sign}{percent(abs(share))}"

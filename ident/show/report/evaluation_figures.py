@@ -1,9 +1,11 @@
-"""Sections of an evaluation: payloads as in the paper's table 2, models side by side, torque, what is left of it."""
+"""Sections of an evaluation: payloads as in the paper's table 2, models side by side, torque, what
+is left of it.
+"""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,7 +25,17 @@ from ident.units import ANGLE, unit_for
 
 TICK_WIDTH = 16  # [characters]
 REST = "#e4e4df"
+AXIS = "#333333"
 BINS = 14
+# Runs from which on no line parts them in a picture.
+MANY_RUNS = 60
+# Figures of a comparison: caption, and the score's name.
+COMPARED = (("energy error of a run [J]", "energy"), ("torque error, RMS [N m]", "rmse"))
+NEAR_THE_URDF = "Link inertias were fitted near the URDF's"
+WRITTEN_BACK = (
+    "Base parameters were fitted and written back with as little change to the URDF as that needs; "
+    "single link numbers need not be physical, only their sums act: "
+)
 WORDS = {
     "motor_inertia": "Rotor inertia B_m",
     "viscous": "Viscous friction C_m",
@@ -33,48 +45,69 @@ WORDS = {
 
 
 def payload_section(source: ReportInput) -> Section | None:
-    """Energy and torque error of the main model, one row a payload, the lightest first, one column a rung."""
+    """Energy and torque error of the main model, one row a payload, the lightest first, one column
+    a rung.
+    """
     loaded = [score for score in source.evaluation.sessions if score.payload_kg > 0]
     if not loaded:
         return None
     free = source.evaluation.pooled
-    scores = [*([free] if free.payload_kg == 0 else []), *sorted(loaded, key=lambda score: score.payload_kg)]
-    return Section("payload", "With payload", "payload.html", {"scores": scores, "pool_name": pool_name})
+    scores = [free] if free.payload_kg == 0 else []
+    scores += sorted(loaded, key=lambda score: score.payload_kg)
+    values = {"scores": scores, "pool_name": pool_name}
+    return Section("payload", "With payload", "payload.html", values)
 
 
 def comparison_section(source: ReportInput) -> Section | None:
-    """The last rung of every model on every session without payload, over the joints that all models have.
+    """The last rung of every model on every session without payload, over the joints that all
+    models have.
 
     As the paper's figure 9: bars with their standard deviation.
     """
     evaluations = source.evaluations
     if len(evaluations) == 1 and len(compared_scores(source.evaluation)) == 1:
         return None
-    joints = tuple(j for j in evaluations[0].pooled.joints if all(j in e.pooled.joints for e in evaluations))
-    groups = [[restrict(score, joints) for score in compared_scores(one)] for one in evaluations]
-    names, models = [pool_name(score, 24) for score in groups[0]], [one.model for one in evaluations]
-    totals = {
-        name: np.array([[getattr(score, name)[-1, -1] for score in scores] for scores in groups])
-        for name in ("energy_mean", "energy_std", "rmse_mean", "rmse_std")
-    }
-    captions = (("energy error of a run [J]", "energy"), ("torque error, RMS [N m]", "rmse"))
-    own = [(label, totals[f"{key}_mean"], totals[f"{key}_std"]) for label, key in captions]
+    known = [set(evaluation.pooled.joints) for evaluation in evaluations]
+    shared = set.intersection(*known)
+    joints = tuple(joint for joint in evaluations[0].pooled.joints if joint in shared)
+    groups = []
+    for evaluation in evaluations:
+        scores = compared_scores(evaluation)
+        groups.append([restrict(score, joints) for score in scores])
+    names = [pool_name(score, 24) for score in groups[0]]
+    models = [evaluation.model for evaluation in evaluations]
+    tables = []
+    for label, name in COMPARED:
+        tables.append((label, _totals(groups, f"{name}_mean"), _totals(groups, f"{name}_std")))
     values = {
         "models": [(name, model_colour(k)) for k, name in enumerate(models)],
         "joints": joints,
-        "all_joints": all(len(one.pooled.joints) == len(joints) for one in evaluations),
+        "all_joints": all(len(of_model) == len(joints) for of_model in known),
         "sessions": names,
         "several": [len(score.runs) > 1 for score in groups[0]],
-        "figures": [draw_bars(label, names, models, mean, std) for label, mean, std in own],
-        "tables": own,
+        "figures": [draw_bars(label, names, models, mean, std) for label, mean, std in tables],
+        "tables": tables,
         "fitted": source.models,
     }
     return Section("comparison", "Side by side", "comparison.html", values)
 
 
+def _totals(groups: Sequence[Sequence[SessionScore]], name: str) -> Float[Array, "m s"]:
+    """A score of the last rung over all joints: of each of m models on each of s sessions."""
+    return np.array([_last(scores, name) for scores in groups])
+
+
+def _last(scores: Sequence[SessionScore], name: str) -> list[float]:
+    """A score of the last rung over all joints, by session."""
+    return [getattr(score, name)[-1, -1] for score in scores]
+
+
 def compared_scores(evaluation: Evaluation) -> list[SessionScore]:
-    """Sessions without payload and, where there are several, all of them together; all sessions if each has one."""
-    free = [score for score in evaluation.sessions if score.payload_kg == 0] or list(evaluation.sessions)
+    """Sessions without payload and, where there are several, all of them together; all sessions if
+    each has one.
+    """
+    free = [score for score in evaluation.sessions if score.payload_kg == 0]
+    free = free or list(evaluation.sessions)
     return [*free, evaluation.pooled] if len(free) > 1 else free
 
 
@@ -92,17 +125,24 @@ def restrict(score: SessionScore, joints: tuple[str, ...]) -> SessionScore:
 
 
 def draw_bars(
-    label: str, sessions: list[str], models: list[str], mean: Float[Array, "m s"], std: Float[Array, "m s"]
+    label: str,
+    sessions: list[str],
+    models: list[str],
+    mean: Float[Array, "m s"],
+    std: Float[Array, "m s"],
 ) -> dict[str, Any]:
-    """Grouped bars: one group a session, one bar a model, black lines one standard deviation each way."""
+    """Grouped bars: one group a session, one bar a model, black lines one standard deviation each
+    way.
+    """
     ticks = [textwrap.fill(name, TICK_WIDTH) for name in sessions]
-    figure, axes = make_panel("evaluated on", label, WIDE, bottom=0.42 + 0.13 * max(tick.count("\n") for tick in ticks))
+    most_breaks = max(tick.count("\n") for tick in ticks)
+    figure, axes = make_panel("evaluated on", label, WIDE, bottom=0.42 + 0.13 * most_breaks)
     width = 0.8 / len(models)
     for k in range(len(models)):
         x = np.arange(len(sessions)) + (k - (len(models) - 1) / 2) * width
         axes.bar(x, mean[k], 0.88 * width, color=model_colour(k))
-        axes.errorbar(x, mean[k], std[k], fmt="none", ecolor="#111111", elinewidth=0.9, capsize=2)
-    axes.axhline(0.0, color="#333333", linewidth=0.6)
+        axes.errorbar(x, mean[k], std[k], fmt="none", ecolor=MEASURED, elinewidth=0.9, capsize=2)
+    axes.axhline(0.0, color=AXIS, linewidth=0.6)
     axes.set_xticks(np.arange(len(sessions)), ticks)
     return {"title": sentence(label), "svg": to_svg(figure, f"{label} of {', '.join(models)}")}
 
@@ -115,16 +155,25 @@ def fits_section(source: ReportInput) -> Section:
     there = np.isfinite(squares)
     errors = np.sqrt(np.where(there, squares, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1))
     order = np.argsort(errors)
-    typical, worst = int(order[(len(order) - 1) // 2]), int(order[-1])
-    chosen = [("A typical run", typical), ("The worst run", worst)] if typical != worst else [("The run", worst)]
+    typical = int(order[(len(order) - 1) // 2])
+    worst = int(order[-1])
+    chosen = [("The run", worst)]
+    if typical != worst:
+        chosen = [("A typical run", typical), ("The worst run", worst)]
     colours = rung_colours(evaluation.pooled.rungs)
-    rungs, keys = [(rung_name(rung), colour) for rung, colour in colours.items()], ("title", "name", "error", "panels")
-    runs = [
-        (title, run_name(evaluation, k), fixed(errors[k], 2), draw_fits(evaluation.traces[k])) for title, k in chosen
-    ]
+    rungs = [(rung_name(rung), colour) for rung, colour in colours.items()]
+    runs = []
+    for title, k in chosen:
+        run = {
+            "title": title,
+            "name": run_name(evaluation, k),
+            "error": fixed(errors[k], 2),
+            "panels": draw_fits(evaluation.traces[k]),
+        }
+        runs.append(run)
     values = {
         "legend": [("measured", MEASURED), *rungs, ("at rest: not judged", REST)],
-        "runs": [dict(zip(keys, run, strict=True)) for run in runs],
+        "runs": runs,
     }
     return Section("fits", "Torque, measured and modelled", "fits.html", values)
 
@@ -145,7 +194,8 @@ def draw_fits(trace: RunTrace) -> list[dict[str, Any]]:
     for j, joint in enumerate(trace.motion.joints):
         figure, axes = make_panel("time [s]", "torque [N m]")
         # Where it rests no model of its state can tell the torque.
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], ~trace.motion.moving[:, j], [0]]).astype(int)))
+        rests = np.concatenate([[0], ~trace.motion.moving[:, j], [0]]).astype(int)
+        edges = np.flatnonzero(np.diff(rests))
         for start, end in edges.reshape(-1, 2):
             if end - start > 1:
                 axes.axvspan(float(time[start]), float(time[end - 1]), color=REST, linewidth=0)
@@ -153,15 +203,20 @@ def draw_fits(trace: RunTrace) -> list[dict[str, Any]]:
         for rung, torque in trace.filtered.items():
             axes.plot(*thin(time, torque[:, j]), color=colours[rung], linewidth=0.95)
         axes.margins(x=0.01)
-        panels.append({"title": joint, "svg": to_svg(figure, f"torque of {joint} over time, measured and modelled")})
+        svg = to_svg(figure, f"torque of {joint} over time, measured and modelled")
+        panels.append({"title": joint, "svg": svg})
     return panels
 
 
 def residuals_section(source: ReportInput) -> Section:
-    """Medians of measured less modelled torque: what a rung leaves has a shape, and the shape names its cause."""
-    traces, robot = source.evaluation.traces, source.model.robot
+    """Medians of measured less modelled torque: what a rung leaves has a shape, and the shape names
+    its cause.
+    """
+    traces = source.evaluation.traces
+    robot = source.model.robot
     sliding = dict(zip(robot.joint_names, robot.sliding_joints, strict=True))
-    units = [unit_for(ANGLE, bool(sliding.get(joint, False))) for joint in traces[0].motion.joints]
+    joints = traces[0].motion.joints
+    units = [unit_for(ANGLE, bool(sliding.get(joint, False))) for joint in joints]
     rungs = tuple(traces[0].rungs)
     # Those that hold friction: beside the others nothing of theirs could be seen.
     close = rungs[rungs.index("loss") :] if "loss" in rungs else rungs
@@ -181,25 +236,45 @@ def residuals_section(source: ReportInput) -> Section:
 def draw_against(
     axis: str, traces: Sequence[RunTrace], units: Sequence[str], rungs: tuple[str, ...]
 ) -> list[dict[str, Any]]:
-    """Residual of each joint over an axis: median of every rung's in bins of like counts, for the last 80 % of them.
+    """Residual of each joint over an axis: median of every rung's in bins of like counts, for the
+    last 80 % of them.
 
-    Over `speed` the shape of friction, no bin across zero; over `position` gravity, springs and wrong masses.
+    Over `speed` the shape of friction, no bin across zero; over `position` gravity, springs and
+    wrong masses.
+
+    Args:
+        axis: `speed` or `position`.
+        traces: The runs.
+        units: Of each joint's position.
+        rungs: Which are drawn; the last with its span.
     """
-    own = [trace.motion.dq if axis == "speed" else trace.motion.q for trace in traces]
-    values = np.concatenate([one[trace.motion.coarse] for one, trace in zip(own, traces, strict=True)])
+    over_speed = axis == "speed"
+    states = []
+    for trace in traces:
+        motion = trace.motion
+        states.append((motion.dq if over_speed else motion.q)[motion.coarse])
+    values = np.concatenate(states)
     moving = np.concatenate([trace.motion.moving for trace in traces])
-    colours, panels = rung_colours(tuple(traces[0].rungs)), []
+    colours = rung_colours(tuple(traces[0].rungs))
+    panels = []
     for j, joint in enumerate(traces[0].motion.joints):
         x = np.where(moving[:, j], values[:, j], np.nan)
-        parts = [_edges(x[x < 0]), _edges(x[x > 0])] if axis == "speed" else [_edges(x[np.isfinite(x)], 2 * BINS)]
-        figure, axes = make_panel(f"{axis} [{units[j]}{'/s' if axis == 'speed' else ''}]", "residual [N m]")
-        axes.axhline(0.0, color="#333333", linewidth=0.5)
+        if over_speed:
+            unit = f"{units[j]}/s"
+            sides = [_edges(x[x < 0]), _edges(x[x > 0])]
+        else:
+            unit = units[j]
+            sides = [_edges(x[np.isfinite(x)], 2 * BINS)]
+        figure, axes = make_panel(f"{axis} [{unit}]", "residual [N m]")
+        axes.axhline(0.0, color=AXIS, linewidth=0.5)
         for rung in rungs:
+            colour = colours[rung]
             y = np.concatenate([_residual(trace, rung)[:, j] for trace in traces])
-            for rows in (binned(x, y, edges) for edges in parts):
+            for edges in sides:
+                middle, low, median, high = binned(x, y, edges)[:, :4].T
                 if rung == rungs[-1]:
-                    axes.fill_between(rows[:, 0], rows[:, 1], rows[:, 3], color=colours[rung], alpha=0.2, linewidth=0)
-                axes.plot(rows[:, 0], rows[:, 2], color=colours[rung], linewidth=1.2)
+                    axes.fill_between(middle, low, high, color=colour, alpha=0.2, linewidth=0)
+                axes.plot(middle, median, color=colour, linewidth=1.2)
         panels.append({"title": joint, "svg": to_svg(figure, f"{joint}: residual against {axis}")})
     return panels
 
@@ -209,21 +284,27 @@ def draw_over_time(traces: Sequence[RunTrace], rung: str) -> list[dict[str, Any]
     residuals = [_residual(trace, rung) for trace in traces]
     lengths = [trace.time[-1] - trace.time[0] for trace in traces]
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
-    time = np.concatenate([trace.time - trace.time[0] + start for trace, start in zip(traces, starts, strict=False)])
+    times = []
+    for trace, start in zip(traces, starts[:-1], strict=True):
+        times.append(trace.time - trace.time[0] + start)
+    time = np.concatenate(times)
     stacked = np.concatenate(residuals)
     moving = np.concatenate([trace.motion.moving for trace in traces])
     colour = rung_colours(tuple(traces[0].rungs))[rung]
     panels = []
     for j, joint in enumerate(traces[0].motion.joints):
         figure, axes = make_panel("time, runs end to end [s]", "residual [N m]")
-        for start in starts[1:-1] if len(starts) < 60 else []:
-            axes.axvline(start, color="#e3e3e3", linewidth=0.5)
+        if len(starts) < MANY_RUNS:
+            for start in starts[1:-1]:
+                axes.axvline(start, color="#e3e3e3", linewidth=0.5)
         span = envelope(time, np.where(moving[:, j], stacked[:, j], np.nan))
         axes.fill_between(*span, color=colour, alpha=0.45, linewidth=0.3)
-        own = [residual[trace.motion.moving[:, j], j] for trace, residual in zip(traces, residuals, strict=True)]
-        medians = [float(np.median(values)) if len(values) else np.nan for values in own]
-        axes.hlines(medians, starts[:-1], starts[1:], color="#111111", linewidth=1.4)
-        axes.axhline(0.0, color="#333333", linewidth=0.5)
+        medians = []
+        for trace, residual in zip(traces, residuals, strict=True):
+            in_motion = residual[trace.motion.moving[:, j], j]
+            medians.append(float(np.median(in_motion)) if len(in_motion) else np.nan)
+        axes.hlines(medians, starts[:-1], starts[1:], color=MEASURED, linewidth=1.4)
+        axes.axhline(0.0, color=AXIS, linewidth=0.5)
         axes.margins(x=0.01)
         panels.append({"title": joint, "svg": to_svg(figure, f"{joint}: residual over time")})
     return panels
@@ -248,16 +329,22 @@ def _edges(values: Float[Array, " k"], bins: int = BINS) -> Float[Array, " b"]:
 def parameters_section(source: ReportInput) -> Section:
     """Loss parameters with their 95 % intervals: one picture each, joints in rows, models side by side."""
     model = source.model
-    shown = [name for name in NAMES if any(f.name == name for m in source.models for f in m.figures)]
+    known = {figure.name for fitted in source.models for figure in fitted.figures}
+    shown = [name for name in NAMES if name in known]
+    units = {figure.name: figure.unit for figure in reversed(model.figures)}
+    models = [evaluation.model for evaluation in source.evaluations]
+    links: Iterable[Any] = ()
+    if model.inertia != "nominal":
+        links = zip(model.nominal.links, *before_and_after(model), strict=True)
     values = {
-        "models": [(one.model, model_colour(k)) for k, one in enumerate(source.evaluations)],
+        "models": [(name, model_colour(k)) for k, name in enumerate(models)],
         "pictures": [draw_figures(source.models, name) for name in shown],
         "model": source.evaluation.model,
-        "columns": [(WORDS[name], next((f.unit for f in model.figures if f.name == name), "")) for name in shown],
+        "columns": [(WORDS[name], units.get(name, "")) for name in shown],
         "figures": {(figure.joint, figure.name): figure for figure in model.figures},
         "shown": shown,
         "inertia": describe_inertia(model),
-        "links": () if model.inertia == "nominal" else zip(model.nominal.links, *before_and_after(model), strict=True),
+        "links": links,
         "fitted": model,
         "tied": [" with ".join(pair["figures"]) for pair in model.provenance.get("tied", [])],
         "named": [with_units(law.describe(model.joint_names)) for law in model.named],
@@ -272,22 +359,33 @@ def parameters_section(source: ReportInput) -> Section:
 def draw_figures(models: Sequence[HybridModel], name: str) -> dict[str, Any]:
     """One loss parameter of all joints and models: a dot and its 95 % interval."""
     joints = list(max(models, key=lambda model: model.arm.n).joint_names)
-    unit = next(figure.unit for model in models for figure in model.figures if figure.name == name)
+    figures = [figure for model in models for figure in model.figures if figure.name == name]
+    unit = figures[0].unit
     longest = max(len(joint) for joint in joints)
     height = 0.55 + 0.24 * len(joints) + 0.04 * len(joints) * (len(models) - 1)
     figure, axes = make_panel(f"[{unit}]", "", (3.5, height), left=min(1.5, 0.2 + 0.068 * longest))
     for k, model in enumerate(models):
-        found = [f for f in model.figures if f.name == name and f.joint in joints]
-        y = [joints.index(f.joint) + 0.16 * (k - (len(models) - 1) / 2) for f in found]
-        x = np.array([f.value for f in found])
-        reach = np.array([[f.value - f.low, f.high - f.value] for f in found]).T.reshape(2, -1)
-        axes.errorbar(x, y, xerr=np.maximum(reach, 0.0), fmt="o", markersize=3, color=model_colour(k), linewidth=1.1)
+        beside = 0.16 * (k - (len(models) - 1) / 2)
+        rows = []
+        x = []
+        below = []
+        above = []
+        for parameter in model.figures:
+            if parameter.name == name and parameter.joint in joints:
+                rows.append(joints.index(parameter.joint) + beside)
+                x.append(parameter.value)
+                below.append(max(parameter.value - parameter.low, 0.0))
+                above.append(max(parameter.high - parameter.value, 0.0))
+        colour = model_colour(k)
+        reach = np.array([below, above])
+        axes.errorbar(x, rows, xerr=reach, fmt="o", markersize=3, color=colour, linewidth=1.1)
     axes.set_yticks(range(len(joints)), joints)
     axes.set_ylim(len(joints) - 0.4, -0.6)
     axes.grid(axis="x", color="#dddddd", linewidth=0.5)
     axes.grid(axis="y", visible=False)
-    axes.axvline(0.0, color="#333333", linewidth=0.6)
-    return {"title": f"{WORDS[name]} [{unit}]", "svg": to_svg(figure, f"{WORDS[name]} of every joint")}
+    axes.axvline(0.0, color=AXIS, linewidth=0.6)
+    svg = to_svg(figure, f"{WORDS[name]} of every joint")
+    return {"title": f"{WORDS[name]} [{unit}]", "svg": svg}
 
 
 def describe_inertia(model: HybridModel) -> str:
@@ -295,17 +393,12 @@ def describe_inertia(model: HybridModel) -> str:
     if model.inertia == "nominal":
         text = "Link inertias are the URDF's; nothing was fitted."
     else:
-        before, after = (links[:, 0] for links in before_and_after(model))
+        before, after = before_and_after(model)
+        text = WRITTEN_BACK
         if model.inertia == "consistent":
-            text = (
-                "Link inertias were fitted near the URDF's, under the condition that every link could be a real body: "
-            )
-        else:
-            text = (
-                "Base parameters were fitted and written back with as little change to the URDF as that needs; "
-                "single link numbers need not be physical, only their sums act: "
-            )
-        text += f"moving mass {fixed(before.sum(), 2)} → {fixed(after.sum(), 2)} kg."
+            text = f"{NEAR_THE_URDF}, under the condition that every link could be a real body: "
+        masses = f"{fixed(before[:, 0].sum(), 2)} → {fixed(after[:, 0].sum(), 2)} kg"
+        text += f"moving mass {masses}."
     condition = model.provenance.get("condition_number")
     if condition is not None:
         text += f" Condition number of the training motions: {significant(condition, 3)}."
@@ -314,12 +407,16 @@ def describe_inertia(model: HybridModel) -> str:
 
 def before_and_after(model: HybridModel) -> tuple[Float[Array, "l 10"], Float[Array, "l 10"]]:
     """Inertial numbers of every link, of the URDF and as fitted."""
-    return model.nominal.inertial_parameters.reshape(-1, 10), model.arm.inertial_parameters.reshape(-1, 10)
+    before = model.nominal.inertial_parameters.reshape(-1, 10)
+    after = model.arm.inertial_parameters.reshape(-1, 10)
+    return before, after
 
 
 def net_rows(model: HybridModel) -> list[dict[str, Any]]:
-    """What the residual net did on runs that it never saw, and how much of it each joint keeps; none without a net."""
+    """What the residual net did on runs that it never saw, and how much of it each joint keeps;
+    none without a net.
+    """
     gates = model.provenance.get("net_gate", [])
     if len(gates) != len(model.joint_names):
         return []
-    return [{"joint": joint, **one} for joint, one in zip(model.joint_names, gates, strict=True)]
+    return [{"joint": joint, **gate} for joint, gate in zip(model.joint_names, gates, strict=True)]

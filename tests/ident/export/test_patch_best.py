@@ -18,7 +18,8 @@ from ident.export.bodies import Links, nearest_bodies
 from ident.export.choose import WINDOW, Gap, choose, measure_gap
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import WrittenFile
-from ident.export.mjcf import write_mjcf, write_urdf
+from ident.export.mjcf import write_mjcf
+from ident.export.urdf_file import write_urdf
 from ident.export.write import write_patch
 from ident.laws.motion import Losses
 from ident.recordings.recording import Payload

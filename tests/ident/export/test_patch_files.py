@@ -19,7 +19,8 @@ from ident.export.bodies import Links, nearest_bodies
 from ident.export.formats import state_arm, usual_run
 from ident.export.identified import Change, Diagnosed, IdentifiedArm, in_module, untuned
 from ident.export.loaded import LoadedMjcf, load_module
-from ident.export.mjcf import spring_at_rest, write_urdf
+from ident.export.mjcf import spring_at_rest
+from ident.export.urdf_file import write_urdf
 from ident.export.write import PATCH_FILES, write_patch
 from ident.laws.acting import acting_torque, link_change, point_mass
 from ident.laws.motion import Losses, MovingArm
