@@ -47,7 +47,7 @@ GUARD_S = 0.2
 # tried in its place.
 MOST_DRAWS = 3
 SUBSTITUTES = 16
-OTHER_PLACES = 50  # of a plan from which those are taken
+OTHER_PLACES = 200  # of a plan from which those, and few places, are taken
 # Quantile of the steps between the values of a torque that is taken for its rounding.
 ROUNDING_QUANTILE = 0.1
 
@@ -78,8 +78,12 @@ def plan_planted(
     order = np.random.default_rng([seed, 3]).permutation(len(dealt))
     chosen = [dealt[int(place)] for place in order[:cases]]
     places: list[tuple[PlantedSlot, GivenRows, Source]] = []
-    for number, (kind, effects) in enumerate(plan_slots(len(chosen), seed)):
-        places.append((PlantedSlot(number, kind, effects), *chosen[number]))
+    # Few places can't hold each kind by its share: they are drawn from more.
+    planned = plan_slots(max(OTHER_PLACES, len(chosen)), seed)
+    drawn = np.random.default_rng([seed, 32]).permutation(len(planned))
+    for number, given in enumerate(chosen):
+        kind, effects = planned[int(drawn[number])]
+        places.append((PlantedSlot(number, kind, effects), *given))
     return places
 
 
