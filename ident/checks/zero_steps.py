@@ -111,7 +111,8 @@ def confirm(compared: ComparedRuns, step: ZeroStep) -> RunDifference | None:
     The zero is followed to where the rest foretell these runs best, not by derivatives: it must
     end nearer to the step than to none, and the joint that it helps most must then be foretold more
     nearly as the rest foretell each other than as these were recorded: what hardly helps, or where
-    nothing was worse than usual, is not what they have.
+    nothing was worse than usual, is not what they have. So must all joints together: runs that are
+    foretold far worse at other joints have something else, which a zero may imitate at one.
     """
     late = is_late(step.first, len(compared.runs))
     is_odd = ~late if (~late).sum() < late.sum() else late
@@ -128,13 +129,20 @@ def confirm(compared: ComparedRuns, step: ZeroStep) -> RunDifference | None:
     after = parting.errors_of_odd(change)
     if is_nearer_to_none or np.nansum(after) >= np.nansum(before):
         return None
-    clearest = int(np.nanargmax(before - after))
     usual = mean_error(parting.usual)
+    clearest = int(np.nanargmax(before - after))
     is_worse = before[clearest] > usual[clearest]
     if not is_worse or after[clearest] >= 0.5 * (before[clearest] + usual[clearest]):
         return None
+    if beyond(after, usual) >= 0.5 * beyond(before, usual):
+        return None
     gain = -float(np.log(max(step.chance, ROUNDING)))
     return parting.difference(change, gain, after)
+
+
+def beyond(errors: Float[Array, " n"], usual: Float[Array, " n"]) -> float:
+    """By how much joints are foretold worse than usual, all together; logarithms of errors."""
+    return float(np.nansum(np.maximum(errors - usual, 0.0)))
 
 
 def cuts_of(runs: int) -> range:

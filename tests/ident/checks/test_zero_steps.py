@@ -1,9 +1,13 @@
 """Laws of a zero that moves once in a session: a few degrees are told; loads, warmth and sound sessions are no step."""
 
+import itertools
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import make_run
 from faults import spoil
+from real_arms import load_real
 from test_odd_runs import move_zero, warmed
 
 from ident.checks.odd_runs import check_odd_runs
@@ -64,3 +68,27 @@ def test_of_three_runs_no_step_is_told(arm: ArmModel) -> None:
     """Law: two of them have no scatter to hold a step against."""
     three = spoil(session(arm, 3, runs=3), move_zero(1, 0.3), 2)
     assert find_zero_step(ComparedRuns(three, arm)) is None
+
+
+@pytest.mark.real
+def test_pieces_of_another_motion_are_no_zero_that_moved(real_data: Path) -> None:
+    """Law: runs that are foretold far worse at other joints have something else, which a zero may imitate at one.
+
+    Every second piece of three recordings: those of the last, a faster motion, are odd at joints 1 and 2 above all.
+    """
+    recorded, arm = load_real("dual arm", real_data)
+    runs = [
+        run.at(rows, f"{run.name}_{piece}")
+        for run in recorded.runs
+        for piece, rows in enumerate(pieces_of(len(run)))
+        if piece % 2 == 0
+    ]
+    compared = ComparedRuns(recorded.replace(runs=runs), arm)
+    assert len(compared.runs) == 9
+    assert find_zero_step(compared) is None
+
+
+def pieces_of(rows: int) -> list[slice]:
+    """Six pieces of equally many rows."""
+    ends = np.linspace(0, rows, 7).astype(int)
+    return [slice(first, last) for first, last in itertools.pairwise(ends)]
