@@ -25,6 +25,7 @@ from ident.effects.intervals import SizePrior, coefficient_interval, delta_inter
 from ident.effects.session_context import arm_mass, arm_reach
 from ident.effects.settings import RIGID_BODY as LIMIT
 from ident.robot.arm import ArmModel
+from ident.units import MASS, MOMENT
 
 NOWHERE: Places = MappingProxyType({})
 # A load that is laid out as more of the last link.
@@ -128,12 +129,12 @@ class UnknownPayload(Effect):
 
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
         if estimates["mass_kg"].open or estimates["mass_kg"].low <= 0.0:
-            moment = estimates["moment_about_axis_kgm"].words("kg m")
+            moment = estimates["moment_about_axis_kgm"].words(MOMENT)
             return (
                 f"weigh the tool: a load of {moment} about the last axis is not in the model; "
                 "give it as [payload]"
             )
-        mass = estimates["mass_kg"].words("kg")
+        mass = estimates["mass_kg"].words(MASS)
         return (
             f"weigh the tool: {mass} are not in the model; give them as [payload] of session.toml"
         )
@@ -265,9 +266,9 @@ class LinkInertialError(Effect):
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
         mass = estimates["mass_change_kg"]
         moment = estimates.get("moment_about_axis_kgm")
-        change = f"mass is off by {mass.words('kg')}"
+        change = f"mass is off by {mass.words(MASS)}"
         if moment is not None and (mass.open or mass.low <= 0.0 <= mass.high):
-            change = f"moment about the joint's axis is off by {moment.words('kg m')}"
+            change = f"moment about the joint's axis is off by {moment.words(MOMENT)}"
         return (
             f"correct the link behind {where}: beside what tuning changes, its {change}; `ident "
             "patch` writes both"
