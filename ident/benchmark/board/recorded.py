@@ -39,10 +39,10 @@ UNSEEN_SHARE = 0.125  # of a recording's rows, at its end
 # Of the rest, plain and given to a session in turn [s]: with less than 4.5 s on one side a
 # comparison says that nothing can be tested.
 LEAST_PIECE_S = 4.9
-# Of a run that begins with a piece given to a session, left out: what remembers begins there [s].
-LEAD_S = 0.5
 # Left out between pieces: the torque of two instants in a row would tell what came [s].
 GUARD_S = 0.2
+# Of a run that begins with a piece given to a session, left out: what remembers begins there [s].
+LEAD_S = 2.0 * GUARD_S
 # Draws before an effect is given up that a stretch can't show, and others of its kind that are
 # tried in its place.
 MOST_DRAWS = 3
@@ -75,12 +75,13 @@ def plan_planted(
     for name, source in sources.items():
         if may_be_planted(name):
             dealt += [(stretch, source) for stretch in part_recording(source).stretches]
-    order = np.random.default_rng([seed, 3]).permutation(len(dealt))
+    rng = np.random.default_rng([seed, 3])
+    order = rng.permutation(len(dealt))
     chosen = [dealt[int(place)] for place in order[:cases]]
     places: list[tuple[PlantedSlot, GivenRows, Source]] = []
     # Few places can't hold each kind by its share: they are drawn from more.
     planned = plan_slots(max(OTHER_PLACES, len(chosen)), seed)
-    drawn = np.random.default_rng([seed, 32]).permutation(len(planned))
+    drawn = rng.permutation(len(planned))
     for number, given in enumerate(chosen):
         kind, effects = planned[int(drawn[number])]
         places.append((PlantedSlot(number, kind, effects), *given))
