@@ -11,6 +11,7 @@ from ident.model.hybrid import HybridModel
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
 from plan.command_options import DEFAULT_METHOD, SolveOptions
+from plan.planners.base import processor_seconds
 from plan.problem.cycle_result import CycleResult
 from plan.problem.driveless import hold_driveless
 from plan.problem.execution import DEFAULT_RATE, write_motion_file
@@ -21,18 +22,27 @@ from plan.solving.stop_choice import choose_stops
 MOTIONS_KIND = "motions"
 
 
-def cycle(scene: Task | str | Path, model: HybridModel | str | Path | None = None, **options: Any) -> CycleResult:
+def cycle(
+    scene: Task | str | Path,
+    model: HybridModel | str | Path | None = None,
+    *,
+    began: float | None = None,
+    **options: Any,
+) -> CycleResult:
     """Plans a cycle of several motions as one task; an expected failure is a status with a reason.
 
     Args:
         scene: Scene file with `[[leg]]` tables, or the task that `load_task` read from it.
         model: Fitted model or its folder; the rigid arm without losses if None.
+        began: Processor time of the process at which the seconds that may be spent began to count
+            [s]; now if None.
         options: Any field of `SolveOptions`, as the options of `plan cycle`.
 
     Raises:
         InputError: Scene or model can't be used, or a method other than the default is asked for.
         TypeError: No such option.
     """
+    began = processor_seconds() if began is None else began
     chosen = SolveOptions(**options)
     if chosen.method != DEFAULT_METHOD:
         raise InputError(
@@ -42,16 +52,22 @@ def cycle(scene: Task | str | Path, model: HybridModel | str | Path | None = Non
         )
     if chosen.controller is not None:
         remedy = "leave it out, and plan its motions by `plan solve` for a controller's points"
-        raise InputError("--controller", "a cycle is certified as planned, for no controller", remedy)
+        raise InputError(
+            "--controller",
+            "a cycle is certified as planned, for no controller",
+            remedy,
+        )
     task = scene if isinstance(scene, Task) else load_task(scene)
     task = hold_driveless(task, ArmModel.load(task.robot))
     fitted = None if model is None else HybridModel.given(model)
     task = choose_stops(task, fitted, chosen)
-    found = solve_cycle(task, split_cycle(task, fitted, chosen), chosen)
+    problems = split_cycle(task, fitted, chosen)
+    found = solve_cycle(task, problems, chosen, spent=processor_seconds() - began)
     named = None if model is None or isinstance(model, HybridModel) else str(model)
-    asked = {name: getattr(chosen, name) for name in ("objective", "metric", "seed", "evaluations", "seconds")}
+    names = ("objective", "metric", "seed", "evaluations", "seconds")
+    asked = {name: getattr(chosen, name) for name in names}
     return found.with_provenance(
-        Provenance("plan cycle", settings={"scene": str(task.source), "model": named, **asked})
+        Provenance("plan cycle", settings={"scene": str(task.source), "model": named, **asked}),
     )
 
 

@@ -147,7 +147,7 @@ def cycle(
 
         require_writable(Path("leg.csv"), rate)
     with progress_line(console, "cycle"):
-        found = plan_cycle(task, model, **asdict(options))
+        found = plan_cycle(task, model, began=0.0, **asdict(options))  # from the process's own start
 
     def write_folder() -> None:
         if out is not None and found.solved:

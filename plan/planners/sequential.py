@@ -74,6 +74,8 @@ CLOSELY = 1e-6
 # A descent whose last step was cut short begins anew with a fresh curvature as long as that brings
 # such a share.
 ANEW = 1e-3
+# The best motion is polished as long as that brings such a share.
+POLISHED = 5e-4
 # Longest first step of a descent [rad]: from a start, from what steps have come to, from what a
 # descent has ended at, and where limits are aimed a little lower.
 FROM_START = 0.3
@@ -198,6 +200,26 @@ class Sequential(Planner):
             courses.sort(key=lambda course: course.rank)
             most = min(self.levels, LEVELS[courses[0].local.timed])
             self._finer(courses, ledger, known, most)
+            self._polish(ledger)
+
+    def _polish(self, ledger: Ledger) -> None:
+        """Descends anew from the best motion while that pays and asked seconds are left.
+
+        Beside an edge of an obstacle, and where a joint turns round, a descent has ended some
+        thousandths above the least that its own grid holds: with coarser roundings first and a
+        fresh curvature it goes on.
+        """
+        best = ledger.best
+        while best is not None and best.feasible and ledger.kept_back > 0.0:
+            problem = best.problem
+            if ledger.remaining == 0 or problem.objective == "time":
+                return
+            again = problem.with_initial(best.splines, label=problem.label)
+            descend_on_knots(again, ledger, self.steps)
+            polished = ledger.best
+            if polished is None or polished.cost > best.cost * (1.0 - POLISHED):
+                return
+            best = polished
 
     def _try(self, course: Course, ledger: Ledger, others: Sequence[Course]) -> Course:
         """Steps on the coarse grid; given up early where it collides or lies far above the best."""

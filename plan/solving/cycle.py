@@ -7,6 +7,7 @@ whole:
 
 with E_k the least energy of motion k over its duration. Those curves are found as for a single free
 duration, the durations are shared out on them, and each motion is then searched in full at its own.
+While that pays and time is left, curves about what was found share the durations out anew.
 With time as the objective every motion is as short as it can be.
 """
 
@@ -24,7 +25,7 @@ from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.progress import stage
 from plan.command_options import SolveOptions
-from plan.planners.base import Ledger
+from plan.planners.base import Candidate, Ledger, processor_seconds
 from plan.problem.cost import energy_cost
 from plan.problem.cycle_result import CycleResult, Leg
 from plan.problem.problem import PlanningProblem
@@ -34,7 +35,7 @@ from plan.solving.cycle_legs import leg_tasks, moving_time
 from plan.solving.free_duration import Look, apart, energy_curve, lasting, look_at
 from plan.solving.obstruction import require_valid_ends, shortest_duration
 from plan.solving.set_up import reach_goals, set_up
-from plan.solving.solve import solve
+from plan.solving.solve import LEAST_SECONDS, solve
 
 # Slower paces at which the torque is looked at, as shares of the plan's own, and places of a
 # section.
@@ -46,6 +47,16 @@ APART = 0.005
 # Times that a motion is planned anew where it needs more torque when slowed down, and how much
 # lower it then aims.
 TURNS, LOWER = 3, 1.002
+# Share of the time in which energy is looked up over the durations.
+LOOKED = 0.25
+# Share of the time left in which the motions are searched in full; the rest is for looks at other
+# durations from what was found.
+PLANNED = 0.75
+# Those durations, as multiples of a motion's own.
+LONGER = (1.15, 1.3, 1.6)
+SHORTER = (0.87, 0.75, 0.6)
+# What brings no more than this share of the cost is not worth another round.
+HARDLY = 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +69,11 @@ class Shared:
     even: float | None  # the same where each takes the same multiple of its shortest duration [J]
 
 
-def split_cycle(task: Task, model: HybridModel | None, options: SolveOptions) -> tuple[PlanningProblem, ...]:
+def split_cycle(
+    task: Task,
+    model: HybridModel | None,
+    options: SolveOptions,
+) -> tuple[PlanningProblem, ...]:
     """The cycle's motions in turn, each with what the arm carries on it.
 
     Raises:
@@ -76,23 +91,28 @@ def split_cycle(task: Task, model: HybridModel | None, options: SolveOptions) ->
     return tuple(problems)
 
 
-def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveOptions) -> CycleResult:
+def solve_cycle(
+    task: Task,
+    problems: Sequence[PlanningProblem],
+    options: SolveOptions,
+    spent: float = 0.0,
+) -> CycleResult:
     """Plans all motions of a cycle; an expected failure is a status with a reason.
 
     Args:
         task: What the file says.
         problems: Its motions, by `split_cycle`.
         options: How; the budget is shared by the motions.
+        spent: Processor time that was spent on the task before, of the seconds that it may take
+            [s].
     """
     most, seconds = options.budget
-    share = replace(
-        options,
-        evaluations=max(most // len(problems), 1),
-        seconds=seconds / len(problems),
-        gap=False,
-    )
+    budget = Ledger(most, max(seconds - spent, 0.0))
     if options.objective == "time":
-        legs = [_plan(problem, share, None) for problem in problems]
+        legs = []
+        for number, problem in enumerate(problems):
+            share = _share_of_budget(options, budget, problems, len(problems) - number)
+            legs.append(_plan(problem, share, None))
         return CycleResult.of(task, problems[0], legs, None, None)
     free = moving_time(task, options.objective)
     assert free is not None
@@ -101,17 +121,58 @@ def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveO
         reason = f"{free:g} s are too short: the motions take {needs.sum():.3f} s at the least"
         return CycleResult.of(task, problems[0], [], None, None, reason)
     curves = []
+    looked = Ledger(most, LOOKED * budget.seconds_left)
+    share = _share_of_budget(options, looked, problems, len(problems))
     for number, problem in enumerate(problems, start=1):
         stage(
             f"energy over duration, motion {number} of {len(problems)}",
             *_share_of_work(number, problems, 0.0),
         )
-        curves.append(energy_curve(problem, share))
+        curves.append(energy_curve(problem, share, 1.0))
     for number, curve in enumerate(curves, start=1):
         if not any(np.isfinite(look.energy) for look in curve):
             reason = f"no motion found for leg {number}"
             return CycleResult.of(task, problems[0], [], None, None, reason)
     shared = share_duration(curves, needs, free, task)
+    legs = _plan_all(problems, shared, curves, options, budget)
+    cycle = CycleResult.of(task, problems[0], legs, shared.energy, shared.even)
+    while cycle.solved and budget.remaining > 0:
+        curves = [_curve_about(*pair, budget) for pair in zip(problems, cycle.legs, strict=True)]
+        shared = share_duration(curves, needs, free, task)
+        if not _promises_more(shared, cycle):
+            break
+        legs = _plan_all(problems, shared, curves, options, budget)
+        anew = CycleResult.of(task, problems[0], legs, shared.energy, shared.even)
+        if not anew.energy < cycle.energy * (1.0 - HARDLY):
+            break
+        cycle = anew
+    return cycle
+
+
+def _share_of_budget(
+    options: SolveOptions,
+    budget: Ledger,
+    problems: Sequence[PlanningProblem],
+    left: int,
+) -> SolveOptions:
+    """How one motion is planned, of so many that are left to be planned."""
+    seconds = max(budget.seconds_left, LEAST_SECONDS) / left
+    evaluations = max(budget.most // len(problems), 1)
+    return replace(options, evaluations=evaluations, seconds=seconds, gap=False)
+
+
+def _plan_all(
+    problems: Sequence[PlanningProblem],
+    shared: Shared,
+    curves: Sequence[Sequence[Look]],
+    options: SolveOptions,
+    budget: Ledger,
+) -> list[Leg]:
+    """Every motion searched in full at its own duration, in all but a part of the time left.
+
+    That part is for sharing out the durations anew on what was found.
+    """
+    planned = Ledger(budget.most, PLANNED * budget.seconds_left)
     legs = []
     parts = zip(problems, curves, shared.durations, strict=True)
     for number, (problem, curve, duration) in enumerate(parts, start=1):
@@ -119,17 +180,62 @@ def solve_cycle(task: Task, problems: Sequence[PlanningProblem], options: SolveO
             f"searching for motion {number} of {len(problems)}",
             *_share_of_work(number, problems, 0.5),
         )
+        share = _share_of_budget(options, planned, problems, len(problems) - number + 1)
         legs.append(_plan(lasting(problem, float(duration)), share, curve))
-    return CycleResult.of(task, problems[0], legs, shared.energy, shared.even)
+    return legs
 
 
-def _share_of_work(number: int, problems: Sequence[PlanningProblem], begin: float) -> tuple[float, float]:
+def _curve_about(problem: PlanningProblem, leg: Leg, budget: Ledger) -> list[Look]:
+    """Least energy over duration about a motion that was searched in full.
+
+    The curve of the first look is of a short search: that of the motion itself may lie well below,
+    and not by the same share for every motion.
+    """
+    splines = leg.plan.splines
+    assert splines is not None
+    duration = float(splines.total[0])
+    carrier = lasting(problem, duration).with_initial(splines, free="vias", label="planned")
+    cost = float(carrier.initial_evaluation.cost[0])
+    looks = [Look(duration, cost, Candidate(carrier, carrier.initial, cost, 0.0))]
+    shortest = shortest_duration(problem)
+    for factors in (LONGER, SHORTER):
+        near = looks[0]
+        for factor in factors:
+            if budget.remaining == 0 or duration * factor <= shortest:
+                break
+            look = look_at(problem, duration * factor, near, budget)
+            if look.candidate is None:
+                break
+            looks.append(look)
+            near = look
+    return looks
+
+
+def _promises_more(shared: Shared, cycle: CycleResult) -> bool:
+    """Whether durations that were shared out anew cost less than the cycle as it is."""
+    if shared.energy is None:
+        return False
+    dwelling = cycle.dwelling + float(shared.durations.sum())
+    cost = shared.energy + cycle.standby * dwelling
+    return cost < cycle.energy * (1.0 - HARDLY)
+
+
+def _share_of_work(
+    number: int,
+    problems: Sequence[PlanningProblem],
+    begin: float,
+) -> tuple[float, float]:
     """Shares of all work that are done before and after a motion's turn."""
     each = 0.5 / len(problems)
     return begin + each * (number - 1), begin + each * number
 
 
-def share_duration(curves: Sequence[Sequence[Look]], needs: Float[Array, " m"], free: float, task: Task) -> Shared:
+def share_duration(
+    curves: Sequence[Sequence[Look]],
+    needs: Float[Array, " m"],
+    free: float,
+    task: Task,
+) -> Shared:
     """The durations of least energy together, standby counted where the whole may be shorter.
 
     Args:
@@ -171,7 +277,10 @@ def share_duration(curves: Sequence[Sequence[Look]], needs: Float[Array, " m"], 
 
 
 def _same_multiple(
-    needs: Float[Array, " m"], low: Float[Array, " m"], high: Float[Array, " m"], free: float
+    needs: Float[Array, " m"],
+    low: Float[Array, " m"],
+    high: Float[Array, " m"],
+    free: float,
 ) -> Float[Array, " m"]:
     """Each motion's shortest duration times one number, within what is known, filling the time."""
     top = float((high / needs).max())
@@ -206,6 +315,7 @@ def _interpolate(times: Float[Array, " k"], energies: Float[Array, " k"]) -> Pch
 
 def _plan(problem: PlanningProblem, options: SolveOptions, curve: Sequence[Look] | None) -> Leg:
     """One motion, planned until it stays within its torque at any slower pace."""
+    began = processor_seconds()
     duration = float(problem.durations.sum())
     known = None
     if curve is not None:
@@ -215,17 +325,20 @@ def _plan(problem: PlanningProblem, options: SolveOptions, curve: Sequence[Look]
             known = look_at(problem, duration, nearest, ledger).candidate
     task = problem
     for _ in range(TURNS):
-        result = solve(task, options, known=known)
+        result = solve(task, options, known=known, spent=processor_seconds() - began)
         share = slowed_torque_share(problem, result)
         if share is None or share <= 1.0:
             break
         lower = task.limits.torque / (share * LOWER)
-        task, known = replace(task, limits=replace(task.limits, torque=lower)), None
+        task = replace(task, limits=replace(task.limits, torque=lower))
+        known = None
     return Leg(result, share)
 
 
 def slowed_torque_share(problem: PlanningProblem, result: PlanResult) -> float | None:
-    """Largest torque as a share of its limit at a plan's own and any slower pace; None without a plan.
+    """Largest torque as a share of its limit at a plan's own and any slower pace.
+
+    None without a plan.
 
     At a share r of the pace the speed is r and the acceleration r² of what it was: less push, but
     no less weight.

@@ -85,14 +85,20 @@ def solve_free_duration(
     return replace(result, standby=standby, energy_curve=rows, history=tuple(history), bound=None, notes=notes)
 
 
-def energy_curve(problem: PlanningProblem, options: SolveOptions) -> list[Look]:
-    """Least energy over duration, the shortest first; empty where no motion was found."""
+def energy_curve(problem: PlanningProblem, options: SolveOptions, part: float = SHARE) -> list[Look]:
+    """Least energy over duration, the shortest first; empty where no motion was found.
+
+    Args:
+        problem: The task, its longest duration given.
+        options: How.
+        part: The share of their seconds that it may take.
+    """
     assert problem.longest is not None
     shortest = BEGIN * shortest_duration(problem)
     longest = min(problem.longest, LONGEST * shortest)
     if shortest <= 0.0 or longest < shortest or find_obstruction(lasting(problem, longest)):
         return []
-    seconds = SHARE * options.budget[1]
+    seconds = part * options.budget[1]
     rng, ledger = np.random.default_rng(options.seed), Ledger(options.budget[0], seconds)
     middle = float(np.sqrt(shortest * longest))
     first = None

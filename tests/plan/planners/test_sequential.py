@@ -13,7 +13,7 @@ from plan.planners import local_model, subproblem, velocity_reversals
 from plan.planners.descent import begin, choose_parts, count_finer, descend
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
-from plan.planners.sequential import Sequential, begin_course
+from plan.planners.sequential import POLISHED, Sequential, begin_course
 from plan.planners.subproblem import ConstraintRows, solve_step
 from plan.planners.transcription import Grid
 from plan.problem.problem import PlanningProblem
@@ -255,3 +255,23 @@ def test_first_step_is_taken_from_the_start() -> None:
     assert begin(course.local, course.x).look.cost == course.look.cost
     points = course.local.splines(course.x).at(np.linspace(0.0, 1.0, 50))[0]
     assert points == pytest.approx(task.decode(task.initial).at(np.linspace(0.0, 1.0, 50))[0], abs=1e-9)
+
+
+@pytest.mark.parametrize("kept_back", [0.0, 1.0])
+def test_polishing_never_costs_more(kept_back: float) -> None:
+    """Law: the best motion only falls; where nobody asked for seconds nothing is polished."""
+    rough = Sequential(starts=1, first=6, kept=(1,), levels=0)
+    best = rough.run([problem(duration=1.0)], ledger(), np.random.default_rng(0)).best
+    assert best is not None
+    own = ledger(seconds=20.0, kept_back=kept_back)
+    own.offer(best)
+    Sequential()._polish(own)
+    assert own.best is not None
+    assert own.best.feasible
+    if kept_back == 0.0:
+        assert own.evaluations == 0
+        return
+    assert own.best.cost < best.cost
+    polished = own.best
+    Sequential()._polish(own)
+    assert own.best.cost >= polished.cost * (1.0 - 2.0 * POLISHED)

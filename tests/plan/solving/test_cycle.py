@@ -10,6 +10,7 @@ import pytest
 from ident.errors import InputError
 from plan.api.cycles import cycle
 from plan.command_options import SolveOptions
+from plan.problem.cycle_result import Leg
 from plan.problem.task_file import Task, load_task
 from plan.solving.cycle import PACES, PLACES, share_duration, solve_cycle, split_cycle
 from plan.solving.free_duration import Look
@@ -185,3 +186,33 @@ def test_a_cycle_is_no_single_motion_and_a_motion_no_cycle(tmp_path: Path) -> No
         open_task(task)
     with pytest.raises(InputError, match="plan solve"):
         split_cycle(replace(task, stops=()), None, QUICK)
+
+
+def test_sharing_out_anew_never_costs_more_and_keeps_the_seconds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: what is shared out on the motions' own curves is taken only where the whole costs less.
+
+    No motion gets more of the seconds than what is left, whatever those before it took.
+    """
+    from plan.solving import cycle as cycle_module
+
+    task = write(tmp_path)
+    problems = split_cycle(task, None, QUICK)
+    given = []
+    plan_all = cycle_module._plan_all
+
+    def watched(*arguments: object) -> list[Leg]:
+        given.append(arguments[1])
+        return plan_all(*arguments)
+
+    monkeypatch.setattr(cycle_module, "_plan_all", watched)
+    anew = solve_cycle(task, problems, ENOUGH)
+    rounds = len(given)
+    monkeypatch.setattr(cycle_module, "_promises_more", lambda *_: False)
+    once = solve_cycle(task, problems, ENOUGH)
+    assert once.solved
+    assert anew.energy <= once.energy * (1.0 + 1e-9)
+    assert rounds >= 1
+    spent = solve_cycle(task, problems, replace(ENOUGH, seconds=5.0), spent=5.0)
+    assert sum(leg.plan.evaluations for leg in spent.legs) < sum(leg.plan.evaluations for leg in once.legs)
