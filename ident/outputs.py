@@ -74,6 +74,13 @@ def begin_folder(folder: Path, kind: str) -> None:
         raise unwritable(folder, error) from None
 
 
+def end_if_empty(folder: Path) -> None:
+    """Takes away a folder that `begin_folder` made, where nothing was written into it."""
+    if [entry.name for entry in folder.iterdir()] == [MARKER]:
+        (folder / MARKER).unlink()
+        folder.rmdir()
+
+
 def is_begun(folder: Path, kind: str) -> bool:
     """Whether `begin_folder` made this folder."""
     return folder.is_dir() and not folder.is_symlink() and _read_marker(folder).get("kind") == kind
@@ -199,7 +206,9 @@ def check_outputs(
     whole = {option: (path, kind) for option, (path, kind) in (folders or {}).items() if path is not None}
     single = {option: path for option, path in (files or {}).items() if path is not None and path != STANDARD_OUTPUT}
     places = {**{option: path for option, (path, _) in whole.items()}, **single}
-    read = [Path(entry) for entry in inputs if entry is not None and _exists(Path(entry))]
+    # A folder that is filled step by step need not be there yet; a name of a robot is no path.
+    named = [entry for entry in inputs if entry is not None]
+    read = [Path(entry) for entry in named if isinstance(entry, Path) or _exists(Path(entry))]
     for option, path in places.items():
         for entry in read:
             if _real(path) == _real(entry) or (option in whole and _real(entry).is_relative_to(_real(path))):

@@ -29,7 +29,7 @@ EXTRA_OF = {
     "tornado": "open",
     **dict.fromkeys(("onnx", "onnxruntime"), "onnx"),
     **dict.fromkeys(("pxr", "newton_usd_schemas"), "usd"),
-    **dict.fromkeys(("joblib", "distributed", "pydantic", "typing_extensions"), "monitor"),
+    **dict.fromkeys(("joblib", "dask", "distributed", "pydantic", "typing_extensions"), "monitor"),
 }
 # Exit statuses; 0 is done, whatever the verdict, and 1 our own fault. The user's input is at fault: one line says what,
 # and the remedy. `ident verify`: a limit is not kept. The system's own faults, a full disk or memory (sysexits.h:

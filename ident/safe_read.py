@@ -29,6 +29,8 @@ LONG_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+
 # Prefixes of elements' and attributes' names, and the first element.
 PREFIX = re.compile(r'<(\w[\w.-]*+):\w|\s(\w[\w.-]*+):[\w.-]++\s*+=\s*+["\']')
 ROOT_TAG = re.compile(r"<[A-Za-z_][^\s/>]*+")
+# Halves of a character, which JSON can write and no file can hold.
+HALF = re.compile("[\ud800-\udfff]")
 # Beyond these no number of an arm lies; integers beyond become infinite or raise errors in arithmetic.
 LARGEST_INTEGER = 2**63
 # No figure of an arm in SI units lies beyond; its square and its cube can still be reckoned with.
@@ -79,8 +81,8 @@ def read_json(path: Path, remedy: str, error: type[InputError] = InputError) -> 
     """The object in a JSON file.
 
     Raises:
-        InputError: As `read_text`; or not JSON, no object, too deep, with a key twice, with integers
-            beyond 64 bit or other numbers beyond double precision.
+        InputError: As `read_text`; or not JSON, no object, too deep, with a key twice, half of a character,
+            integers beyond 64 bit or other numbers beyond double precision.
     """
     return parse_json(read_text(path, remedy, error), path, remedy, error)
 
@@ -248,9 +250,12 @@ def _look_through(record: object, allows_infinite: bool = False) -> None:
         if depth > DEEPEST:
             raise ValueError(f"more than {DEEPEST} levels deep")
         if isinstance(value, dict):
-            waiting += [(one, depth + 1) for one in value.values()]
+            waiting += [(name, depth) for name in value]
+            waiting += [(inner, depth + 1) for inner in value.values()]
         elif isinstance(value, list):
             waiting += [(one, depth + 1) for one in value]
+        elif isinstance(value, str) and HALF.search(value):
+            raise ValueError("half of a character in a text")
         elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
             raise ValueError("an integer of more than 64 bit")
         elif isinstance(value, float) and math.isinf(value) and not allows_infinite:

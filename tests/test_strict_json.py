@@ -95,6 +95,8 @@ def test_a_figure_is_a_number_of_this_world() -> None:
         ('{"a": 1e999}', "beyond double precision"),
         ('{"a": [-1e400]}', "beyond double precision"),
         ('{"a": 123456789012345678901234}', "more than 64 bit"),
+        ('{"a": "\\ud800"}', "half of a character"),
+        ('{"a": [{"\\udfff x": 1}]}', "half of a character"),
     ],
 )
 def test_json_that_two_readers_would_read_otherwise_is_refused(text: str, words: str, tmp_path: Path) -> None:

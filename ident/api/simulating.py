@@ -14,7 +14,7 @@ from ident.closed_loop.recorder import CommandRecorder
 from ident.closed_loop.result import Closing, close_simulated, keep
 from ident.command_options import CloseOptions, SimulateOptions
 from ident.errors import InputError
-from ident.outputs import begin_folder
+from ident.outputs import begin_folder, end_if_empty
 from ident.progress import stage, step
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
@@ -81,9 +81,27 @@ def close(
     chosen = CloseOptions.of("close", options)
     folder = Path(out)
     begin_folder(folder, CLOSE_KIND)
+    try:
+        loops = _close_arms(robot, folder, chosen, say)
+    except InputError:
+        end_if_empty(folder)
+        raise
+    settings = {
+        "robot": str(getattr(robot, "name", robot)),
+        "arms": chosen.arms,
+        "seed": chosen.seed,
+        "rounds": chosen.rounds,
+    }
+    result = Closing(tuple(loops)).with_provenance(Provenance("ident close", settings=settings))
+    result.save(folder / "close.json")
+    return result
+
+
+def _close_arms(
+    robot: Robot, folder: Path, chosen: CloseOptions, say: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    """The record of each arm, one behind a recorder or simulated ones."""
     recorder = chosen.recorder
-    seed = chosen.seed
-    rounds = chosen.rounds
     if recorder is not None:
         arm = load_robot(robot, ())
         who = (
@@ -91,36 +109,26 @@ def close(
             if isinstance(recorder, str)
             else recorder
         )
-        loop = close_gap(arm, who, seed, rounds, say)
-        loops = [keep(loop, arm, folder / "arm_00")]
-    else:
-        if not isinstance(robot, str | Path):
-            raise InputError(
-                "robot", "an arm in memory can't be simulated", "give its URDF's path, or its name"
-            )
-        for effect in chosen.effects or ():
-            parse_effect(effect)  # before anything is simulated
-        loops = [
-            close_simulated(
-                str(robot),
-                seed + k,
-                folder / f"arm_{k:02d}",
-                rounds,
-                chosen.effects,
-                chosen.compared,
-                say,
-            )
-            for k in range(chosen.arms)
-        ]
-    settings = {
-        "robot": str(getattr(robot, "name", robot)),
-        "arms": chosen.arms,
-        "seed": seed,
-        "rounds": rounds,
-    }
-    result = Closing(tuple(loops)).with_provenance(Provenance("ident close", settings=settings))
-    result.save(folder / "close.json")
-    return result
+        loop = close_gap(arm, who, chosen.seed, chosen.rounds, say)
+        return [keep(loop, arm, folder / "arm_00")]
+    if not isinstance(robot, str | Path):
+        raise InputError(
+            "robot", "an arm in memory can't be simulated", "give its URDF's path, or its name"
+        )
+    for effect in chosen.effects or ():
+        parse_effect(effect)  # before anything is simulated
+    return [
+        close_simulated(
+            str(robot),
+            chosen.seed + number,
+            folder / f"arm_{number:02d}",
+            chosen.rounds,
+            chosen.effects,
+            chosen.compared,
+            say,
+        )
+        for number in range(chosen.arms)
+    ]
 
 
 def simulate(*effects: str, out: str | Path | None = None, **options: Any) -> Session:

@@ -167,7 +167,8 @@ def roll_run(model: LoadedModel, motion: Motion, count: int, horizon: float = WI
         count: The most windows.
         horizon: Their length [s].
     """
-    length = max(2, round(horizon / motion.interval))
+    samples = min(horizon / motion.interval, len(motion.time))  # a longer window fits no run
+    length = max(2, round(samples))
     starts = np.zeros(0, dtype=int)
     if len(motion.time) >= 3 * length:
         starts = np.unique(np.linspace(length, len(motion.time) - 2 * length, count).astype(int))
