@@ -13,8 +13,8 @@ standard error of that fall, and does not surely make the work worse: a veto of 
 standard error cost torque on most of eight real arms. What is to come is between more of the same
 motion, which blocks left out foretell, and another motion, which whole runs left out foretell: the
 share that counts is the mean of the two that each of them asks for, and no more than whole runs
-bear. On twelve real arms, three splits each, 10 of 237 joints got worse by more than half a per
-cent on runs that nobody saw, by 10 % at most; in none of the 10 did runs left out say so. Without
+bear. On twelve real arms, three splits each, 11 of 237 joints got worse by more than half a per
+cent on runs that nobody saw, by 10 % at most; in none of the 11 did runs left out say so. Without
 that bound it is 16, in nine of which they did, and 1 % less torque is left over all (geometric
 mean); by runs alone 8, with 2.5 % more. A net needs whole runs for its gate, since it
 makes up torques where it never was; trees do not.
