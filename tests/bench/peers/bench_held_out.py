@@ -1,6 +1,6 @@
 """Held-out torque on twelve real arms: `ident fit` without and with its net, plain least squares, boosted trees.
 
-    python -m tests.bench.peers.bench_held_out [--only UR10e,xMate] [--programs fit,trees] [--splits 1] [--out TABLE.json]
+    python -m tests.bench.peers.bench_held_out [--only UR10e,xMate] [--programs fit,trees] [--splits 1] [--out FILE]
 
 Every program gets the same neutral motions (see `held_out_sets`) and foretells the torque of the held-out ones. Torque
 passes through one zero-phase filter and is scored where the joint moves: the root of the mean over joints of the mean
