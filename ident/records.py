@@ -13,6 +13,7 @@ import sys
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
@@ -108,11 +109,19 @@ class Settings(Numbers):
     def __init_subclass__(cls, table: str = "", module: str = "") -> None:
         if table:
             path = Path(module or sys.modules[cls.__module__].__file__ or "")
-            rows = tomllib.loads(path.with_name("settings.toml").read_text(encoding="utf-8"))[table]
+            rows = read_tables(path.with_name("settings.toml"))[table]
             for name, row in rows.items():
-                setattr(cls, name, number(tuple(v) if isinstance(v := row.pop("value"), list) else v, **row))
+                value = row["value"]
+                facts = {key: row[key] for key in row if key != "value"}
+                setattr(cls, name, number(tuple(value) if isinstance(value, list) else value, **facts))
             cls.__annotations__ = dict.fromkeys(rows, Any) | vars(cls).get("__annotations__", {})
             dataclass(frozen=True)(cls)
+
+
+@cache
+def read_tables(path: Path) -> Mapping[str, Any]:
+    """The tables of a file of settings, read once for all classes that have theirs there."""
+    return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def read_group(module: str, table: str) -> Any:

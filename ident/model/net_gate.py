@@ -109,8 +109,7 @@ def shrink_between(
 
     Blocks speak for more of the same motion, runs for another one. A joint that `shrink_bounded`
     gives a share by blocks keeps the mean of that and of the share that leaves least torque error
-    of runs, but no more than leaves as much of them as no share does. Of a single run blocks alone
-    speak.
+    of runs. Of a single run blocks alone speak.
 
     Args:
         by_block: Torque by what did not see the sample's block [N m].
@@ -121,8 +120,7 @@ def shrink_between(
         return gate
     by_blocks = np.array([verdict.weight for verdict in gate])
     mean = 0.5 * (by_blocks + _best_share(by_run, left, moving))
-    most = np.minimum(mean, _largest_share(by_run, left, moving))
-    weight = np.where(by_blocks > 0.0, most, 0.0)
+    weight = np.where(by_blocks > 0.0, mean, 0.0)
     return _Rows(by_block, left, moving, travel, witness, run).verdicts(weight)
 
 
@@ -137,19 +135,6 @@ def _best_share(
         best = np.where(squares < least, share, best)
         least = np.minimum(squares, least)
     return best
-
-
-def _largest_share(
-    predicted: Float[Array, "T n"], left: Float[Array, "T n"], moving: Bool[Array, "T n"]
-) -> Float[Array, " n"]:
-    """The share of each joint at which squares have come back to what they are without.
-
-    Σ (y − s p)² = Σ y² at s = 2 Σ p y / Σ p²; no bound where nothing is predicted.
-    """
-    common = np.where(moving, predicted * left, 0.0).sum(axis=0)
-    power = np.where(moving, predicted**2, 0.0).sum(axis=0)
-    share = 2.0 * common / np.maximum(power, np.finfo(float).tiny)
-    return np.where(power > 0.0, np.maximum(share, 0.0), np.inf)
 
 
 def _surely(witness: Int[Array, " T"]) -> float:

@@ -1,6 +1,6 @@
 """Held-out torque on twelve real arms: `ident fit` without and with its net, plain least squares, boosted trees.
 
-    python -m tests.bench.peers.bench_held_out [--only UR10e,xMate] [--without trees] [--out TABLE.json]
+    python -m tests.bench.peers.bench_held_out [--only UR10e,xMate] [--programs fit,trees] [--splits 1] [--out FILE]
 
 Every program gets the same neutral motions (see `held_out_sets`) and foretells the torque of the held-out ones. Torque
 passes through one zero-phase filter and is scored where the joint moves: the root of the mean over joints of the mean
@@ -21,6 +21,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from ident.fitting.fit import fit_hybrid
 from ident.model.inertia import BaseParameters, base_parameters
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
-from tests.bench.peers.held_out_sets import HeldOutSet, read_sets
+from tests.bench.peers.held_out_sets import SPLITS, HeldOutSet, read_sets
 
 # What counts as motion [rad/s].
 MOVING_RAD_S = 0.02
@@ -188,10 +189,10 @@ class Row:
     seconds: float  # processor time
 
 
-def measure(recorded: HeldOutSet, names: Sequence[str]) -> dict[str, list[Row]]:
-    """Every program on each split."""
+def measure(recorded: HeldOutSet, names: Sequence[str], splits: int) -> dict[str, list[Row]]:
+    """Every program on the first splits."""
     rows: dict[str, list[Row]] = {name: [] for name in names}
-    for train, test in recorded.splits():
+    for train, test in islice(recorded.splits(), splits):
         without_net = np.full(recorded.arm.n, np.nan)
         for name in names:
             start = time.process_time()
@@ -209,14 +210,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", help="names of sets, with commas")
     parser.add_argument("--programs", default=",".join(PROGRAMS), help="programs, with commas")
+    parser.add_argument("--splits", type=int, default=SPLITS, help="how many of the splits")
     parser.add_argument("--out", type=Path, help="JSON of all figures")
     asked = parser.parse_args()
     names = [name for name in asked.programs.split(",") if name]
     folder = Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
     table = {}
-    print(f"{'set':<13}{'program':<13}{'N m, three splits':>26}{'mean':>9}{'J':>9}{'worst joint':>13}{'s':>7}")
+    print(f"{'set':<13}{'program':<13}{'N m, by split':>26}{'mean':>9}{'J':>9}{'worst joint':>13}{'s':>7}")
     for recorded in read_sets(folder, [name for name in asked.only.split(",") if name]):
-        table[recorded.name] = measure(recorded, names)
+        table[recorded.name] = measure(recorded, names, asked.splits)
         for name, rows in table[recorded.name].items():
             print(f"{recorded.name:<13}{name:<13}{describe(rows)}", flush=True)
     if asked.out is not None:

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 # Corner of the filter that all peers look at torque through, ours too [Hz], and what is cut off at a run's ends [s].
 CORNER_HZ, BORDER_S = 10.0, 0.25
@@ -67,6 +66,8 @@ def write_job(folder, facts, runs):
 
 def lowpass(values, rate, corner=CORNER_HZ):
     """Zero-phase Butterworth filter of fourth order."""
+    from scipy.signal import butter, sosfiltfilt  # half a second, and not every program filters
+
     if corner >= 0.45 * rate:
         return values
     return sosfiltfilt(butter(4, corner, fs=rate, output="sos"), values, axis=0)
