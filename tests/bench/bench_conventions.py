@@ -2,7 +2,9 @@
 
 Of each log one to three conventions are changed, in the log or in the URDF. Two readings that explain the same torque
 as well are the same: a turn of joint 1 of an upright arm, the direction of a joint whose links look alike both ways.
-Changes that an oracle, which knows them, does not see in the log are drawn anew.
+Changes that an oracle, which knows them, does not see in the log are drawn anew, and counted by kind. Of a miss the
+oracle is asked whether the log tells the truth from what was found; where it does not, the miss counts as one all the
+same, and is counted apart beside.
 
     python -m tests.bench.bench_conventions FOLDER CASES SEED     # FOLDER: recordings of real arms
     python -m tests.bench.bench_conventions untouched FOLDER SEED # stretches of the same, as they are
@@ -25,7 +27,7 @@ from ident.checks.conventions.readings import Log, Model
 from ident.checks.filtered_run import USUAL_EFFORT
 from tests.bench.conventions.arms import MOST_STATES, Case, load_cases, stretches
 from tests.bench.conventions.changes import KINDS, draw, draw_kinds, spoil
-from tests.bench.conventions.oracle import is_same, is_visible
+from tests.bench.conventions.oracle import is_same, is_told_apart, is_visible
 
 # Cases between two lines that say how far it is.
 TOLD_EVERY = 50
@@ -49,6 +51,10 @@ class Drawn:
     def is_right(self, guess: Hypothesis) -> bool:
         """Whether a guess means what was changed."""
         return is_same(self.thin, self.model, guess, self.truth, self.case.is_sound)
+
+    def is_told_from(self, guess: Hypothesis) -> bool:
+        """Whether the log tells the truth from a guess, by the oracle."""
+        return is_told_apart(self.thin, self.model, self.truth, guess)
 
 
 def drawn_cases(cases: list[Case], rng: np.random.Generator, hidden: Counter[str]) -> Iterator[Drawn]:
@@ -80,8 +86,10 @@ class Tally:
         among = first or (found.second is not None and drawn.is_right(found.second.hypothesis))
         self.surely_wrong += not first and is_changed(found)
         self.surely_right += first and is_changed(found)
+        untold = not first and not drawn.is_told_from(found.best.hypothesis)
         for name in ("all", f"{len(drawn.kinds)} changes", f"arm {drawn.case.group}", *drawn.kinds):
-            self.counts.setdefault(name, Counter()).update(cases=1, first=first, among=among)
+            counts = self.counts.setdefault(name, Counter())
+            counts.update(cases=1, first=first, among=among, untold=untold, untold_missed=untold and not among)
         return first, among
 
     def lines(self) -> Iterator[str]:
@@ -92,7 +100,11 @@ class Tally:
             counts = self.counts.get(name)
             if counts is not None:
                 shares = [counts[key] / counts["cases"] for key in ("first", "among")]
-                yield f"{name:24s} cases {counts['cases']:5d}  first {shares[0]:.3f}  among the two {shares[1]:.3f}"
+                untold = f"not told apart {counts['untold']}, of these not among {counts['untold_missed']}"
+                yield (
+                    f"{name:24s} cases {counts['cases']:5d}  first {shares[0]:.3f}  "
+                    f"among the two {shares[1]:.3f}  {untold}"
+                )
         yield f"processor seconds of a search: median {np.median(self.seconds):.2f}, most {max(self.seconds):.2f}"
         yield f"said to be sure: {self.surely_right} right, {self.surely_wrong} not"
 

@@ -18,6 +18,8 @@ from ident.robot.arm import ArmModel
 
 # What is said of the URDF's masses alone: a factor of all of them may be the effort's unit as well.
 OF_MASSES = frozenset({"body", "masses"})
+# Links that must be alike for their numbers to be placeholders: two are alike in small arms.
+FEWEST_ALIKE = 3
 # Changes that are told by fitted numbers.
 OF_NUMBERS = OF_MASSES | {"mass_factor"}
 
@@ -33,6 +35,7 @@ class Conventions:
     of_urdf: Scored | None = None
     guess: Scored | None = None  # the log as it says, the URDF's masses being guesses
     of_masses: Scored | None = None  # the likeliest that changes the URDF's masses alone
+    has_placeholders: bool = False  # whether the URDF's masses are surely guesses
 
     def led_by(self, reading: Scored) -> Conventions:
         """The same with another reading in the best's place."""
@@ -98,7 +101,18 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     guess = next((scored for scored in ranked if scored.hypothesis.parameters is not None), None)
     of_masses = next((scored for scored in ranked if _changes_masses(scored)), None)
     second = _second(ranked, model.usual_orders)
-    return Conventions(as_it_is, best, second, _part_of_urdf(ranked), guess, of_masses)
+    part = _part_of_urdf(ranked)
+    is_guessed = has_placeholders(model.arm)
+    return Conventions(as_it_is, best, second, part, guess, of_masses, is_guessed)
+
+
+def has_placeholders(arm: ArmModel) -> bool:
+    """Whether all of three or more links have the same mass, centre and inertia.
+
+    An arm grows thinner towards its tip: numbers that nobody looked up are alike.
+    """
+    links = arm.inertial_parameters.reshape(arm.n, -1)
+    return arm.n >= FEWEST_ALIKE and bool(np.allclose(links, links[0]))
 
 
 def _changes_masses(reading: Scored) -> bool:
@@ -144,11 +158,13 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
     so much at least.
 
     Joints that stand are held by friction at a level that nobody knows: those that move must say as
-    much alone. A factor of all masses leaves the log as it is: it only has to be likely.
+    much alone. A factor of all masses leaves the log as it is: it only has to be likely; so do
+    other masses where the URDF's are placeholders.
     """
     changes = found.best.hypothesis.changes
     needed = LIMIT.sure_gain
-    if changes == ("mass_factor",):
+    is_expected = changes == ("masses",) and found.has_placeholders
+    if changes == ("mass_factor",) or is_expected:
         needed = math.log(LIMIT.sure_odds) / DESCRIPTION.observations
     return bool(changes) and found.gain > needed and found.best.explains >= least
 
@@ -161,14 +177,20 @@ def what_is_sure(
 
     A mount that each of the likeliest readings has is sure where what they have beside it is not.
     Guesses explain nearly all that a mount does, with more numbers: the likelier of both is taken.
+    By masses that are surely guesses no convention is sure.
     """
-    for reading in (found.best, found.of_urdf, found.guess):
+    readings = [found.guess]
+    if not found.has_placeholders:
+        readings = [found.best, found.of_urdf, found.guess]
+    for reading in readings:
         if reading is None:
             continue
         candidate = found.led_by(reading)
         if not is_changed(candidate, least):
             continue
-        mount = likelier_mount(found, least) if reading is found.guess else None
+        mount = None
+        if reading is found.guess and not found.has_placeholders:
+            mount = likelier_mount(found, least)
         return candidate if mount is None else mount
     return None
 

@@ -54,7 +54,7 @@ def gravity_of(hypothesis: Hypothesis, model: Model) -> Float[Array, " 3"]:
 
 def arm_of(hypothesis: Hypothesis, model: Model) -> ArmModel:
     """The arm under a hypothesis's gravity, with its own links where the URDF's are guesses."""
-    arm = model.arm.with_gravity(gravity_of(hypothesis, model))
+    arm = model.under(gravity_of(hypothesis, model))
     if hypothesis.parameters is None:
         return arm
     return arm.with_inertial_parameters(np.array(hypothesis.parameters))
@@ -107,6 +107,36 @@ def read_as(log: Log, model: Model, hypothesis: Hypothesis) -> Reading:
     return Reading(left[..., 0], left[..., 1], left[..., 2:], variance)
 
 
+class Products(NamedTuple):
+    """Inner products of a reading's torques, by joint: sizes and bodies follow from them alone.
+
+    Parts are the rigid torque, then what a body's mass and first moment add to it.
+    """
+
+    torque: Float[Array, " n"]  # mean square of the recorded torque
+    along: Float[Array, "n 5"]  # of the recorded torque with each part
+    parts: Float[Array, "n 5 5"]  # of the parts with one another
+    variance: Float[Array, " n"]  # of the recorded torque before friction was projected out
+
+
+def products_of(reading: Reading) -> Products:
+    """The inner products of a reading's torques."""
+    parts = np.concatenate([reading.rigid[..., None], reading.body], axis=-1)
+    samples = parts.shape[1]
+    transposed = parts.transpose(0, 2, 1)
+    return Products(
+        (reading.tau**2).mean(axis=1),
+        (transposed @ reading.tau[..., None])[..., 0] / samples,
+        transposed @ parts / samples,
+        np.maximum(reading.variance, 1e-300),
+    )
+
+
+def amounts(factor: float, body: Float[Array, " 4"] | None = None) -> Float[Array, " 5"]:
+    """How much of each part a torque has: a factor of all masses, and a body."""
+    return np.concatenate([[factor], np.zeros(BODY_PARAMETERS) if body is None else body])
+
+
 class SizedTorque(NamedTuple):
     """What each joint costs with a rigid torque, its size chosen."""
 
@@ -117,18 +147,16 @@ class SizedTorque(NamedTuple):
     other_unit: Bool[Array, " n"]  # whether the size is another unit's
 
 
-def cost_at(reading: Reading, rigid: Float[Array, "n T"]) -> SizedTorque:
-    """What each joint costs with a rigid torque (see `readings.unexplained`)."""
-    square = np.maximum((rigid**2).mean(axis=1), 1e-12)
-    along = (reading.tau * rigid).mean(axis=1)
-    own = (reading.tau**2).mean(axis=1)
+def cost_with(products: Products, amount: Float[Array, " 5"]) -> SizedTorque:
+    """What each joint costs with so much of each part (see `readings.unexplained`)."""
+    square = np.maximum((products.parts @ amount) @ amount, 1e-12)
+    along = products.along @ amount
+    own = products.torque
     free = along / square
     best = np.clip(free, 1.0 / READING.most_size, READING.most_size)
     tried = best[None] ** np.array(READING.shares)[:, None]
-    left = np.maximum(own - 2.0 * tried * along + tried**2 * square, 0.0) / np.maximum(
-        reading.variance, 1e-300
-    )
-    explained = np.log(left + READING.floor)
+    rest = np.maximum(own - 2.0 * tried * along + tried**2 * square, 0.0)
+    explained = np.log(rest / products.variance + READING.floor)
     cost = explained + size_price(np.log(tried))
     chosen = np.argmin(cost, axis=0)
     joints = np.arange(len(best))
@@ -142,23 +170,23 @@ def cost_at(reading: Reading, rigid: Float[Array, "n T"]) -> SizedTorque:
     )
 
 
-def free_sizes(reading: Reading) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+def free_sizes(products: Products) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Logarithm of each joint's size over the model's, and its variance; infinite where nothing
     tells it.
     """
-    square = (reading.rigid**2).mean(axis=1)
-    along = (reading.tau * reading.rigid).mean(axis=1)
-    size = along / np.maximum(square, 1e-12)
-    left = np.maximum((reading.tau**2).mean(axis=1) - size * along, 0.0)
+    square = np.maximum(products.parts[:, 0, 0], 1e-12)
+    along = products.along[:, 0]
+    size = along / square
+    left = np.maximum(products.torque - size * along, 0.0)
     # States follow one another: a few are independent.
-    error = left / np.maximum(square, 1e-12) / LIMIT.independent
+    error = left / square / LIMIT.independent
     told = (size > 0.0) & (along > 0.0)
     return np.log(np.where(told, size, 1.0)), np.where(
         told, error / np.maximum(size, 1e-12) ** 2, np.inf
     )
 
 
-def common_factor(reading: Reading) -> tuple[float, float]:
+def common_factor(products: Products) -> tuple[float, float]:
     """The factor by which all joints' torques are off together, and what their agreeing on it says
     for it [nats].
 
@@ -170,7 +198,7 @@ def common_factor(reading: Reading) -> tuple[float, float]:
 
     Both centres are asked. A joint in another unit than the others is none of them.
     """
-    logs, variance = free_sizes(reading)
+    logs, variance = free_sizes(products)
     usual = float(DESCRIPTION.size_spread)
     telling_joints = usual**2 / (usual**2 + variance)
     weight = 1.0 / (LIMIT.scatter**2 + variance)
@@ -209,39 +237,33 @@ def _spread_around(
     return float(np.clip(np.sqrt(max(mean, 0.0)), lowest, highest))
 
 
-def end_body(reading: Reading, factor: float | None = None) -> tuple[float, Float[Array, " 4"]]:
+def end_body(products: Products, factor: float | None = None) -> Float[Array, " 5"]:
     """Factor of all masses, and mass and first moment at the last link that the torques ask for
     beside the model's.
 
     Each joint counts by what it leaves.
 
     Args:
-        reading: A log, and the URDF's torque.
+        products: A log's, and the URDF's torque.
         factor: Of all masses, where it is known.
     """
-    size_of_all = 1.0 if factor is None else factor
-    body = np.zeros(BODY_PARAMETERS)
+    is_given = factor is not None
+    amount = amounts(1.0 if factor is None else factor)
+    asked = slice(1, None) if is_given else slice(None)
     for _ in range(LIMIT.rounds):
-        fit = cost_at(reading, size_of_all * reading.rigid + reading.body @ body)
+        fit = cost_with(products, amount)
         # A joint in another unit tells nothing of a mass in kilograms.
-        weight = np.where(fit.other_unit, 0.0, np.exp(-fit.costs)) / np.maximum(
-            reading.variance, 1e-300
-        )
-        if factor is None:
-            table = np.concatenate([reading.body, reading.rigid[..., None]], axis=-1)
-            rest = reading.tau
-        else:
-            table = reading.body
-            rest = reading.tau - factor * reading.rigid
-        normal = np.einsum("j,jtp,jtq->pq", weight, table, table)
-        target = np.einsum("j,jtp,jt->p", weight, table, rest)
-        size = np.sqrt(np.maximum(np.diagonal(normal), 1e-300))
-        scaled = normal / (size[:, None] * size[None, :]) + LIMIT.ridge * np.eye(len(size))
-        estimate = np.linalg.solve(scaled, target / size) / size
-        body = np.asarray(estimate[:BODY_PARAMETERS])
-        if factor is None:
-            size_of_all = float(np.clip(estimate[-1], 1.0 / READING.most_size, READING.most_size))
-    return size_of_all, body
+        weight = np.where(fit.other_unit, 0.0, np.exp(-fit.costs)) / products.variance
+        normal = np.tensordot(weight, products.parts, axes=1)
+        target = weight @ products.along
+        if is_given:
+            target = target - amount[0] * normal[0]
+        size = np.sqrt(np.maximum(np.diagonal(normal), 1e-300))[asked]
+        scaled = normal[asked, asked] / (size[:, None] * size[None, :])
+        scaled = scaled + LIMIT.ridge * np.eye(len(size))
+        amount[asked] = np.linalg.solve(scaled, target[asked] / size) / size
+        amount[0] = np.clip(amount[0], 1.0 / READING.most_size, READING.most_size)
+    return amount
 
 
 class Variant(NamedTuple):
@@ -259,24 +281,22 @@ def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[Variant
     Efforts of single joints in another unit are told with each of them, where they explain more
     than they cost.
     """
-    reading = read_as(log, model, replace(hypothesis, mass_factor=1.0))
-    yield from _variants(hypothesis, cost_at(reading, reading.rigid))
-    factor, agreement = common_factor(reading)
+    products = products_of(read_as(log, model, replace(hypothesis, mass_factor=1.0)))
+    yield from _variants(hypothesis, cost_with(products, amounts(1.0)))
+    factor, agreement = common_factor(products)
     if is_unusual(factor):
-        scaled = cost_at(reading, factor * reading.rigid)
+        scaled = cost_with(products, amounts(factor))
         yield from _variants(
             replace(hypothesis, mass_factor=factor), scaled, -agreement / DESCRIPTION.observations
         )
     for given in (1.0, None):
-        size, body = end_body(reading, given)
+        amount = end_body(products, given)
+        size, mass, x, y, z = (float(value) for value in amount)
         if given is None and not is_unusual(size):
             continue
-        mass, x, y, z = (float(value) for value in body)
         with_body = replace(hypothesis, mass_factor=size, body=(mass, x, y, z))
-        heavy = load_price(abs(mass) / (size * float(model.arm.inertial_parameters[::10].sum())))
-        yield from _variants(
-            with_body, cost_at(reading, size * reading.rigid + reading.body @ body), heavy
-        )
+        heavy = load_price(abs(mass) / (size * model.mass))
+        yield from _variants(with_body, cost_with(products, amount), heavy)
 
 
 def is_unusual(factor: float) -> bool:
@@ -322,8 +342,7 @@ def guessed_masses(log: Log, model: Model) -> Variant | None:
         change, told = _least_change(normal, wanted)
         share = ((target - columns @ change) ** 2).mean(axis=1) / variance + READING.floor
     guess = replace(plain, parameters=tuple((nominal + change).tolist()))
-    reading = read_as(log, model, guess)
-    fit = cost_at(reading, reading.rigid)
+    fit = cost_with(products_of(read_as(log, model, guess)), amounts(1.0))
     length = 0.5 * told * np.log(LIMIT.independent)
     return Variant(guess, fit.plain_costs, fit.plain_sizes, length / DESCRIPTION.observations)
 

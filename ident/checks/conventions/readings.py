@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +67,7 @@ class Sums(NamedTuple):
         Array, "k n 3 m"
     ]  # coefficient of Coulomb and viscous friction and of the rotor, by column
     spread: Float[Array, "k n 3"]  # variance of each coefficient for a residual of variance one
-    variance: Float[Array, " n"]  # of each column of effort
+    variance: Float[Array, " n"]  # of each column of effort; of own ones shape (k, n, 1, 1)
     beyond: Float[
         Array, " k"
     ]  # whether joints leave their limits, and how many another unit leaves without motion
@@ -81,6 +82,19 @@ class Model:
         self.sliding = np.asarray(arm.sliding_joints)
         self._free = arm.with_gravity(np.zeros(3))
         self._along = [arm.with_gravity(axis) for axis in AXES]
+        self._under: dict[bytes, ArmModel] = {}
+
+    def under(self, gravity: Float[Array, " 3"]) -> ArmModel:
+        """The arm under a gravity in the base's frame [m/s²]; made once."""
+        key = np.asarray(gravity, dtype=float).tobytes()
+        if key not in self._under:
+            self._under[key] = self.arm.with_gravity(gravity)
+        return self._under[key]
+
+    @cached_property
+    def mass(self) -> float:
+        """Of the moving links [kg]."""
+        return float(self.arm.inertial_parameters[::10].sum())
 
     @property
     def usual_orders(self) -> tuple[tuple[int, ...], ...]:
@@ -155,6 +169,23 @@ def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
     )
 
 
+def own_columns(sums: Sums, columns: Array) -> Sums:
+    """The same of each joint's own column of effort alone.
+
+    Args:
+        sums: Of k readings of the motion.
+        columns: Column of effort of each joint, by reading, shape (k, n).
+    """
+    count, n = columns.shape
+    wanted = np.broadcast_to(np.arange(5), (count, n, 5)).copy()
+    wanted[..., 4] = 4 + columns
+    rows = np.take_along_axis(sums.left, wanted[..., :, None], axis=2)
+    left = np.take_along_axis(rows, wanted[..., None, :], axis=3)
+    friction = np.take_along_axis(sums.friction, wanted[..., None, :], axis=3)
+    variance = sums.variance[columns][:, :, None, None]
+    return Sums(left, friction, sums.spread, variance, sums.beyond)
+
+
 def unexplained(
     sums: Sums, gravity: Float[Array, "k g 3"], size: Float[Array, "k g"]
 ) -> tuple[Float[Array, "k n g n 2"], Float[Array, "k n g n 2"]]:
@@ -177,11 +208,10 @@ def unexplained(
         [gravity, np.ones_like(gravity[..., :1])], axis=-1
     )  # of the rigid torque's columns
     rigid, mixed = sums.left[:, :, :4, :4], sums.left[:, :, :4, 4:]
-    square = np.einsum("kgi,knij,kgj->kng", vectors, rigid, vectors)[..., None]
-    square = np.maximum(square, 1e-12)
-    along = np.einsum("kgi,knit->kngt", vectors, mixed)
+    along = vectors[:, None] @ mixed
+    square = np.maximum(_squares(vectors, rigid), 1e-12)[..., None]
     own = np.diagonal(sums.left[:, :, 4:, 4:], axis1=2, axis2=3)[:, :, None, :]
-    by_rigid = np.einsum("kgi,knci->kngc", vectors, sums.friction[..., :4])
+    by_rigid = vectors[:, None] @ sums.friction[..., :4].swapaxes(-1, -2)
     by_effort = sums.friction[..., 4:].transpose(0, 1, 3, 2)[:, :, None]  # k n 1 t 3
     variance = np.maximum(sums.variance, 1e-300)
     costs, sizes = [], []
@@ -201,6 +231,13 @@ def unexplained(
         costs.append(np.take_along_axis(cost, chosen, axis=0)[0])
         sizes.append(np.take_along_axis(tried, chosen, axis=0)[0])
     return np.stack(costs, axis=-1), np.stack(sizes, axis=-1)
+
+
+def _squares(
+    vectors: Float[Array, "k g 4"], rigid: Float[Array, "k n 4 4"]
+) -> Float[Array, "k n g"]:
+    """Mean square of the rigid torque under each gravity, by joint."""
+    return np.asarray(((vectors[:, None] @ rigid) * vectors[:, None]).sum(axis=-1))
 
 
 def is_told(size: Array, own: Array, square: Array) -> Bool[Array, ...]:
@@ -231,8 +268,8 @@ def common_size(sums: Sums, gravity: Float[Array, "k g 3"], columns: Array) -> F
         columns: Column of effort of each joint, by reading, shape (k, n).
     """
     vectors = np.concatenate([gravity, np.ones_like(gravity[..., :1])], axis=-1)
-    square = np.einsum("kgi,knij,kgj->kng", vectors, sums.left[:, :, :4, :4], vectors)
-    along = np.einsum("kgi,knit->kngt", vectors, sums.left[:, :, :4, 4:])
+    square = _squares(vectors, sums.left[:, :, :4, :4])
+    along = vectors[:, None] @ sums.left[:, :, :4, 4:]
     own = np.diagonal(sums.left[:, :, 4:, 4:], axis1=2, axis2=3)
     along = np.take_along_axis(along, columns[:, :, None, None], axis=-1)[..., 0]
     own = np.take_along_axis(own, columns[:, :, None], axis=-1)

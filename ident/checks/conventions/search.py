@@ -13,22 +13,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from ident.arrays import Array, Float
 from ident.checks.conventions.description import (
     BODY_PARAMETERS,
-    DESCRIPTION,
-    KIND,
-    MASSES,
-    column_length,
-    gravity_length,
     price,
-    sign_lengths,
-    sizes_told_apart,
 )
 from ident.checks.conventions.hypothesis import COMPENSATED, GEARS, UNITS, Hypothesis
 from ident.checks.conventions.masses import Variant, guessed_masses, variants
@@ -37,22 +29,21 @@ from ident.checks.conventions.readings import (
     Log,
     Model,
     Sums,
-    common_size,
     evidence_of_columns,
     likeliest_gravity,
     moving,
     read,
     telling,
-    unexplained,
 )
+from ident.checks.conventions.torques import Columns, Gravities, Torque, Torques
 from ident.records import read_group
 from ident.robot.arm import ArmModel
 
 LIMIT = read_group(__file__, "search")
 
 GRAVITY = 9.81
-# Readings of the torque that are kept of each motion.
-READINGS_OF_MOTION = 2
+# Order or entries of a reading's motion that are changed, and at which joints.
+Place = tuple[tuple[str, tuple[bool, ...]], ...]
 # A reading of the motion, and whether a body is at the arm's end.
 Motion = tuple[tuple[object, ...], bool]
 
@@ -76,16 +67,6 @@ class Scored:
         return float(1.0 - np.exp(min(float(np.mean(self.costs)), 0.0)))
 
 
-class Pick(NamedTuple):
-    """One reading of the torque under a reading of the motion."""
-
-    cost: float  # of all joints, with what it is unlikely
-    factor: int  # 0 for the URDF's masses, 1 for all of them by one factor
-    gravity: int  # place among those that are tried; 0 as stated
-    columns: Array  # of effort, by joint
-    signs: Array  # 1 where a joint's torque has the other sign
-
-
 class Search:
     """Readings of one log, scored as they are asked for; none twice."""
 
@@ -95,18 +76,21 @@ class Search:
         self.coarse = self.log.thinned(LIMIT.screened)
         self.alive = telling(self.log)
         self.moves = moving(self.log)
-        self.weights = evidence_of_columns(self.log)
+        self.columns = Columns(evidence_of_columns(self.log), self.alive)
         self.n = self.log.q.shape[1]
         self.usual_orders = model.usual_orders
         self.after_parallel = model.after_parallel
-        self.gravities, self.vectors = self._gravities()
+        self.gravities = self._gravities()
         # By motion, and whether it was screened with a body: its likeliest readings of the torque.
         self._screened: dict[Motion, list[Scored]] = {}
+        self._least: dict[Motion, float] = {}  # what the likeliest of them costs
+        # What it may cost at most to be looked at closely.
+        self._most: dict[Motion, float] = {}
         self._refined: dict[Hypothesis, Scored] = {}
         self._seen: set[Motion] = set()
         self._expanded: set[Motion] = set()
 
-    def _gravities(self) -> tuple[list[str | tuple[float, float, float]], Float[Array, "g 3"]]:
+    def _gravities(self) -> Gravities:
         """Gravity as stated, along each axis of the base, and none."""
         names: list[str | tuple[float, float, float]] = ["stated"]
         vectors = [self.model.stated]
@@ -118,7 +102,7 @@ class Search:
                 vectors.append(vector)
         names.append(COMPENSATED)
         vectors.append(np.zeros(3))
-        return names, np.array(vectors)
+        return Gravities(names, np.array(vectors))
 
     def run(self) -> list[Scored]:
         """The readings that were looked at closely, the likeliest first.
@@ -139,17 +123,56 @@ class Search:
         while True:
             ranked = self.ranked
             front = self._front(ranked)
-            if not front or len(self._seen) >= LIMIT.most_readings:
+            if not front or not self._has_time:
                 return
             for scored in front:
-                has_body = scored.hypothesis.body is not None
-                self._expanded.add((scored.hypothesis.motion, has_body))
-                # What is one change away is seen beside the body, where there is one.
-                model = (
-                    Model(with_body(self.model.arm, scored.hypothesis)) if has_body else self.model
-                )
-                self.screen(list(self.neighbours(scored.hypothesis)), model, has_body)
+                if self._has_time:
+                    self._expand(scored)
             self.refine(LIMIT.refined)
+            self._settle()
+
+    @property
+    def _has_time(self) -> bool:
+        """Whether more readings of the motion may be tried."""
+        return len(self._seen) < int(LIMIT.most_readings)
+
+    def _expand(self, scored: Scored) -> None:
+        """Screens what is one change away from a reading, and its likeliest changes two by two.
+
+        What is changed is seen beside the body, where there is one.
+        """
+        reading = scored.hypothesis
+        has_body = reading.body is not None
+        model = self._model_with(reading)
+        self._expanded.add((reading.motion, has_body))
+        self.screen([reading], model, has_body)
+        changed = list(self.neighbours(reading))
+        self.screen(changed, model, has_body, reading)
+        likeliest = self._likeliest(reading, changed, has_body)
+        together = [*_pairs(reading, likeliest), *self._of_joints(reading, likeliest)]
+        self.screen(together, model, has_body, reading)
+
+    def _model_with(self, reading: Hypothesis) -> Model:
+        """The robot with the body that a reading has at its end."""
+        if reading.body is None:
+            return self.model
+        return Model(with_body(self.model.arm, reading))
+
+    def _settle(self) -> None:
+        """Asks for the torques of the likeliest reading anew beside its body, as long as it gains.
+
+        Signs, columns and gravity were sought beside another body than the one they ask for.
+        """
+        best = self.ranked[0]
+        while best.hypothesis.body is not None:
+            motion = motion_of(best.hypothesis)
+            sums = read(self.coarse, self._model_with(best.hypothesis), [motion])
+            for scored in next(self._of_torque(sums, [motion])):
+                self._refine(scored.hypothesis)
+            before = best
+            best = self.ranked[0]
+            if best is before:
+                return
 
     @property
     def ranked(self) -> list[Scored]:
@@ -182,9 +205,11 @@ class Search:
         for scored in fresh.values():
             classes.setdefault(self._shared(scored.hypothesis), scored)
         apart = list(classes.values())[: LIMIT.beam]
-        if not self._expanded:
-            plain = Hypothesis.as_it_is(self.n)
-            apart.append(fresh[plain.motion, False])
+        if self._expanded:
+            # What explains nothing leads nowhere, once another explains something.
+            return [scored for scored in apart if scored.explains > 0.0] or apart[:1]
+        plain = Hypothesis.as_it_is(self.n)
+        apart.append(fresh[plain.motion, False])
         return list(dict.fromkeys(apart))
 
     def _shared(self, hypothesis: Hypothesis) -> tuple[object, ...]:
@@ -193,15 +218,53 @@ class Search:
         unit = hypothesis.unit[0] if len(set(hypothesis.unit)) == 1 else ""
         return order, unit
 
+    def _likeliest(
+        self, reading: Hypothesis, changed: Sequence[Hypothesis], has_body: bool
+    ) -> list[Hypothesis]:
+        """The likeliest of a reading's changes, one for each place where it is changed."""
+        likeliest: dict[Place, Hypothesis] = {}
+        for each in sorted(changed, key=lambda each: self._least[each.motion, has_body]):
+            likeliest.setdefault(_place(reading, each), each)
+        likeliest.pop((), None)  # the reading itself
+        return list(likeliest.values())[: LIMIT.paired]
+
+    def _of_joints(
+        self, reading: Hypothesis, likeliest: Sequence[Hypothesis]
+    ) -> Iterator[Hypothesis]:
+        """All directions, zeros and gears together of the joints that are likeliest changed.
+
+        A zero is another one where the axis turns the other way, or the angle is another one.
+        """
+        places = [_place(reading, each) for each in likeliest]
+        joints = [place[0][1].index(True) for place in places if _is_of_one_joint(place)]
+        turning = [j for j in dict.fromkeys(joints) if not self.model.sliding[j]]
+        for j in turning[: LIMIT.joints]:
+            for direction, quarters, gear in product((1, -1), range(4), (1.0, *GEARS)):
+                turned = reading.with_entry("direction", j, direction)
+                yield turned.with_entry("quarters", j, quarters).with_entry("gear", j, gear)
+
     def starts(self) -> list[Hypothesis]:
-        """The log as it is, and what all columns may share: another unit, another usual order."""
+        """The log as it is, and what all columns may share: another unit, another usual order.
+
+        Where single columns travel further than their joints can, those in degrees.
+        """
         plain = Hypothesis.as_it_is(self.n)
         orders = [plain.order, *self.usual_orders]
-        units = ["", *UNITS]
-        return [
-            replace(plain, order=order, unit=(unit,) * self.n)
-            for order, unit in product(orders, units)
-        ]
+        units = [("",) * self.n, *((unit,) * self.n for unit in UNITS), self._units_by_travel()]
+        columns = range(self.n)
+        starts = []
+        for order, unit in product(orders, dict.fromkeys(units)):
+            of_joints = tuple(unit[order[joint]] for joint in columns)
+            starts.append(replace(plain, order=order, unit=of_joints))
+        return starts
+
+    def _units_by_travel(self) -> tuple[str, ...]:
+        """Degrees for columns that travel further than any of the robot's joints can."""
+        limits = self.model.arm.known_limits
+        turning = ~self.model.sliding
+        widest = float(np.max((limits.upper - limits.lower)[turning], initial=0.0))
+        travel = np.ptp(self.log.q, axis=0)
+        return tuple("deg" if far else "" for far in turning & (travel > widest))
 
     def neighbours(self, reading: Hypothesis) -> Iterator[Hypothesis]:
         """Readings of the motion that are one change away."""
@@ -232,9 +295,22 @@ class Search:
                 if share != reading.share[j]:
                     yield reading.with_entry("share", j, share)
 
-    def screen(self, readings: Sequence[Hypothesis], model: Model, has_body: bool) -> None:
+    def screen(
+        self,
+        readings: Sequence[Hypothesis],
+        model: Model,
+        has_body: bool,
+        base: Hypothesis | None = None,
+    ) -> None:
         """Scores some readings of the motion that were not asked for yet, with the likeliest
         readings of the torque.
+
+        Args:
+            readings: Of the motion.
+            model: The robot, with the body where there is one.
+            has_body: Whether there is one.
+            base: What they are changed from: what explains less than half of what its change costs
+                is neither likelier nor a rival, and is not looked at closely.
         """
         motions = dict.fromkeys(motion_of(reading) for reading in readings)
         fresh = [reading for reading in motions if (reading.motion, has_body) not in self._seen]
@@ -243,18 +319,26 @@ class Search:
             return
         sums = read(self.coarse, model, fresh)
         for reading, scored in zip(fresh, self._of_torque(sums, fresh), strict=True):
-            self._screened[reading.motion, has_body] = scored
+            key = reading.motion, has_body
+            self._screened[key] = scored
+            self._least[key] = min(each.cost for each in scored)
+            if base is not None:
+                self._most[key] = self._most_after(base, reading, has_body)
+
+    def _most_after(self, base: Hypothesis, changed: Hypothesis, has_body: bool) -> float:
+        """The cost at which a change of the motion explains half of what it costs."""
+        before = price(motion_of(base), self.usual_orders)
+        further = price(changed, self.usual_orders) - before
+        return self._least.get((base.motion, has_body), np.inf) + 0.5 * max(further, 0.0)
 
     def refine(self, count: int) -> None:
         """Looks closely at so many of the likeliest readings: all states, masses and bodies, any
         gravity.
         """
-        waiting = sorted(
-            self._screened, key=lambda motion: min(each.cost for each in self._screened[motion])
-        )
         self._refine(Hypothesis.as_it_is(self.n))
-        for motion in waiting[:count]:
-            readings = self._screened.pop(motion)
+        known = [key for key in self._screened if self._least[key] <= self._most.get(key, np.inf)]
+        for key in sorted(known, key=self._least.__getitem__)[:count]:
+            readings = self._screened.pop(key)
             for scored in readings:
                 self._refine(scored.hypothesis)
             turned = self._turned(min(readings, key=lambda each: each.cost))
@@ -275,7 +359,7 @@ class Search:
         angles = hypothesis.angles(self.log.q, self.model.sliding)
         limits = LIMIT.limit_cost * float(self.model.beyond_limits(angles[None])[0])
         costs = np.where(self.alive[columns], variant.costs, 0.0)
-        told = float(self._weighed(variant.costs, columns).sum())
+        told = float(self.columns.weighed(variant.costs, np.array(columns)).sum())
         told_by_moving = float(costs[self.moves[columns]].sum())
         beside = limits + variant.more + price(hypothesis, self.usual_orders)
         self._refined[hypothesis] = Scored(
@@ -305,17 +389,9 @@ class Search:
         x, y, z = (float(value) for value in GRAVITY / length * vector)
         return replace(hypothesis, gravity=(x, y, z))
 
-    def _weighed(self, costs: Array, columns: Sequence[int] | slice = slice(None)) -> Array:
-        """Costs by column of effort, last axis: of a joint that stands little speaks for a reading,
-        all against it.
-        """
-        return np.asarray(
-            np.where(costs < 0.0, self.weights[columns] * costs, self.alive[columns] * costs)
-        )
-
     def is_apart(self, vector: Float[Array, " 3"]) -> bool:
         """Whether a direction is none of those that are tried anyway."""
-        for other in self.vectors[:-1]:
+        for other in self.gravities.vectors[:-1]:
             cosine = (
                 vector @ other / max(float(np.linalg.norm(vector) * np.linalg.norm(other)), 1e-12)
             )
@@ -324,89 +400,23 @@ class Search:
         return True
 
     def _of_torque(self, sums: Sums, readings: Sequence[Hypothesis]) -> Iterator[list[Scored]]:
-        """The likeliest readings of the torque under some readings of the motion.
-
-        The torque as it stands, all of it of the other sign, and joints of the other sign, under
-        each gravity, with the URDF's masses or all of them by one factor; where other columns of
-        effort would explain more, those.
-        """
-        vectors = np.broadcast_to(self.vectors, (len(readings), *self.vectors.shape))
-        orders = np.array([reading.order for reading in readings])
-        size = common_size(sums, vectors, orders)
-        size = np.where(np.abs(np.log(size)) > np.log(MASSES.usual_factor), size, 1.0)
-        scales = np.stack([np.ones_like(size), size])
-        backwards = np.array([reading.direction for reading in readings]) < 0
-        tables = []
-        for scale in scales:
-            costs, sizes = unexplained(sums, vectors, scale)
-            costs = self._weighed(costs.swapaxes(-1, -2)).swapaxes(
-                -1, -2
-            )  # reading, joint, gravity, column, sign
-            turned = backwards[..., None, None, None]
-            tables.append(
-                [np.where(turned, values[..., ::-1], values) for values in (costs, sizes)]
-            )
-        costs, sizes = (np.stack(each) for each in zip(*tables, strict=True))
-        unlikely = np.array([gravity_length(gravity) for gravity in self.gravities])
-        unlikely = unlikely + (KIND + sizes_told_apart()) * (scales != 1.0)
-        unlikely = unlikely / DESCRIPTION.observations  # factor, reading, gravity
-        for k, reading in enumerate(readings):
+        """The likeliest readings of the torque under some readings of the motion."""
+        torques = Torques(sums, readings, self.gravities, self.columns)
+        for k, likeliest in enumerate(torques.likeliest()):
+            reading = readings[k]
             base = LIMIT.limit_cost * float(sums.beyond[k]) + price(reading, self.usual_orders)
-            picks = self._picks(costs[:, k].swapaxes(1, 2), unlikely[:, k], orders[k])
-            yield [self._scored(reading, pick, base, costs[:, k], sizes[:, k]) for pick in picks]
+            yield [self._scored(reading, torque, base) for torque in likeliest]
 
-    def _picks(
-        self, table: Float[Array, "f g n n 2"], unlikely: Float[Array, "f g"], order: Array
-    ) -> list[Pick]:
-        """The likeliest torques of one motion, one of them with gravity as stated.
-
-        Args:
-            table: Cost of each joint's torque by factor, gravity, column of effort and sign.
-            unlikely: What factor and gravity cost.
-            order: Column of each joint's position.
-        """
-        every, single = (length / DESCRIPTION.observations for length in sign_lengths(self.n))
-        column = column_length(self.n) / DESCRIPTION.observations
-        joints = np.arange(self.n)
-        moved = column * (order[:, None] != joints[None, :])
-        picks: list[Pick] = []
-        for turned, more in ((False, 0.0), (True, every)):
-            signed = table[..., ::-1] if turned else table
-            signed = signed + np.array([0.0, single])
-            best = signed.min(axis=-1)
-            own = best[:, :, joints, order].sum(axis=-1) + unlikely + more
-            # No columns explain more than each joint's best one.
-            bound = (best + moved).min(axis=-1).sum(axis=-1) + unlikely + more
-            places = [int(place) for place in np.argsort(own, axis=None)[:READINGS_OF_MOTION]]
-            stated = int(np.argmin(own[:, 0])) * own.shape[1]
-            for place in dict.fromkeys([*places, stated]):
-                f, g = divmod(place, own.shape[1])
-                signs = signed[f, g][joints, order].argmin(axis=-1) ^ turned
-                picks.append(Pick(float(own[f, g]), f, g, order, signs))
-            f, g = divmod(int(np.argmin(bound)), own.shape[1])
-            if bound[f, g] < own.min() - column:
-                _, columns = linear_sum_assignment(best[f, g] + moved)
-                signs = signed[f, g][joints, columns].argmin(axis=-1) ^ turned
-                cost = float((best[f, g] + moved)[joints, columns].sum() + unlikely[f, g]) + more
-                picks.append(Pick(cost, f, g, columns, signs))
-        picks.sort(key=lambda pick: pick.cost)
-        likeliest = picks[: 1 + READINGS_OF_MOTION]
-        return likeliest + [pick for pick in picks[len(likeliest) :] if pick.gravity == 0][:1]
-
-    def _scored(
-        self, reading: Hypothesis, pick: Pick, base: float, costs: Array, sizes: Array
-    ) -> Scored:
+    def _scored(self, reading: Hypothesis, torque: Torque, base: float) -> Scored:
         """A reading of the motion with one of its torques."""
         hypothesis = replace(
             reading,
-            gravity=self.gravities[pick.gravity],
-            effort_order=tuple(int(column) for column in pick.columns),
-            effort_sign=tuple(int(value) for value in np.where(pick.signs == 1, -1, 1)),
+            gravity=self.gravities.names[torque.gravity],
+            effort_order=tuple(int(column) for column in torque.columns),
+            effort_sign=tuple(int(value) for value in np.where(torque.signs == 1, -1, 1)),
         )
-        place = (pick.factor, np.arange(self.n), pick.gravity, pick.columns, pick.signs)
-        return Scored(
-            hypothesis, base + pick.cost, tuple(costs[place].tolist()), tuple(sizes[place].tolist())
-        )
+        costs = tuple(torque.costs.tolist())
+        return Scored(hypothesis, base + torque.cost, costs, tuple(torque.sizes.tolist()))
 
 
 def with_body(arm: ArmModel, hypothesis: Hypothesis) -> ArmModel:
@@ -422,6 +432,51 @@ def reordered(reading: Hypothesis, order: tuple[int, ...]) -> Hypothesis:
     unit = tuple(reading.unit[joint_of[column]] for column in order)
     gear = tuple(reading.gear[joint_of[column]] for column in order)
     return replace(reading, order=order, unit=unit, gear=gear)
+
+
+def _pairs(reading: Hypothesis, likeliest: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The likeliest changes of a reading, two by two.
+
+    One change alone may explain nothing as long as another is not made.
+    """
+    merged = [both(reading, first, second) for first, second in combinations(likeliest, 2)]
+    return [each for each in merged if each is not None]
+
+
+def _place(base: Hypothesis, changed: Hypothesis) -> Place:
+    """What of a reading's motion is changed, order or entries, and at which joints."""
+    place = []
+    for name in ("order", "direction", "quarters", "unit", "gear", "share"):
+        entries = zip(getattr(base, name), getattr(changed, name), strict=True)
+        is_changed = tuple(before != after for before, after in entries)
+        if any(is_changed):
+            place.append(("order" if name == "order" else "entry", is_changed))
+    return tuple(place)
+
+
+def _is_of_one_joint(place: Place) -> bool:
+    """Whether one entry of one joint is changed, and no order."""
+    return len(place) == 1 and place[0][0] == "entry" and sum(place[0][1]) == 1
+
+
+def both(base: Hypothesis, first: Hypothesis, second: Hypothesis) -> Hypothesis | None:
+    """A reading with two others' changes of it; None where both change the same entry."""
+    fields: dict[str, Any] = {}
+    for name in ("direction", "quarters", "unit", "gear", "share"):
+        of_base = getattr(base, name)
+        # A column's unit goes with it to another joint: that is no change of it.
+        of_first = getattr(reordered(first, base.order), name)
+        of_second = getattr(reordered(second, base.order), name)
+        entries = []
+        for before, one_way, other_way in zip(of_base, of_first, of_second, strict=True):
+            if before not in (one_way, other_way):
+                return None
+            entries.append(other_way if one_way == before else one_way)
+        fields[name] = tuple(entries)
+    if base.order not in (first.order, second.order):
+        return None
+    order = second.order if first.order == base.order else first.order
+    return reordered(replace(base, **fields), order)
 
 
 def motion_of(hypothesis: Hypothesis) -> Hypothesis:

@@ -12,7 +12,7 @@ import numpy as np
 from ident.arrays import Array
 from ident.checks.conventions.find import log_of
 from ident.checks.conventions.hypothesis import Hypothesis
-from ident.checks.conventions.masses import cost_at, read_as
+from ident.checks.conventions.masses import amounts, cost_with, products_of, read_as
 from ident.checks.conventions.readings import Log, Model
 from ident.checks.inspection import check_rows
 from ident.recordings.load import load_session
@@ -54,7 +54,7 @@ class Case:
 def case_of(name: str, group: str, arm: ArmModel, log: Log) -> Case:
     """A case, with the sizes of its torques."""
     reading = read_as(log.thinned(MOST_STATES), Model(arm), Hypothesis.as_it_is(arm.n))
-    return Case(name, group, arm, log, cost_at(reading, reading.rigid).plain_sizes)
+    return Case(name, group, arm, log, cost_with(products_of(reading), amounts(1.0)).plain_sizes)
 
 
 def load_cases(folder: Path, rng: np.random.Generator) -> list[Case]:

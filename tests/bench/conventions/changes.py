@@ -136,7 +136,8 @@ def spoil(case: Case, truth: Hypothesis, rng: np.random.Generator) -> tuple[Log,
     for joint, scale in truth.effort_scale:
         torque[:, joint] *= scale
     for j, (column, effort) in enumerate(zip(truth.order, truth.effort_order, strict=True)):
-        factor = truth.direction[j] * truth.gear[j] * UNITS.get(truth.unit[j], 1.0)
+        unit = 1.0 if case.arm.sliding_joints[j] else UNITS.get(truth.unit[j], 1.0)  # a slide has none
+        factor = truth.direction[j] * truth.gear[j] * unit
         share = truth.share[j]
         q[:, column] = (_counted(case.log.q, j, share) - ZEROS[truth.quarters[j]]) / factor
         dq[:, column] = _counted(case.log.dq, j, share) / factor

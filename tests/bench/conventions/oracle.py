@@ -95,6 +95,12 @@ def is_visible(log: Log, model: Model, truth: Hypothesis) -> bool:
     return True
 
 
+def is_told_apart(log: Log, model: Model, truth: Hypothesis, guess: Hypothesis) -> bool:
+    """Whether the log says more for the truth against a guess than its description is longer."""
+    lengths = [description_length(each, model.usual_orders) for each in (truth, guess)]
+    return evidence(log, model, truth, guess) > lengths[0] - lengths[1]
+
+
 def without(truth: Hypothesis, name: str) -> Hypothesis:
     """The truth but for one of its changes."""
     plain = Hypothesis.as_it_is(len(truth.order))

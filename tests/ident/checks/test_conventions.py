@@ -86,6 +86,22 @@ CHANGES: dict[str, tuple[Callable[[Recording], Recording], Hypothesis]] = {
         lambda run: at_joint(2, effort=np.negative)(backwards(1)(run)),
         PLAIN.with_entry("direction", 1, -1).with_entry("effort_sign", 2, -1),
     ),
+    "two columns and one torque sign": (
+        lambda run: columns(at_joint(3, effort=np.negative)(run), [0, 2, 1, 3, 4, 5]),
+        replace(PLAIN, order=(0, 2, 1, 3, 4, 5), effort_order=(0, 2, 1, 3, 4, 5), effort_sign=(1, 1, 1, -1, 1, 1)),
+    ),
+    "degrees of one and its zero": (
+        lambda run: at_joint(2, position=np.degrees, velocity=np.degrees)(shifted(2, 0.5 * np.pi)(run)),
+        PLAIN.with_entry("unit", 2, "deg").with_entry("quarters", 2, 1),
+    ),
+    "axis and zero of joint 4": (
+        lambda run: backwards(3)(shifted(3, np.pi)(run)),
+        PLAIN.with_entry("direction", 3, -1).with_entry("quarters", 3, 2),
+    ),
+    "degrees of one under another's name": (
+        lambda run: columns(at_joint(1, position=np.degrees, velocity=np.degrees)(run), [2, 1, 0, 3, 4, 5]),
+        replace(PLAIN, order=(2, 1, 0, 3, 4, 5), effort_order=(2, 1, 0, 3, 4, 5)).with_entry("unit", 1, "deg"),
+    ),
     "order and zero": (
         lambda run: columns(shifted(2, 0.5 * np.pi)(run), [1, 0, 2, 3, 4, 5]),
         replace(PLAIN, order=(1, 0, 2, 3, 4, 5), effort_order=(1, 0, 2, 3, 4, 5), quarters=(0, 0, 1, 0, 0, 0)),

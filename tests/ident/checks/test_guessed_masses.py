@@ -8,7 +8,7 @@ from conftest import make_run
 from faults import inspect
 
 from ident.arrays import Array
-from ident.checks.conventions.find import find_conventions, log_of
+from ident.checks.conventions.find import find_conventions, has_placeholders, log_of
 from ident.checks.conventions.masses import guessed_masses
 from ident.checks.conventions.readings import Model
 from ident.checks.report import TelemetryReport
@@ -61,13 +61,7 @@ def told_of(report: TelemetryReport) -> set[str]:
     return told - {"insufficient_excitation", "too_few_runs"}
 
 
-NOT_SUSPECTED = pytest.mark.xfail(reason="a zero explains more than these masses, surely by the logs of sound URDFs")
-
-
-@pytest.mark.parametrize(
-    "guess",
-    [pytest.param(guess, marks=NOT_SUSPECTED) if guess == "balls of 2 kg" else guess for guess in GUESSES],
-)
+@pytest.mark.parametrize("guess", GUESSES)
 def test_guessed_masses_are_no_convention_of_the_log(guess: str, clean: Session, arm: ArmModel) -> None:
     """Law: where other masses at the same links explain what the URDF's do not, the URDF is
     suspected, and the recordings are read as they say, whatever else would explain them.
@@ -89,6 +83,18 @@ def test_another_reading_is_named_beside_the_guess(clean: Session, arm: ArmModel
     assert "the zero of joint_4" in issue.evidence
     assert "as log and URDF say" in issue.evidence
     assert report.to_dict()["conventions"]
+
+
+def test_links_that_are_alike_are_placeholders(arm: ArmModel) -> None:
+    """Law: all of an arm's links, not some of them, and more than the two of a small arm."""
+    alike = round_numbers(arm)
+    assert has_placeholders(alike)
+    assert not has_placeholders(arm)
+    assert not has_placeholders(shuffled(arm))
+    assert not has_placeholders(alike.locked(alike.joint_names[:4]))
+    links = links_of(alike)
+    links[-1] = 1.1 * links[-1]
+    assert not has_placeholders(arm.with_inertial_parameters(links.ravel()))
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

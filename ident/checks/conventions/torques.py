@@ -1,0 +1,181 @@
+"""The likeliest readings of the torque under readings of the motion.
+
+Each joint's own column of effort is asked first, of either sign, under each gravity, with the
+URDF's masses and with all of them by one factor. Where that is likeliest, and with gravity as
+stated, every column is asked as every joint's: whether others' explain more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from ident.arrays import Array, Float
+from ident.checks.conventions.description import (
+    DESCRIPTION,
+    KIND,
+    MASSES,
+    column_length,
+    gravity_length,
+    sign_lengths,
+    sizes_told_apart,
+)
+from ident.checks.conventions.hypothesis import Hypothesis
+from ident.checks.conventions.readings import Sums, common_size, own_columns, unexplained
+
+# Readings of the torque that are kept of each motion.
+KEPT = 3
+
+
+class Columns(NamedTuple):
+    """What a log's columns of effort are worth, by column."""
+
+    weights: Float[Array, " n"]  # of evidence for a reading
+    alive: Array  # whether the column changes at all: then it is evidence against one
+
+    def weighed(self, costs: Array, columns: Array | slice = slice(None)) -> Array:
+        """Costs by column, last axis: of a joint that stands little speaks for a reading, all
+        against it.
+        """
+        return np.asarray(
+            np.where(costs < 0.0, self.weights[columns] * costs, self.alive[columns] * costs)
+        )
+
+
+class Gravities(NamedTuple):
+    """Directions of gravity that are tried, the stated one first."""
+
+    names: list[str | tuple[float, float, float]]
+    vectors: Float[Array, "g 3"]  # zero where gravity is not in the effort [m/s²]
+
+
+class Torque(NamedTuple):
+    """One reading of the torque under a reading of the motion."""
+
+    cost: float  # of all joints, with what it is unlikely
+    gravity: int  # place among those that are tried; 0 as stated
+    columns: Array  # of effort, by joint
+    signs: Array  # 1 where a joint's torque has the other sign
+    costs: Array  # of each joint
+    sizes: Array  # of each joint's torque over the model's
+
+
+class Place(NamedTuple):
+    """A factor of all masses and a gravity of one reading of the motion."""
+
+    reading: int
+    factor: int  # 0 for the URDF's masses, 1 for all of them by one factor
+    gravity: int
+
+
+class Torques:
+    """The likeliest readings of the torque under some readings of the motion."""
+
+    def __init__(
+        self,
+        sums: Sums,
+        readings: Sequence[Hypothesis],
+        gravities: Gravities,
+        columns: Columns,
+    ) -> None:
+        self.sums = sums
+        self.columns = columns
+        self.n = len(readings[0].order)
+        self.orders = np.array([reading.order for reading in readings])
+        self.backwards = np.array([reading.direction for reading in readings]) < 0
+        shape = (len(readings), *gravities.vectors.shape)
+        self.vectors = np.broadcast_to(gravities.vectors, shape)
+        size = common_size(sums, self.vectors, self.orders)
+        is_usual = np.abs(np.log(size)) <= np.log(MASSES.usual_factor)
+        self.scales = np.stack([np.ones_like(size), np.where(is_usual, 1.0, size)])
+        unlikely = np.array([gravity_length(gravity) for gravity in gravities.names])
+        unlikely = unlikely + (KIND + sizes_told_apart()) * (self.scales != 1.0)
+        self.unlikely = unlikely / DESCRIPTION.observations  # by factor, reading, gravity
+        every, single = (length / DESCRIPTION.observations for length in sign_lengths(self.n))
+        self.price_of_all_signs = np.array([0.0, every])
+        self.price_of_sign = np.array([0.0, single])
+
+    def likeliest(self) -> Iterator[list[Torque]]:
+        """By reading of the motion; one of them has gravity as stated."""
+        costs, sizes = self._of_own_columns()
+        signed = np.stack([costs, costs[..., ::-1]]) + self.price_of_sign
+        totals = signed.min(axis=-1).sum(axis=-1) + self.unlikely
+        totals = totals + self.price_of_all_signs[:, None, None, None]
+        turned = totals.argmin(axis=0)
+        least = totals.min(axis=0)
+        signs = signed.argmin(axis=-1) ^ np.arange(2)[:, None, None, None, None]
+        places: list[Place] = []
+        torques: list[list[Torque]] = []
+        for k, order in enumerate(self.orders):
+            near = self._nearest(least[:, k], k)
+            places += near[-2:]
+            torques.append([])
+            for place in dict.fromkeys(near):
+                f, g = place.factor, place.gravity
+                sign = signs[turned[f, k, g], f, k, g]
+                chosen = (f, k, g, np.arange(self.n), sign)
+                cost = float(least[f, k, g])
+                torques[k].append(Torque(cost, g, order, sign, costs[chosen], sizes[chosen]))
+        for place, exchanged in self._exchanged(list(dict.fromkeys(places)), least):
+            torques[place.reading].append(exchanged)
+        for some in torques:
+            some.sort(key=lambda torque: torque.cost)
+            yield some[:KEPT] + [torque for torque in some[KEPT:] if torque.gravity == 0][:1]
+
+    def _nearest(self, least: Float[Array, "f g"], reading: int) -> list[Place]:
+        """The likeliest factors and gravities; last once more the likeliest, and with gravity as
+        stated.
+        """
+        count = least.shape[1]
+        flat = np.argsort(least, axis=None)[: KEPT - 1]
+        stated = count * int(np.argmin(least[:, 0]))
+        wanted = [int(flat[0]), *map(int, flat[1:]), int(flat[0]), stated]
+        return [Place(reading, *divmod(place, count)) for place in wanted]
+
+    def _of_own_columns(self) -> tuple[Float[Array, "f k g n 2"], Float[Array, "f k g n 2"]]:
+        """Cost and size of each joint's own column, by factor, reading, gravity, joint and sign."""
+        own = own_columns(self.sums, self.orders)
+        tables = [unexplained(own, self.vectors, scale) for scale in self.scales]
+        costs, sizes = (np.stack(each)[:, :, :, :, 0] for each in zip(*tables, strict=True))
+        flipped = self.backwards[:, :, None, None]
+        costs, sizes = (np.where(flipped, each[..., ::-1], each) for each in (costs, sizes))
+        columns = self.orders[:, None, None, :]
+        weighed = self.columns.weighed(costs.transpose(0, 1, 3, 4, 2), columns)
+        return weighed.transpose(0, 1, 2, 4, 3), sizes.transpose(0, 1, 3, 2, 4)
+
+    def _exchanged(
+        self, places: Sequence[Place], least: Float[Array, "f k g"]
+    ) -> Iterator[tuple[Place, Torque]]:
+        """With columns of effort that explain more than each joint's own."""
+        k, f, g = np.array(places).T
+        sums = self.sums
+        some = Sums(sums.left[k], sums.friction[k], sums.spread[k], sums.variance, sums.beyond[k])
+        costs, sizes = unexplained(some, self.vectors[k, g][:, None], self.scales[f, k, g][:, None])
+        costs, sizes = costs[:, :, 0], sizes[:, :, 0]
+        costs = self.columns.weighed(costs.swapaxes(-1, -2)).swapaxes(-1, -2)
+        flipped = self.backwards[k][:, :, None, None]
+        costs, sizes = (np.where(flipped, each[..., ::-1], each) for each in (costs, sizes))
+        joints = np.arange(self.n)
+        column = column_length(self.n) / DESCRIPTION.observations
+        for place, of_place, sizes_there in zip(places, costs, sizes, strict=True):
+            known = float(least[place.factor, place.reading, place.gravity])
+            moved = column * (self.orders[place.reading][:, None] != joints)
+            beside = float(self.unlikely[place.factor, place.reading, place.gravity])
+            for turned in (0, 1):
+                signed = (of_place[..., ::-1] if turned else of_place) + self.price_of_sign
+                best = signed.min(axis=-1) + moved
+                more = beside + float(self.price_of_all_signs[turned])
+                # No columns explain more than each joint's best one.
+                if float(best.min(axis=-1).sum()) + more >= known:
+                    continue
+                _, columns = linear_sum_assignment(best)
+                signs = signed[joints, columns].argmin(axis=-1) ^ turned
+                chosen = (joints, columns, signs)
+                cost = float(best[joints, columns].sum()) + more
+                torque = Torque(
+                    cost, place.gravity, columns, signs, of_place[chosen], sizes_there[chosen]
+                )
+                yield place, torque
