@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.settings import USUAL_VERDICT
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import setup_for
-from ident.errors import join_words
+from ident.errors import join_words, plural
 from ident.show.report.numbers import MOST_NAMED, describe_numbers
 from ident.show.report.words import TABLES, effect_name, fixed, pair, percent, sentence, significant, with_units
 
@@ -38,21 +38,41 @@ ELSEWHERE = {effect.id for effect in CATALOGUE if effect.rows == "all"}  # they 
 LONGEST_HEADLINE = 200
 
 
+class Most(NamedTuple):
+    """How much a first line has in it at most."""
+
+    names: int
+    tied: int  # of a name that is less likely than not, those that it may be
+    rest: bool = False  # whether it says what the names leave
+    others: bool = True  # whether it names the joints, but the first, whose torque is off by a factor
+
+
+# From a whole line to the shortest.
+FEWER = (
+    *(Most(names, MOST_NAMED, rest=True) for names in range(MOST_NAMED, 0, -1)),
+    *(Most(1, tied) for tied in range(MOST_NAMED, 0, -1)),
+    Most(1, 1, others=False),
+)
+
+
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
     """The leading joint's gap if no effect of its own explains it, the verdict, and a factor of a torque elsewhere.
 
-    As many names as one sentence holds; all of them stand in the list below it.
+    As many names, and as many that they can't be told from, as one line holds; all stand in the list below it.
     """
-    for names in range(MOST_NAMED, 0, -1):
-        line = _headline_of(record, names, with_rest=True)
+    line = ""
+    for most in FEWER:
+        line = _headline_of(record, most)
         if len(line) <= LONGEST_HEADLINE:
             return line
-    return _headline_of(record, 1, with_rest=False)
+    return line
 
 
-def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
-    """The first line with so many names at most."""
+def _headline_of(record: Mapping[str, Any], most: Most) -> str:
+    """The first line with so much in it at most."""
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
+    if scale and not most.others and len(scale["joints"]) > 2:
+        scale = {**scale, "others": f"; off as well: {plural(len(scale['joints']) - 1, 'joint')}"}
     key, size, lead, elsewhere = verdict_key(record), f"{beyond} beyond noise", "", ""
     misread = scale is not None and joint in scale["joints"]
     # A likely body at the joint itself is said first: it may be why the torque reads a factor.
@@ -75,28 +95,50 @@ def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
     has = "has a name" if any(map(is_likely, listed[:1])) else "may have a name"
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
     size = "" if misread or not joint else f": {joint} is off by {size}"
-    rest = _largest_rest(record) if with_rest else ""
-    words = words.format(has=has, named=_first_names(listed, names, record), size=size, rest=rest)
-    if key == "no_gap" and (wrong := describe_numbers(record)):
-        words = wrong if misread else f"{wrong} {RIGHTED}"
+    rest = _largest_rest(record) if most.rest else ""
+    names = _first_names(listed, most, record)
+    words = words.format(has=has, named=names, size=size, rest=rest)
     if key == "no_gap":
-        words = f"{words}{describe_doubt(record)}"
+        words = _headline_without_gap(words, record, misread)
     if scale and misread and scale["bodily"] and not first:
-        words = f"A load, or a link's wrong mass, may be why. {words}"
+        may_be = MAY_BE_A_BODY.get(key)
+        words = f"{may_be}: {names}{rest}." if may_be else f"A load or a link's wrong mass may be why. {words}"
     elif misread and not first and (other or not shown):
         words = f"Beyond that, {words[:1].lower()}{words[1:]}"
     return " ".join(filter(None, (lead, words, elsewhere)))
 
 
-def _first_names(listed: Sequence[Mapping[str, Any]], most: int, record: Mapping[str, Any]) -> str:
+def _headline_without_gap(words: str, record: Mapping[str, Any], misread: bool) -> str:
+    """The verdict where nothing is left once numbers of the URDF are right.
+
+    Args:
+        words: The verdict of an arm whose numbers are right.
+        record: The diagnosis.
+        misread: Whether the leading joint's torque reads a factor.
+    """
+    wrong = describe_numbers(record)
+    joint, share = likeliest_doubt(record)
+    doubt = ""
+    if joint:
+        doubt = f" With {percent(share)} an unnamed cause is left at {joint}."
+    if not wrong:
+        return f"{words}{doubt}"
+    if misread:
+        return f"{wrong}{doubt}"
+    if joint:
+        return f"{wrong} Put right, nothing is left, or with {percent(share)} an unnamed cause at {joint}."
+    return f"{wrong} {RIGHTED}"
+
+
+def _first_names(listed: Sequence[Mapping[str, Any]], most: Most, record: Mapping[str, Any]) -> str:
     """The first names with their joints, the leading one first, and how many more there are."""
     lead = leading_joint(record)[0]
     names = []
-    for finding in listed[:most]:
+    for finding in listed[: most.names]:
         at_the_end = is_likely(finding) and _is_at_the_end(finding, record)
-        names.append(MASS_AT_THE_END[_adds_mass(finding)] if at_the_end else called(finding, lead))
+        names.append(MASS_AT_THE_END[_adds_mass(finding)] if at_the_end else called(finding, lead, most.tied))
     joined = "; ".join(names) if " and " in "".join(names) else join_words(names)
-    left = len(listed) - most
+    left = len(listed) - most.names
     return f"{joined}, and {left} more" if left > 0 else joined
 
 
@@ -129,22 +171,22 @@ def _largest_rest(record: Mapping[str, Any]) -> str:
     return f"; most of the rest is at {joint}, {size} beyond noise"
 
 
-def called(finding: Mapping[str, Any], lead: str = "") -> str:
+def called(finding: Mapping[str, Any], lead: str = "", most_tied: int = MOST_NAMED) -> str:
     """A name with its joints, `lead` first; of one less likely than not those of its class, and how likely they are."""
     joints, likely = sorted(finding["joints"], key=lambda one: one != lead), is_likely(finding)
-    words = name_with_rivals(finding) + place_words(finding["effect"], joints)
+    words = name_with_rivals(finding, most_tied) + place_words(finding["effect"], joints)
     rivals = finding.get("class", ())[1:]
     sure = finding.get("class_probability", 1.0) if rivals else finding["probability"]
     return words if likely else f"{words} ({percent(sure)})"
 
 
-def name_with_rivals(finding: Mapping[str, Any]) -> str:
+def name_with_rivals(finding: Mapping[str, Any], most_tied: int = MOST_NAMED) -> str:
     """A name; of one less likely than not those of its class beside it."""
     if is_likely(finding):
         return effect_name(finding["effect"])
     tied = finding.get("class") or [finding["effect"]]
-    more = len(tied) - MOST_TIED
-    names = " or ".join(map(effect_name, tied[:MOST_TIED]))
+    more = len(tied) - most_tied
+    names = " or ".join(map(effect_name, tied[:most_tied]))
     if more <= 0:
         return names
     return f"{names} or another" if more == 1 else f"{names} or one of {more} others"
@@ -375,7 +417,9 @@ OWN_INERTIAS = (
 
 
 # Where nothing but numbers of the URDF is wrong: what is left once they are right, and how they get there.
-RIGHTED = "With that put right, the model is as good as these recordings can tell."
+RIGHTED = "Put right, it is as good as these recordings can tell."
+# A factor that a likely body at the arm explains, by the verdict.
+MAY_BE_A_BODY = {"named": "It may be a body", "partial": "Part of it may be a body"}
 PATCH = (
     "`ident patch why.json --robot … --out patched --into MINE.urdf`, or MINE.xml "
     "(why.json is what `--json why.json` writes here)."
@@ -383,13 +427,13 @@ PATCH = (
 WRITE_NUMBERS = f"Write these numbers into your model: {PATCH}"
 
 
-def describe_doubt(record: Mapping[str, Any]) -> str:
-    """Where something without a name may be left, though less likely than not; nothing where that is hardly likely."""
+def likeliest_doubt(record: Mapping[str, Any]) -> tuple[str, float]:
+    """Where a cause without a name is likeliest left, and how likely; no joint where that is hardly likely."""
     left = record.get("leftover", {})
     joint = max(left, key=left.__getitem__, default="")
     if not joint or left[joint] < WORTH_SAYING:
-        return ""
-    return f" With {percent(left[joint])} something without a name is left at {joint}."
+        return "", 0.0
+    return joint, left[joint]
 
 
 def noise_is_left(record: Mapping[str, Any]) -> list[str]:

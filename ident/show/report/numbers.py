@@ -232,8 +232,8 @@ def describe_numbers(record: Mapping[str, Any]) -> str:
     worst = max(wrong, key=lambda number: number.figure["change_rms_Nm"])
     there = [number for number in wrong if number.joint == worst.joint]
     if not stated:
-        sizes = join_words([f"{number.name} of {number.value} {number.unit}" for number in there])
-        return f"Your URDF states no friction, and the arm has it: at {worst.joint} {sizes}."
+        sizes = join_words([f"{number.name} {number.value} {number.unit}" for number in there])
+        return f"Your URDF states no friction; {worst.joint} has {sizes}."
     parts = [f"{number.name} {number.value} {number.unit} (URDF: {number.nominal})" for number in there]
     factor = common_factor(record, wrong)
     if factor:
