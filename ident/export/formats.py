@@ -75,7 +75,7 @@ def describe(change: Change, off: dict[str, float]) -> dict[str, Any]:
             near = "approximate" if off[form] <= NEAR else "no"
             formats[form] |= {"off": off[form], "expressed": "yes" if off[form] <= SAME else near}
             if off[form] > SAME:
-                formats[form]["how"] += f"; off by {100.0 * off[form]:.0f} % of its torque along these motions"
+                formats[form]["how"] += f"; it lacks {100.0 * off[form]:.0f} % of its torque along these motions"
     parameters = {name: one.to_dict() for name, one in change.parameters.items()}
     return {"effect": change.effect, "joints": list(change.joints), "parameters": parameters, "formats": formats}
 
