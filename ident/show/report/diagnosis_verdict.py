@@ -71,7 +71,7 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
 def _headline_of(record: Mapping[str, Any], most: Most) -> str:
     """The first line with so much in it at most."""
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
-    if scale and not most.others and len(scale["joints"]) > 2:
+    if scale and not most.others and len(scale["joints"][1:]) > 1:
         scale = {**scale, "others": f"; off as well: {plural(len(scale['joints']) - 1, 'joint')}"}
     key, size, lead, elsewhere = verdict_key(record), f"{beyond} beyond noise", "", ""
     misread = scale is not None and joint in scale["joints"]
