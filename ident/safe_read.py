@@ -222,12 +222,12 @@ def toml_key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 
-def toml_line(key: str, value: Any) -> str:
+def toml_line(key: str, value: object) -> str:
     """A key and its value as one line of a TOML file; of a table the whole, within braces."""
     return f"{toml_key(key)} = {_toml_value(value)}"
 
 
-def _toml_value(value: Any) -> str:
+def _toml_value(value: object) -> str:
     if isinstance(value, Mapping):
         return f"{{{', '.join(toml_line(key, entry) for key, entry in value.items())}}}"
     return json.dumps(value, ensure_ascii=False)

@@ -18,7 +18,7 @@ from ident.laws.carried import KINDS
 from ident.model.carried import CarriedEffect
 from ident.model.hybrid import HybridModel
 from ident.progress import step
-from ident.results import Provenance, Result
+from ident.results import Provenance, Result, files_of, runs_of
 from ident.robot.arm import ArmModel
 from ident.sessions import Opened, Robot, Sources, open_sessions
 
@@ -174,7 +174,9 @@ def evaluate(
     named = name or (loaded.robot.name if isinstance(model, HybridModel) else Path(model).name)
     settings = {"model": str(named), "cutoff_hz": opened.motions[0].lowpass.cutoff}
     origin = Provenance("ident evaluate", settings=settings, sessions=opened.stamps)
-    return evaluation.evaluate(loaded, opened.groups, named).with_provenance(origin)
+    evaluated = evaluation.evaluate(loaded, opened.groups, named)
+    fitted = len(runs_of(opened.stamps) & files_of(loaded.provenance))
+    return replace(evaluated, fitted_files=fitted).with_provenance(origin)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ each set their own level, and no few samples can raise it.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -97,9 +96,9 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     worst = int(np.argmax(np.where(suspects, far, -1.0)))
     key = "degrees_of_some" if of_some else "degrees"
     joints = joints_at(session, suspects if of_some else turning)
-    figures: dict[str, Any] = {"far": far, "fast": fast, "reason": reason}
     line = toml_line("unit", dict.fromkeys(joints, "deg"))
-    return converted, [issue_of(key, session, joints, worst, line=line, **figures)]
+    issue = issue_of(key, session, joints, worst, line=line, far=far, fast=fast, reason=reason)
+    return converted, [issue]
 
 
 def _in_one_unit(session: Session) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -324,8 +324,8 @@ def _tell_factor(
     runs = [run.replace(time=run.time / factor) for run in session.runs]
     scaled = session.replace(runs=runs)
     rate = 1.0 / _usual_interval(scaled)
-    seen: dict[str, Any] = {"reason": reason, "rate": rate, "unit": 1.0 / factor}
-    return scaled, [issue_of("clock_rate", session, **seen)]
+    unit = 1.0 / factor
+    return scaled, [issue_of("clock_rate", session, reason=reason, rate=rate, unit=unit)]
 
 
 def check_clock(session: Session, arm: ArmModel) -> list[TelemetryIssue]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -319,8 +319,9 @@ def _check_scale(
         issues.append(issue)
     if off:
         worst = max(off, key=lambda joint: abs(np.log(max(upright[joint].gravity, 1e-9))))
-        seen: dict[str, Any] = {"scale": upright[worst].gravity, "counted": states.counted}
-        issues.append(issue_of("unit", session, off, worst, **seen))
+        scale = upright[worst].gravity
+        counted = states.counted
+        issues.append(issue_of("unit", session, off, worst, scale=scale, counted=counted))
     return issues
 
 

@@ -120,8 +120,9 @@ def mend_effort_kind(
     runs = [_with_gravity(run, arm) for run in session.runs]
     reason = "session.toml says gravity_compensated" if forced else "gravity is not in the effort"
     seen = f" ({'; '.join(reported.values())})" if reported else ""
-    words: dict[str, Any] = {"reason": reason, "seen": seen, "counted": counted}
-    issue = issue_of("gravity_lacks", session, session.joints, **words)
+    issue = issue_of(
+        "gravity_lacks", session, session.joints, reason=reason, seen=seen, counted=counted
+    )
     return session.replace(runs=runs, effort_kind="joint_torque"), [issue]
 
 

@@ -87,7 +87,8 @@ def servo(
 
             write_servo_report(html, found)
 
-    hand_over(found, json_file, write_page, places={"page": html})
+    places = {"page": html, "models (MuJoCo: servo.xml; BAM, mjlab beside it)": out}
+    hand_over(found, json_file, write_page, places=places)
 
 
 @command

@@ -21,6 +21,10 @@ from ident.show.report.words import effect_name
 NAMES = {"urdf": "URDF", "mjcf": "MJCF", "parameters": "parameter file", "module": "Python module"}
 ANSWERS = {"yes": "has it", "approximate": "has it nearly", "no": "has no place for it"}
 WHEN = {"given": "URDF", "before": "before", "tuned": "tuned", "after": "written", "after_with_module": "+ module"}
+NEXT = (
+    "Next: load robot.xml (MuJoCo) or robot.urdf from there in your simulator; what a format has no place for, "
+    "extra_torque.py adds."
+)
 # By state of the file: greys before, then ever nearer to what is written.
 COLOURS = dict(zip(WHEN, ("#cccccc", NOISE, ORANGE, FLEXIBLE, NAMED), strict=True))
 
@@ -42,11 +46,14 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
         say(console, line, "  ", "    ")
     for form, found in record["structure"].items():
         left = found["torque_difference_Nm"]
-        said = "its torque is not compared state by state" if left is None else f"within {left:.1g} N m of its laws"
-        console.print(f"  {NAMES.get(form, form)}: loads, {said}")
+        said = "its torque is not compared state by state"
+        if left is not None:
+            said = f"its torque is within {left:.1g} N m of the laws that it is to have"
+        say(console, f"{NAMES.get(form, form)}: it loads; {said}", "  ", "    ")
     if "heldout" in record:
         console.print(gap_table(record["heldout"]))
     console.print(f"patch written to {out}")
+    say(console, NEXT, hanging="  ")
     if "into" in record:
         print_into(console, record["into"])
 

@@ -74,8 +74,8 @@ class Choice:
     @property
     def torque_rms(self) -> Float[Array, " n"]:
         """Root mean square of each joint's torque in the same samples [N m]."""
-        squares = np.array([square[:, -1, -1].sum() for square in self.sums.squares])
-        return np.sqrt(squares / np.maximum(self.sums.counts.sum(axis=0), 1.0))
+        counts = np.maximum(self.sums.counts.sum(axis=0), 1.0)
+        return np.asarray(np.sqrt(self.sums.torques.sum(axis=0) / counts))
 
     def problem(self) -> Problem:
         """Normal equations of all parts."""

@@ -47,9 +47,11 @@ class HeldOutSums:
     nominal: ArmModel  # the arm as its URDF describes it
     base: BaseParameters  # its base parameters
     laws: tuple[NamedLaw, ...]  # laws whose columns follow a joint's own
-    squares: tuple[Float[Array, "f p p"], ...]  # of each joint, the torque last
+    # Of each joint, what is left of the torque by the URDF's bodies last.
+    squares: tuple[Float[Array, "f p p"], ...]
     work: tuple[Float[Array, "f p"], ...]  # likewise
     counts: Float[Array, "f n"]  # rows
+    torques: Float[Array, "f n"]  # sums of the torque's squares over them [N² m²]
 
     @property
     def parts(self) -> int:
@@ -123,6 +125,7 @@ def gather_sums(
     squares = tuple(np.zeros((count, size, size)) for size in sizes)
     work = tuple(np.zeros((count, size)) for size in sizes)
     counts = np.zeros((count, n))
+    torques = np.zeros((count, n))
     for motion, part_of_row in zip(motions, parts, strict=True):
         tables = _tables(motion, nominal, base, laws, tuned or nominal, widths)
         speed = motion.dq[motion.coarse]
@@ -133,7 +136,8 @@ def gather_sums(
                 squares[j][part] += table[rows].T @ table[rows]
                 work[j][part] += step * speed[rows, j] @ table[rows]
                 counts[part, j] += rows.sum()
-    return HeldOutSums(nominal, base, tuple(laws), squares, work, counts)
+                torques[part, j] += np.sum(motion.tau_filtered[rows, j] ** 2)
+    return HeldOutSums(nominal, base, tuple(laws), squares, work, counts, torques)
 
 
 def _tables(

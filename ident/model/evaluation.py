@@ -149,12 +149,14 @@ class Evaluation(Result):
     sessions: tuple[SessionScore, ...]
     pooled: SessionScore
     traces: tuple[RunTrace, ...]
+    fitted_files: int = 0  # how many of the files that were read the model was fitted to
 
     def to_dict(self) -> dict[str, Any]:
         return {
             "schema": SCHEMA,
             "model": self.model,
             "robot": self.robot,
+            "fitted_files": self.fitted_files,
             "joints": list(self.pooled.joints),
             "sessions": [score.to_dict() for score in self.sessions],
             "pooled": self.pooled.to_dict(),

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int, least_squares
-from ident.errors import RecordingError, join_words
+from ident.errors import RecordingError, join_words, plural
 from ident.motion.motion import Motion, prepare_run, session_noise
 from ident.motion.settings import USUAL_MOTION
 from ident.recordings.load import load_session
@@ -338,8 +338,8 @@ class ServoArm(Result):
         """A few lines a joint."""
         lines = []
         for one in self.joints:
-            known = f"{1e3 * one.rms_after:.2f} mrad of it are not explained"
-            error = f"follows within {1e3 * one.rms_before:.1f} mrad; {known}"
+            known = f"{1e3 * one.rms_after:.4g} mrad of it are not explained"
+            error = f"off its goal by {1e3 * one.rms_before:.4g} mrad rms; {known}"
             lines.append(f"{one.joint}: {'nothing can be reported' if np.isnan(one.rms_before) else error}")
             for name, figure in one.figures.items():
                 if "words" in FIGURES[name]:
@@ -348,6 +348,6 @@ class ServoArm(Result):
                 lines.append(f"    dead band, dry friction or backlash: {TEXT['parted_by']}")
             lines += [f"  not reported: {line}" for line in one.describe_untold()]
         for model in self.rolled:
-            held = f"{1e3 * model.held_error:.0f} mrad on average over {len(model.held)} runs held back"
+            held = f"{1e3 * model.held_error:.0f} mrad on average over {plural(len(model.held), 'run')} held back"
             lines.append(f"{model.joint}: rolled out from its goals alone it is off by {held}")
         return "\n".join(lines)

@@ -51,6 +51,8 @@ COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
 def ladder_table(score: SessionScore) -> Table:
     """Energy and torque error of every rung, a joint a line."""
     payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
+    from ident.show.report.words import fixed, pair  # a help text needs none of them
+
     table = Table(
         "model", "joint", title=f"{score.name}: {plural(len(score.runs), 'run')}{payload}", title_justify="left"
     )
@@ -59,8 +61,8 @@ def ladder_table(score: SessionScore) -> Table:
     for name, *rows in zip(score.rungs, score.energy_mean, score.energy_std, score.rmse_mean, strict=True):
         rung = rung_name(name)
         for joint, mean, std, rmse in zip([*score.joints, "total"], *rows, strict=True):
-            spread = f" ± {std:.2f}" if len(score.runs) > 1 else ""
-            table.add_row(rung, joint, f"{mean:.2f}{spread}", f"{rmse:.2f}", end_section=joint == "total")
+            energy = pair(mean, std if len(score.runs) > 1 else None, 2)
+            table.add_row(rung, joint, energy, fixed(rmse), end_section=joint == "total")
             rung = ""
     return table
 

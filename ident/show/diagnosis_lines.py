@@ -79,11 +79,20 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
 
 
 def untold_issues(record: Mapping[str, Any], headline: str) -> list[Mapping[str, Any]]:
-    """Telemetry issues, without that of a factor which the headline begins with and the first action is about."""
+    """Telemetry issues, without that of a factor which the headline begins with and the first action is about.
+
+    A factor of one joint is all said by the headline; of several the first action has each.
+    """
     issues = record["telemetry"]
     factor = headline.split(" times the model")[0]
-    said = [issue for issue in issues if issue["issue"] == MISREAD and factor in issue["evidence"]]
-    return [issue for issue in issues if issue not in said]
+    action = first_action(record)
+    untold = []
+    for issue in issues:
+        begins = issue["issue"] == MISREAD and factor in issue["evidence"]
+        joints = issue["joints"]
+        if not begins or (len(joints) > 1 and not all(joint in action for joint in joints)):
+            untold.append(issue)
+    return untold
 
 
 def _print_findings(console: Console, record: Mapping[str, Any], details: bool) -> None:

@@ -18,7 +18,7 @@ from ident.errors import plural
 from ident.results import Result
 from ident.show.console import WIDE, PlainConsole, ladder_table, print_issues, say, say_lines
 from ident.show.palette import FLEXIBLE, MEASURED, NAMED, NOISE, TUNED, rung_colours, rung_name
-from ident.show.report.words import TABLES, significant, with_units
+from ident.show.report.words import TABLES, pair, significant, with_units
 from ident.units import DAMPING, INERTIA, TORQUE
 
 if TYPE_CHECKING:
@@ -107,14 +107,24 @@ def describe_evaluation(evaluation: Evaluation) -> str:
     score = evaluation.pooled
     runs = plural(len(score.runs), "run")
     whole = f"{evaluation.model} is off by {describe_error(score, -1)} on {runs} of {score.name}"
-    return f"{whole}; the {rung_name(score.rungs[0])} alone by {describe_error(score, 0)}."
+    told = f"{whole}; the {rung_name(score.rungs[0])} alone by {describe_error(score, 0)}."
+    return f"{told} {describe_fitted(evaluation)}".rstrip()
+
+
+def describe_fitted(evaluation: Evaluation) -> str:
+    """That a model was fitted to recordings it is tried on; empty where it was not."""
+    count = evaluation.fitted_files
+    if not count:
+        return ""
+    was = "was" if count == 1 else "were"
+    return f"{plural(count, 'file')} of these {was} part of its fit: give others to see what it foretells."
 
 
 def describe_error(score: SessionScore, rung: int) -> str:
     """What a rung errs by, all joints together."""
     torque = significant(score.rmse_mean[rung, -1])
-    energy = significant(score.energy_mean[rung, -1])
-    return f"{torque} N m and {energy} J a run"
+    spread = score.energy_std[rung, -1] if len(score.runs) > 1 else None
+    return f"{torque} N m and {pair(score.energy_mean[rung, -1], spread)} J a run"
 
 
 def draw_evaluation(result: Evaluation) -> Figure:

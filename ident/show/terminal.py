@@ -252,7 +252,7 @@ def _load_of(side: Record) -> str:
     loads = sorted(set(side.get("payload_kg", ())))
     if not any(loads):
         return "none"
-    return f"{' to '.join(significant(load, 4) for load in dict.fromkeys([loads[0], loads[-1]]))} kg"
+    return f"{' to '.join(f'{load:.4g}' for load in dict.fromkeys([loads[0], loads[-1]]))} kg"
 
 
 def _mount_of(side: Record) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.settings import USUAL_VERDICT
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import setup_for
-from ident.errors import join_words
+from ident.errors import join_words, plural
 from ident.show.report.numbers import MOST_NAMED, describe_numbers
 from ident.show.report.words import (
     TABLES,
@@ -72,7 +72,9 @@ OWN_INERTIAS = (
 RECORD_WIDER = "Record this again, longer and wider: several minutes, each joint over its whole range, at all speeds."
 # Where nothing but numbers of the URDF is wrong: what is left once they are right, and how they get
 # there.
-RIGHTED = "With that put right, the model is as good as these recordings can tell."
+RIGHTED = "Put right, it is as good as these recordings can tell."
+# A factor that a likely body at the arm explains, by the verdict.
+MAY_BE_A_BODY = {"named": "It may be a body", "partial": "Part of it may be a body"}
 PATCH = (
     "`ident patch why.json --robot … --out patched --into MINE.urdf`, or MINE.xml "
     "(why.json is what `--json why.json` writes here)."
@@ -87,22 +89,44 @@ Finding = Mapping[str, Any]
 """A name's record in `findings`."""
 
 
+class Most(NamedTuple):
+    """How much a first line has in it at most."""
+
+    names: int
+    tied: int  # of a name that is less likely than not, those that it may be
+    rest: bool = False  # whether it says what the names leave
+    others: bool = True  # whether it names the joints, but the first, that read a factor
+
+
+# From a whole line to the shortest.
+FEWER = (
+    *(Most(names, MOST_NAMED, rest=True) for names in range(MOST_NAMED, 0, -1)),
+    *(Most(1, tied) for tied in range(MOST_NAMED, 0, -1)),
+    Most(1, 1, others=False),
+)
+
+
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
     """The leading joint's gap if no effect of its own explains it, the verdict, and a factor of a
     torque elsewhere.
 
-    As many names as one sentence holds; all of them stand in the list below it.
+    As many names, and as many that they can't be told from, as one line holds; all of them stand in
+    the list below it.
     """
-    for names in range(MOST_NAMED, 0, -1):
-        line = _headline_of(record, names, with_rest=True)
+    line = ""
+    for most in FEWER:
+        line = _headline_of(record, most)
         if len(line) <= LONGEST_HEADLINE:
             return line
-    return _headline_of(record, 1, with_rest=False)
+    return line
 
 
-def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
-    """The first line with so many names at most."""
+def _headline_of(record: Mapping[str, Any], most: Most) -> str:
+    """The first line with so much in it at most."""
     scale = _misread(record)
+    if scale and not most.others and len(scale["joints"]) > 2:
+        others = plural(len(scale["joints"]) - 1, "joint")
+        scale = {**scale, "others": f"; off as well: {others}"}
     joint, beyond = leading_joint(record)
     shown = in_order_of_joints(record)
     key = verdict_key(record)
@@ -131,9 +155,15 @@ def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
     other = shown
     if scale and misread:
         other = [finding for finding in shown if not _names_factor(finding, scale)]
-    words = _verdict_words(record, other or shown, names, with_rest, misread)
+    listed = other or shown
+    words = _verdict_words(record, listed, most, misread)
     if scale and misread and scale["bodily"] and not first:
-        words = f"A load, or a link's wrong mass, may be why. {words}"
+        may_be = MAY_BE_A_BODY.get(key)
+        rest = _largest_rest(record) if most.rest else ""
+        if may_be:
+            words = f"{may_be}: {_first_names(listed, most, record)}{rest}."
+        else:
+            words = f"A load or a link's wrong mass may be why. {words}"
     elif misread and not first and (other or not shown):
         words = f"Beyond that, {words[:1].lower()}{words[1:]}"
     return " ".join(text for text in (lead, words, elsewhere) if text)
@@ -142,8 +172,7 @@ def _headline_of(record: Mapping[str, Any], names: int, with_rest: bool) -> str:
 def _verdict_words(
     record: Mapping[str, Any],
     listed: Sequence[Finding],
-    names: int,
-    with_rest: bool,
+    most: Most,
     misread: bool,
 ) -> str:
     """The verdict as a sentence, and what may be wrong though there is no gap.
@@ -151,8 +180,7 @@ def _verdict_words(
     Args:
         record: The diagnosis.
         listed: Its names in their order.
-        names: How many are said at most.
-        with_rest: Whether it is said where most of the gap is left.
+        most: How much is said.
         misread: Whether the leading joint's torque is off by a factor, which is said before.
     """
     key = verdict_key(record)
@@ -160,28 +188,44 @@ def _verdict_words(
     pattern = str(TABLES["headlines"].get(key, key.replace("_", " ")))
     has = "has a name" if listed and is_likely(listed[0]) else "may have a name"
     size = "" if misread or not joint else f": {joint} is off by {beyond} beyond noise"
-    rest = _largest_rest(record) if with_rest else ""
-    named = _first_names(listed, names, record)
+    rest = _largest_rest(record) if most.rest else ""
+    named = _first_names(listed, most, record)
     words = pattern.format(has=has, named=named, size=size, rest=rest)
-    if key != "no_gap":
-        return words
+    return _words_without_gap(words, record, misread) if key == "no_gap" else words
+
+
+def _words_without_gap(words: str, record: Mapping[str, Any], misread: bool) -> str:
+    """The verdict where nothing is left once numbers of the URDF are right.
+
+    Args:
+        words: The verdict of an arm whose numbers are right.
+        record: The diagnosis.
+        misread: Whether the leading joint's torque is off by a factor, which is said before.
+    """
     wrong = describe_numbers(record)
-    if wrong:
-        words = wrong if misread else f"{wrong} {RIGHTED}"
-    return f"{words}{describe_doubt(record)}"
+    joint, share = likeliest_doubt(record)
+    doubt = f" With {percent(share)} an unnamed cause is left at {joint}." if joint else ""
+    if not wrong:
+        return f"{words}{doubt}"
+    if misread:
+        return f"{wrong}{doubt}"
+    if joint:
+        left = f"with {percent(share)} an unnamed cause at {joint}"
+        return f"{wrong} Put right, nothing is left, or {left}."
+    return f"{wrong} {RIGHTED}"
 
 
-def _first_names(listed: Sequence[Finding], most: int, record: Mapping[str, Any]) -> str:
+def _first_names(listed: Sequence[Finding], most: Most, record: Mapping[str, Any]) -> str:
     """The first names with their joints, the leading one first, and how many more there are."""
     lead = leading_joint(record)[0]
     names = []
-    for finding in listed[:most]:
+    for finding in listed[: most.names]:
         if is_likely(finding) and _is_at_the_end(finding, record):
             names.append(MASS_AT_THE_END[_adds_mass(finding)])
         else:
-            names.append(called(finding, lead))
+            names.append(called(finding, lead, most.tied))
     joined = "; ".join(names) if " and " in "".join(names) else join_words(names)
-    left = len(listed) - most
+    left = len(listed) - most.names
     return f"{joined}, and {left} more" if left > 0 else joined
 
 
@@ -224,16 +268,17 @@ def _largest_rest(record: Mapping[str, Any]) -> str:
     return f"; most of the rest is at {worst}, {size} beyond noise"
 
 
-def called(finding: Finding, lead: str = "") -> str:
+def called(finding: Finding, lead: str = "", most_tied: int = MOST_TIED) -> str:
     """A name with its joints; of one less likely than not those of its class, and how likely they
     are.
 
     Args:
         finding: The name.
         lead: The joint that is said first.
+        most_tied: How many of its class are said at most.
     """
     joints = sorted(finding["joints"], key=lambda joint: joint != lead)
-    words = name_with_rivals(finding) + place_words(finding["effect"], joints)
+    words = name_with_rivals(finding, most_tied) + place_words(finding["effect"], joints)
     if is_likely(finding):
         return words
     has_rivals = len(finding.get("class", ())) > 1
@@ -241,13 +286,13 @@ def called(finding: Finding, lead: str = "") -> str:
     return f"{words} ({percent(sure)})"
 
 
-def name_with_rivals(finding: Finding) -> str:
+def name_with_rivals(finding: Finding, most_tied: int = MOST_TIED) -> str:
     """A name; of one less likely than not those of its class beside it."""
     if is_likely(finding):
         return effect_name(finding["effect"])
     tied = finding.get("class") or [finding["effect"]]
-    more = len(tied) - MOST_TIED
-    names = " or ".join(map(effect_name, tied[:MOST_TIED]))
+    more = len(tied) - most_tied
+    names = " or ".join(map(effect_name, tied[:most_tied]))
     if more <= 0:
         return names
     return f"{names} or another" if more == 1 else f"{names} or one of {more} others"
@@ -564,15 +609,15 @@ def _next_motion(record: Mapping[str, Any]) -> str:
     return motion.removeprefix(NO_MOTION)
 
 
-def describe_doubt(record: Mapping[str, Any]) -> str:
-    """Where something without a name may be left, though less likely than not; nothing where that
-    is hardly likely.
+def likeliest_doubt(record: Mapping[str, Any]) -> tuple[str, float]:
+    """Where a cause without a name is likeliest left, and how likely; no joint where that is hardly
+    likely.
     """
     left = record.get("leftover", {})
     joint = max(left, key=left.__getitem__, default="")
     if not joint or left[joint] < WORTH_SAYING:
-        return ""
-    return f" With {percent(left[joint])} something without a name is left at {joint}."
+        return "", 0.0
+    return joint, left[joint]
 
 
 def noise_is_left(record: Mapping[str, Any]) -> list[str]:

@@ -97,7 +97,7 @@ def numbers_of(record: Mapping[str, Any]) -> list[Number]:
     """All numbers of a diagnosis's joints, in the order of the joints."""
     identified = record.get("identified", {})
     gaps = record.get("gap", {})
-    laws = [one for one in record.get("findings", ()) if one["effect"] in FRICTION]
+    laws = [law for law in record.get("findings", ()) if law["effect"] in FRICTION]
     found = []
     for joint in record.get("joints", ()):
         gap = gaps.get(joint, {})
@@ -186,7 +186,8 @@ def with_interval(figure: Figure) -> str:
 
     `0.3 (0.18 to 2.0)`; the ends alone where the number is zero to their digits: `0 to 0.27`.
     """
-    value, half = figure["value"], half_width(figure)
+    value = figure["value"]
+    half = half_width(figure)
     if value is None or half is None or not math.isfinite(half) or not reaches_below_zero(figure):
         return with_error(figure)
     ends = interval_in_words(figure)
@@ -202,7 +203,8 @@ def reaches_below_zero(figure: Figure, end: str = "") -> bool:
 
 def interval_in_words(figure: Figure, end: str = "") -> str:
     """An interval of what can't be negative, by its ends."""
-    low, high = max(figure[f"low{end}"], 0.0), figure[f"high{end}"]
+    low = max(figure[f"low{end}"], 0.0)
+    high = figure[f"high{end}"]
     return f"{significant(low)} to {significant(high)}" if math.isfinite(high) else f"{significant(low)} or more"
 
 
@@ -232,8 +234,8 @@ def describe_numbers(record: Mapping[str, Any]) -> str:
     worst = max(wrong, key=lambda number: number.figure["change_rms_Nm"])
     there = [number for number in wrong if number.joint == worst.joint]
     if not stated:
-        sizes = join_words([f"{number.name} of {number.value} {number.unit}" for number in there])
-        return f"Your URDF states no friction, and the arm has it: at {worst.joint} {sizes}."
+        sizes = join_words([f"{number.name} {number.value} {number.unit}" for number in there])
+        return f"Your URDF states no friction; {worst.joint} has {sizes}."
     parts = [f"{number.name} {number.value} {number.unit} (URDF: {number.nominal})" for number in there]
     factor = common_factor(record, wrong)
     if factor:

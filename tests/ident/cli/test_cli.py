@@ -3,6 +3,7 @@
 import json
 import sys
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -64,6 +65,10 @@ def test_evaluate(run: Run, model: Path, tmp_path: Path) -> None:
     record = json.loads((tmp_path / "e.json").read_text())
     assert record["schema"] == "ident.evaluations/1"
     assert len(record["models"]) == 1
+    fitted = {data["sha256"] for data in HybridModel.load(model).provenance["data"]}
+    tried = {sha256(file.read_bytes()).hexdigest() for file in E1.glob("*.parquet")}
+    assert record["models"][0]["fitted_files"] == len(fitted & tried)
+    assert ("part of its fit" in ended.out.replace("\n", " ")) is bool(fitted & tried)
     assert (tmp_path / "e.html").read_text().lstrip().lower().startswith("<!doctype html>")
     assert_untouched(tmp_path, "e.html", "e.json")
 

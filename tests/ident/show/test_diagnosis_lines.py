@@ -25,6 +25,7 @@ from ident.show.report.numbers import (
     with_error,
 )
 from tests.ident.show.report.test_report_diagnosis import RECORD
+from tests.ident.show.report.test_report_first_line import SCALE, acted_on
 
 JOINTS = ("shoulder", "elbow")
 WIDTH = 80
@@ -111,7 +112,7 @@ def test_one_joint_that_is_off_is_said_alone() -> None:
     record = healthy(1.0)
     record["identified"]["elbow"]["coulomb_Nm"] = figure(8.0, 10.0, 0.03)
     assert diagnosis_headline(record).startswith(
-        "Your URDF's friction is off: elbow has dry friction 10.00 ± 0.03 N m (URDF: 8). With that put right"
+        "Your URDF's friction is off: elbow has dry friction 10.00 ± 0.03 N m (URDF: 8). Put right"
     )
 
 
@@ -242,11 +243,21 @@ def test_a_command_is_not_broken_over_lines() -> None:
 
 def test_a_factor_is_said_once() -> None:
     """Law: what the headline begins with stands in no warning above it; any other warning does."""
-    scale = {"issue": "torque_scale", "evidence": "log: elbow reads 0.89 ± 0.03 times the model's gravity torque"}
-    gains = {"issue": "guessed_gains", "evidence": "log: the drive gains are guesses"}
-    record = {"telemetry": [scale, gains]}
+    reading = "elbow reads 0.89 ± 0.03 times the model's gravity torque"
+    scale = {"issue": "torque_scale", "joints": ["elbow"], "evidence": f"log: {reading}", "remedy": "check its gain"}
+    gains = {"issue": "guessed_gains", "joints": ["elbow"], "evidence": "log: the drive gains are guesses"}
+    record = {"verdict": "no_gap", "telemetry": [scale, gains]}
     assert untold_issues(record, "elbow reads 0.89 ± 0.03 times the model's gravity torque.") == [gains]
     assert untold_issues(record, "The gap has a name: payload felt at elbow.") == [scale, gains]
+
+
+def test_factors_that_neither_headline_nor_action_has_are_printed() -> None:
+    """Law: where the first action is about a body, the factors of the joints after the first stand in the warning."""
+    record = acted_on("link_inertial_error", 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
+    record |= {"joints": ["shoulder", "elbow", "wrist"], "where": [{"joint": "elbow"}]}
+    (issue,) = record["telemetry"]
+    assert first_action(record) == "Do so."
+    assert untold_issues(record, diagnosis_headline(record)) == [issue]
 
 
 def test_what_tolerance_may_explain_is_not_said_to_be_wrong() -> None:

@@ -120,8 +120,8 @@ def test_where_no_gap_is_told_a_doubt_is_told_as_well() -> None:
         "findings": [],
         "leftover": {"joint_1": 0.1, "joint_2": 0.4},
     }
-    assert diagnosis_headline(record).endswith("With 40 % something without a name is left at joint_2.")
-    assert "without a name" not in diagnosis_headline({**record, "leftover": {"joint_1": 0.1, "joint_2": 0.1}})
+    assert diagnosis_headline(record).endswith("With 40 % an unnamed cause is left at joint_2.")
+    assert "unnamed" not in diagnosis_headline({**record, "leftover": {"joint_1": 0.1, "joint_2": 0.1}})
 
 
 def test_a_card_is_called_as_the_first_line_has_it(tmp_path: Path) -> None:

@@ -179,7 +179,7 @@ def test_a_body_may_be_the_factor_of_joints_that_carry_it(joint: str) -> None:
     record = acted_on("link_inertial_error", 0.97, {**SCALE, "joints": [joint]})
     record |= {"joints": ["shoulder", "elbow", "forearm", "wrist"], "where": [{"joint": joint}]}
     record["findings"][0]["joints"] = ["forearm"]
-    assert ("A load, or a link's wrong mass, may be why." in diagnosis_headline(record)) is (joint == "elbow")
+    assert ("It may be a body: link inertial error" in diagnosis_headline(record)) is (joint == "elbow")
     assert (first_action(record) == "Do so.") is (joint == "elbow")
 
 
