@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 Value = TypeVar("Value")
+# Tables of a text, parsed once for all classes whose numbers stand in it.
+parse = cache(tomllib.loads)
 
 
 @dataclass(frozen=True)
@@ -109,19 +111,13 @@ class Settings(Numbers):
     def __init_subclass__(cls, table: str = "", module: str = "") -> None:
         if table:
             path = Path(module or sys.modules[cls.__module__].__file__ or "")
-            rows = read_tables(path.with_name("settings.toml"))[table]
+            rows = parse(path.with_name("settings.toml").read_text(encoding="utf-8"))[table]
             for name, row in rows.items():
                 value = row["value"]
                 facts = {key: row[key] for key in row if key != "value"}
                 setattr(cls, name, number(tuple(value) if isinstance(value, list) else value, **facts))
             cls.__annotations__ = dict.fromkeys(rows, Any) | vars(cls).get("__annotations__", {})
             dataclass(frozen=True)(cls)
-
-
-@cache
-def read_tables(path: Path) -> Mapping[str, Any]:
-    """The tables of a file of settings, read once for all classes that have theirs there."""
-    return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def read_group(module: str, table: str) -> Any:
