@@ -216,7 +216,7 @@ def _promises_more(shared: Shared, cycle: CycleResult) -> bool:
     if shared.energy is None:
         return False
     dwelling = cycle.dwelling + float(shared.durations.sum())
-    cost = shared.energy + cycle.standby * dwelling
+    cost = energy_cost(shared.energy, dwelling, cycle.standby)
     return cost < cycle.energy * (1.0 - HARDLY)
 
 
