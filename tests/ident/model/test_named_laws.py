@@ -72,10 +72,10 @@ def test_a_saved_model_keeps_its_laws(fitted: FitResults, runs: list[Motion], tm
     told = " ".join(fitted.summary().split())
     shape = "(Stribeck velocity 0.4 rad/s, exponent 1)"
     value, low, high = fitted.model.named[0].figures[0]
-    size = f"{value:.3g} [{low:.3g}, {high:.3g}] N m"
+    size = f"more near rest {value:.3g} N m [{low:.3g}, {high:.3g}]"
     assert f"joint_1: friction that falls as motion sets in {shape}: {size}" in told
     for value, low, high in fitted.model.named[1].figures:
-        assert f"{value:.3g} [{low:.3g}, {high:.3g}]" in told
+        assert f"{value:.3g} N m per N m [{max(low, 0.0):.3g}, {high:.3g}]" in told
 
 
 def test_the_record_is_what_its_schema_says(fitted: FitResults) -> None:
