@@ -162,7 +162,7 @@ def test_a_tool_that_is_not_on_the_arm_is_taken_out_of_the_urdf(share: float, cl
     report = inspect(clean, arm.with_inertial_parameters(parameters))
     assert report.is_fit
     (issue,) = report.find("body_differs")
-    assert "not on the arm" in issue.evidence
+    assert "less at its end than the URDF has" in issue.evidence
     assert not report.find("torque_scale")
 
 

@@ -64,7 +64,7 @@ FAULTS: dict[str, tuple[Fault, tuple[str, ...]]] = {
     "other joints": (rewrite(THIRD, lambda table: table.replace("joint_6/", "gripper/")), (THIRD, "gripper")),
     "another robot": (rewrite("*.csv", another_robot), ("elbow", "joint_1", "--robot")),
     "broken TOML": (rewrite("session.toml", lambda _: "[payload\n"), ("session.toml", "not TOML")),
-    "flipped sign": (FLIPPED, ("effort_sign_flipped", "joint_2", "[effort_sign]")),
+    "flipped sign": (FLIPPED, ("effort_sign_flipped", "joint_2", "effort_sign = {joint_2 = -1}")),
 }
 
 

@@ -29,7 +29,7 @@ def test_a_ladder_of_seven_joints_shows_every_number_at_eighty_columns() -> None
     lines = stream.getvalue().splitlines()
     assert max(map(len, lines)) <= 80
     assert "…" not in stream.getvalue()
-    assert stream.getvalue().count("-12.34 ± 0.00") == 14
+    assert stream.getvalue().count("−12.34 ± 0.00") == 14
     assert stream.getvalue().count("2.00") >= 14
 
 

@@ -110,6 +110,7 @@ wrist_deg = [0.2]
 duration_s = 2
 [limits]
 lower_deg = [-90, -0.2, -90]
+speed_deg_s = [60, 0.5, 60]
 """
 
 
