@@ -228,7 +228,7 @@ def test_friction_that_bends_is_a_polynomial(tmp_path: Path, arm: ArmModel) -> N
         path.write_text(json.dumps(record))
         said = write_patch(Diagnosed.load(path), arm, tmp_path / "patch")["effects"][0]["formats"]["mjcf"]
         assert said["expressed"] == answer
-        assert (f"off by {100.0 * said['off']:.0f} %" in said["how"]) == (answer != "yes")
+        assert (f"it lacks {100.0 * said['off']:.0f} %" in said["how"]) == (answer != "yes")
         model = LoadedMjcf(tmp_path / "patch" / "robot.xml", arm.joint_names)
         module = load_module(tmp_path / "patch" / "extra_torque.py")
         q, dq = np.zeros((40, 6)), np.linspace(0.1, 1.5, 40)[:, None] * np.eye(6)[1]
