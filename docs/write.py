@@ -39,7 +39,7 @@ PAGE_WIDTH, PAGE_HEIGHT = 720, 540
 NO_HEAD = "<style>body > header { display: none; }</style></head>"
 CHROMIUM = ("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
 # As much of what a snippet prints as a front page shows: the verdict with what to do, and of the numbers these lines.
-SHOWN_LINES = 4
+SHOWN_LINES = 5
 # Intervals, which stand where the whole of a table does.
 INTERVAL = re.compile(r" \([^)]*\)")
 HEAD = "<!-- written by docs/write.py -->\n"
@@ -156,7 +156,7 @@ def take_picture(page: Path, place: Path) -> None:
         given = [f"--user-data-dir={folder}", size, f"--screenshot={shot}", copy.as_uri()]
         subprocess.run([*CHROMIUM, *given], check=True)
         whole = Image.open(shot).convert("RGB")
-        whole.quantize(64).save(place, optimize=True)
+        whole.quantize(128, kmeans=1).save(place, optimize=True)
 
 
 def describe_command(package: str, name: str, command: Any) -> str:
