@@ -268,10 +268,14 @@ class SetSearch:
             if keys is not None and group.key not in keys:
                 continue
             checked += 1
-            estimate = self.coefficients([*chosen, group])[group]
-            if optional.stands_for(group.effect, group.variant, estimate):
+            if self._stands([*chosen, group], group):
                 return self.nats([*chosen, group]) - self.nats(chosen), group
         return None
+
+    def _stands(self, chosen: Sequence[Group], group: Group) -> bool:
+        """Whether one of a set's effects has coefficients of its own point of the grid there."""
+        estimate = self.coefficients(chosen)[group]
+        return optional.stands_for(group.effect, group.variant, estimate)
 
     def run(self, start: Sequence[Group] = ()) -> list[Group]:
         """A set that no addition, swap or removal of one effect improves, from a start."""
@@ -316,7 +320,10 @@ class SetSearch:
                 others = rest_of(chosen, group)
                 joint = group.joint if group.effect.rows == "own" else None
                 better = self.best(others, joint=joint)
-                alone = self.nats(chosen) - self.nats(others)
+                # What has left its grid point beside the others is another effect than its name's.
+                alone = 0.0
+                if self._stands(chosen, group):
+                    alone = self.nats(chosen) - self.nats(others)
                 if better is not None and better[1] is not group and better[0] > alone + 1e-6:
                     chosen = [*others[:k], better[1], *others[k:]]
                     moved |= acts | set(better[1].acts_on(self.joints))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ident.diagnosis.diagnose import Analysis
+from ident.effects.optional import Linearised, stands_for
 from ident.inference.components import ModelSums
 from ident.inference.infer import Inferred
 from ident.inference.search import SetSearch, solve_set
@@ -133,6 +134,20 @@ def test_no_single_step_betters_what_a_search_ends_with(sprung: Analysis) -> Non
     for group in ended:
         others = [other for other in ended if other is not group]
         assert search.nats(others) < search.nats(ended)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_search_ends_with_stands_for_its_own_points(sprung: Analysis, seed: int) -> None:
+    """Law: a name whose coefficients have left its point of the grid gives way to one that stands."""
+    search = coarse_of(sprung).search
+    linearised = [group for group in search.names.groups if isinstance(group.effect, Linearised)]
+    order = np.random.default_rng(seed).permutation(len(linearised))
+    start = {linearised[k].key: linearised[k] for k in order}
+    ended = search.run(list(start.values())[:3])
+    for group, estimate in search.coefficients(ended).items():
+        if not stands_for(group.effect, group.variant, estimate):
+            others = [other for other in ended if other is not group]
+            assert search.best(others, joint=group.joint) is None
 
 
 def test_a_search_from_a_wrong_name_ends_where_one_from_nothing_does(sprung: Analysis) -> None:
