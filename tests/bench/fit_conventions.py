@@ -23,8 +23,10 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ident.arrays import Array
+from ident.checks.conventions.closely import Scored
 from ident.checks.conventions.description import DESCRIPTION, description_length, size_price
-from ident.checks.conventions.search import LIMIT, Scored, Search
+from ident.checks.conventions.motions import LIMIT
+from ident.checks.conventions.search import Search
 from tests.bench.bench_conventions import Drawn, drawn_cases
 from tests.bench.conventions.arms import load_cases
 

@@ -37,8 +37,8 @@ from typing import Any
 import numpy as np
 
 from ident.checks.conventions.find import Conventions, is_of_urdf, search_conventions
+from ident.checks.conventions.motions import LIMIT
 from ident.checks.conventions.readings import Model
-from ident.checks.conventions.search import LIMIT
 from ident.checks.filtered_run import USUAL_EFFORT
 from tests.bench.bench_conventions import drawn_cases
 from tests.bench.conventions.arms import MOST_STATES, case_of_session, load_cases, stretches

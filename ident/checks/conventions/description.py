@@ -41,6 +41,26 @@ ALONG_AXIS = 0.999
 Orders = Collection[tuple[int, ...]]
 
 
+class Prices:
+    """What readings' changes cost, each counted once.
+
+    Args:
+        usual_orders: Orders in which logs have all columns otherwise than the robot has its joints.
+    """
+
+    def __init__(self, usual_orders: Orders) -> None:
+        self.usual_orders = usual_orders
+        self._known: dict[Hypothesis, float] = {}
+
+    def of(self, hypothesis: Hypothesis) -> float:
+        """As `price` has it."""
+        known = self._known.get(hypothesis)
+        if known is None:
+            known = price(hypothesis, self.usual_orders)
+            self._known[hypothesis] = known
+        return known
+
+
 def price(hypothesis: Hypothesis, usual_orders: Orders = ()) -> float:
     """What the changes of a reading cost together, as a joint's logarithm of what it leaves."""
     return description_length(hypothesis, usual_orders) / float(DESCRIPTION.observations)

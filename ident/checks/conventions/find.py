@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.checks.conventions.closely import Scored
 from ident.checks.conventions.description import DESCRIPTION, Orders, price
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
+from ident.checks.conventions.motions import LIMIT
 from ident.checks.conventions.readings import Log, Model
-from ident.checks.conventions.search import LIMIT, Scored, Search
+from ident.checks.conventions.search import Search
 from ident.checks.filtered_run import USUAL_EFFORT, filter_run
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel

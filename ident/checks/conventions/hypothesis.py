@@ -6,6 +6,7 @@ All of it is one hypothesis.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -106,11 +107,7 @@ class Hypothesis:
 
     def angles(self, position: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:
         """The URDF's angles of the log's positions [rad or m]; a slide has no unit and no turns."""
-        factor = np.array([UNITS.get(unit, 1.0) for unit in self.unit])
-        factor = np.where(sliding, 1.0, factor) * np.array(self.direction) * np.array(self.gear)
-        zero = np.where(sliding, 0.0, np.array(ZEROS)[list(self.quarters)])
-        angles = factor * position[:, list(self.order)] + zero
-        return self.with_shares(angles)
+        return states_as([self], (position,), sliding)[0][0]
 
     def with_shares(self, angles: Float[Array, "T n"]) -> Float[Array, "T n"]:
         """Angles, or their derivatives, with the joint before's part of them."""
@@ -122,7 +119,7 @@ class Hypothesis:
 
     def rates(self, values: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:
         """The URDF's rates of the log's: as `angles`, without the zeros [rad/s or m/s]."""
-        return self.angles(values, sliding) - self.angles(np.zeros_like(values[:1]), sliding)
+        return states_as([self], (np.empty((0, values.shape[1])), values), sliding)[1][0]
 
     def with_entry(self, name: str, joint: int, value: Any) -> Hypothesis:
         """The same with one joint's entry of a field changed."""
@@ -130,3 +127,32 @@ class Hypothesis:
         values[joint] = value
         changes: dict[str, Any] = {name: tuple(values)}
         return replace(self, **changes)
+
+
+def states_as(
+    readings: Sequence[Hypothesis], states: Sequence[Float[Array, "T n"]], sliding: Array
+) -> list[Float[Array, "k T n"]]:
+    """A log's positions and their derivatives as each of k readings has the URDF's joints.
+
+    Args:
+        readings: How the log is read.
+        states: Positions of the log, then as many of their derivatives as are wanted.
+        sliding: Which joints slide: these have no unit and no turns.
+    """
+    orders = np.array([reading.order for reading in readings])
+    units = np.array([[UNITS.get(unit, 1.0) for unit in reading.unit] for reading in readings])
+    direction = np.array([reading.direction for reading in readings])
+    gear = np.array([reading.gear for reading in readings])
+    quarters = np.array([reading.quarters for reading in readings])
+    shares = np.array([reading.share for reading in readings])
+    factor = (np.where(sliding, 1.0, units) * direction * gear)[:, None]
+    zero = np.where(sliding, 0.0, np.array(ZEROS)[quarters])[:, None]
+    joints = []
+    for values in states:
+        read = factor * values[:, orders].swapaxes(0, 1)
+        if not joints:
+            read = read + zero
+        if shares.any():
+            read[..., 1:] += shares[:, None, 1:] * read[..., :-1].copy()
+        joints.append(read)
+    return joints

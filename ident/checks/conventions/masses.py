@@ -331,14 +331,17 @@ def guessed_masses(log: Log, model: Model) -> Variant | None:
     rest = tau - table @ nominal
     left = beside_friction(np.concatenate([rest[..., None], table], axis=-1), dq, ddq)
     target, columns = left[..., 0], left[..., 1:]
+    transposed = columns.transpose(0, 2, 1)
+    squares = transposed @ columns
+    along = (transposed @ target[..., None])[..., 0]
     variance = np.maximum(log.tau.var(axis=0), 1e-300)
     change = np.zeros_like(nominal)
     told = 0
     share = np.ones_like(variance)
     for _ in range(LIMIT.rounds):
         weight = 1.0 / (share * variance)
-        normal = np.einsum("j,jtp,jtq->pq", weight, columns, columns)
-        wanted = np.einsum("j,jtp,jt->p", weight, columns, target)
+        normal = np.tensordot(weight, squares, axes=1)
+        wanted = weight @ along
         change, told = _least_change(normal, wanted)
         share = ((target - columns @ change) ** 2).mean(axis=1) / variance + READING.floor
     guess = replace(plain, parameters=tuple((nominal + change).tolist()))

@@ -32,13 +32,15 @@ from ident.checks.conventions.description import (
     scale_length,
     size_price,
 )
-from ident.checks.conventions.hypothesis import Hypothesis
+from ident.checks.conventions.hypothesis import Hypothesis, states_as
 from ident.records import read_group
 from ident.robot.arm import ArmModel
+from ident.robot.gravity import gravity_along_axes
 
 LIMIT = read_group(__file__, "readings")
 
 AXES = np.eye(3)
+GRAVITY = 9.81
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +82,8 @@ class Model:
         self.arm = arm
         self.stated = np.array(arm.model.gravity.linear)
         self.sliding = np.asarray(arm.sliding_joints)
+        self.limits = arm.known_limits
         self._free = arm.with_gravity(np.zeros(3))
-        self._along = [arm.with_gravity(axis) for axis in AXES]
         self._under: dict[bytes, ArmModel] = {}
 
     def under(self, gravity: Float[Array, " 3"]) -> ArmModel:
@@ -120,28 +122,25 @@ class Model:
 
     def parts(self, q: Array, dq: Array, ddq: Array) -> Float[Array, "T n 4"]:
         """Gravity torque along each axis of the base for 1 m/s², and the inertial torque [N m]."""
-        gravity = [along.gravity(q) for along in self._along]
-        return np.stack([*gravity, self._free.inverse_dynamics(q, dq, ddq)], axis=-1)
+        inertial = self._free.inverse_dynamics(q, dq, ddq)
+        gravity = gravity_along_axes(self.arm.chain, q)
+        return np.concatenate([gravity, inertial[..., None]], axis=-1)
 
     def beyond_limits(self, q: Float[Array, "k T n"]) -> Float[Array, " k"]:
         """Whether joints leave their limits, by reading; half where one does so by half the margin.
 
         A URDF's limits are the arm's or they are not: the second joint beyond them says no more.
         """
-        limits = self.arm.known_limits
-        low, high = q.min(axis=1), q.max(axis=1)
-        excess = np.maximum(np.maximum(limits.lower - low, high - limits.upper), 0.0)
+        below = self.limits.lower - q.min(axis=1)
+        above = q.max(axis=1) - self.limits.upper
+        excess = np.maximum(np.maximum(below, above), 0.0)
         return np.asarray(np.minimum(excess / LIMIT.limit_margin, 1.0).max(axis=-1))
 
 
 def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
     """The sums of some readings of the motion, one after the other in one pass."""
     sliding, count, n = model.sliding, len(readings), log.q.shape[1]
-    q = np.stack([reading.angles(log.q, sliding) for reading in readings])
-    dq, ddq = (
-        np.stack([reading.rates(values, sliding) for reading in readings])
-        for values in (log.dq, log.ddq)
-    )
+    q, dq, ddq = states_as(readings, (log.q, log.dq, log.ddq), sliding)
     flat = [values.reshape(-1, n) for values in (q, dq, ddq)]
     rigid = model.parts(*flat).reshape(count, -1, n, 4)
     samples = rigid.shape[1]

@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
+from ident.checks.conventions.closely import Scored
 from ident.checks.conventions.description import MASSES
 from ident.checks.conventions.find import (
     Conventions,
@@ -17,7 +18,7 @@ from ident.checks.conventions.find import (
     what_is_sure,
 )
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
-from ident.checks.conventions.search import LIMIT, Scored
+from ident.checks.conventions.motions import LIMIT
 from ident.checks.conventions.words import columns_in_words, guess_in_words, in_words
 from ident.checks.effort import collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities

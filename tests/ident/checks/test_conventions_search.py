@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ident.checks.conventions.hypothesis import Hypothesis
+from ident.checks.conventions.motions import Motions, both, reordered
 from ident.checks.conventions.readings import Log, Model, own_columns, read, unexplained
-from ident.checks.conventions.search import Search, both, reordered
 from ident.robot.arm import ArmModel
 
 PLAIN = Hypothesis.as_it_is(6)
@@ -48,9 +48,9 @@ def test_a_column_keeps_its_unit_under_another_joint() -> None:
 
 def test_columns_that_travel_further_than_joints_can_start_in_degrees(log: Log, arm: ArmModel) -> None:
     scale = np.array([1.0, 57.3, 1.0, 1.0, 57.3, 1.0])
-    starts = Search(replace(log, q=scale * log.q), Model(arm)).starts()
+    starts = Motions(replace(log, q=scale * log.q), Model(arm)).starts()
     assert PLAIN.with_entry("unit", 1, "deg").with_entry("unit", 4, "deg") in starts
-    assert not [start for start in Search(log, Model(arm)).starts() if len({*start.unit}) > 1]
+    assert not [start for start in Motions(log, Model(arm)).starts() if len({*start.unit}) > 1]
 
 
 def test_a_joint_s_own_column_costs_what_it_does_among_all(log: Log, arm: ArmModel) -> None:

@@ -1,0 +1,178 @@
+"""Readings of the motion: what the search starts from, and what is one change away, or two.
+
+A reading of the motion has its own order, directions, zeros, units, gears and shares, and nothing
+else that is not as log and URDF say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+
+from ident.checks.conventions.hypothesis import GEARS, UNITS, Hypothesis
+from ident.checks.conventions.readings import Log, Model
+from ident.records import read_group
+
+LIMIT = read_group(__file__, "search")
+
+# Entries of a reading that go with a column to another joint.
+OF_COLUMNS = ("unit", "gear")
+ENTRIES = ("direction", "quarters", "unit", "gear", "share")
+# Order or entries of a reading's motion that are changed, and at which joints.
+Place = tuple[tuple[str, tuple[bool, ...]], ...]
+
+
+class Motions:
+    """Readings of one log's motion, by the robot's joints."""
+
+    def __init__(self, log: Log, model: Model) -> None:
+        self.n = log.q.shape[1]
+        self.plain = Hypothesis.as_it_is(self.n)
+        self.usual_orders = model.usual_orders
+        self.after_parallel = model.after_parallel
+        self.turning = [int(joint) for joint in np.flatnonzero(~model.sliding)]
+        self._pairs = list(combinations(range(self.n), 2))
+        self._in_degrees = _units_by_travel(log, model)
+
+    def starts(self) -> list[Hypothesis]:
+        """The log as it is, and what all columns may share: another unit, another usual order.
+
+        Where single columns travel further than their joints can, those in degrees.
+        """
+        units = [("",) * self.n, *((unit,) * self.n for unit in UNITS), self._in_degrees]
+        starts = []
+        for order, unit in product((self.plain.order, *self.usual_orders), dict.fromkeys(units)):
+            of_joints = tuple(unit[column] for column in order)
+            starts.append(replace(self.plain, order=order, effort_order=order, unit=of_joints))
+        return starts
+
+    def neighbours(self, reading: Hypothesis) -> Iterator[Hypothesis]:
+        """Readings of the motion that are one change away."""
+        for joint in range(self.n):
+            yield reading.with_entry("direction", joint, -reading.direction[joint])
+        yield from _with_others(reading, "quarters", self.turning, range(4))
+        yield from self._of_other_orders(reading)
+        for unit in (*UNITS, ""):
+            yield replace(reading, unit=(unit,) * self.n)
+        yield from _with_others(reading, "unit", self.turning, ("deg", ""))
+        yield from _with_others(reading, "gear", self.turning, (1.0, *GEARS))
+        yield from _with_others(reading, "share", self.after_parallel, (-1, 0, 1))
+
+    def _of_other_orders(self, reading: Hypothesis) -> Iterator[Hypothesis]:
+        """Two columns exchanged, or all of them in a usual order."""
+        for i, j in self._pairs:
+            order = list(reading.order)
+            order[i], order[j] = order[j], order[i]
+            yield reordered(reading, tuple(order))
+        for columns in (self.plain.order, *self.usual_orders):
+            yield reordered(reading, columns)
+
+    def together(
+        self, reading: Hypothesis, likeliest: Sequence[Hypothesis]
+    ) -> Iterator[Hypothesis]:
+        """The likeliest changes of a reading two by two, and all that one joint's may be.
+
+        One change alone may explain nothing as long as another is not made. A zero is another one
+        where the axis turns the other way, or the angle is another one.
+
+        Args:
+            reading: What they are changes of.
+            likeliest: With one change each, at different places.
+        """
+        for first, second in combinations(likeliest, 2):
+            merged = both(reading, first, second)
+            if merged is not None:
+                yield merged
+        places = [place_of(reading, changed) for changed in likeliest]
+        joints = [place[0][1].index(True) for place in places if _is_of_one_joint(place)]
+        turning = [joint for joint in dict.fromkeys(joints) if joint in self.turning]
+        for joint in turning[: LIMIT.joints]:
+            for direction, quarters, gear in product((1, -1), range(4), (1.0, *GEARS)):
+                turned = reading.with_entry("direction", joint, direction)
+                turned = turned.with_entry("quarters", joint, quarters)
+                yield turned.with_entry("gear", joint, gear)
+
+
+def _units_by_travel(log: Log, model: Model) -> tuple[str, ...]:
+    """Degrees for columns that travel further than any of the robot's joints can."""
+    limits = model.limits
+    turning = ~model.sliding
+    widest = float(np.max((limits.upper - limits.lower)[turning], initial=0.0))
+    too_far = turning & (np.ptp(log.q, axis=0) > widest)
+    return tuple("deg" if far else "" for far in too_far)
+
+
+def _with_others(
+    reading: Hypothesis, name: str, joints: Sequence[int], values: Sequence[Any]
+) -> Iterator[Hypothesis]:
+    """The reading with each other value of one joint's entry."""
+    for joint in joints:
+        for value in values:
+            if value != getattr(reading, name)[joint]:
+                yield reading.with_entry(name, joint, value)
+
+
+def motion_of(hypothesis: Hypothesis) -> Hypothesis:
+    """The reading of the motion alone."""
+    plain = Hypothesis.as_it_is(len(hypothesis.order))
+    return replace(
+        hypothesis,
+        effort_order=hypothesis.order,
+        effort_sign=plain.effort_sign,
+        gravity=plain.gravity,
+        mass_factor=1.0,
+        effort_scale=(),
+        body=None,
+        parameters=None,
+    )
+
+
+def reordered(reading: Hypothesis, order: tuple[int, ...]) -> Hypothesis:
+    """The reading of the motion with columns in another order, each in the unit that it has."""
+    joint_of = {column: joint for joint, column in enumerate(reading.order)}
+    fields: dict[str, Any] = {}
+    for name in OF_COLUMNS:
+        values = getattr(reading, name)
+        fields[name] = tuple(values[joint_of[column]] for column in order)
+    return replace(reading, order=order, effort_order=order, **fields)
+
+
+def place_of(base: Hypothesis, changed: Hypothesis) -> Place:
+    """What of a reading's motion is changed, order or entries, and at which joints."""
+    place = []
+    for name in ("order", *ENTRIES):
+        before = getattr(base, name)
+        after = getattr(changed, name)
+        if before != after:
+            differs = tuple(a != b for a, b in zip(before, after, strict=True))
+            place.append(("order" if name == "order" else "entry", differs))
+    return tuple(place)
+
+
+def _is_of_one_joint(place: Place) -> bool:
+    """Whether one entry of one joint is changed, and no order."""
+    return len(place) == 1 and place[0][0] == "entry" and sum(place[0][1]) == 1
+
+
+def both(base: Hypothesis, first: Hypothesis, second: Hypothesis) -> Hypothesis | None:
+    """A reading with two others' changes of it; None where both change the same entry."""
+    if base.order not in (first.order, second.order):
+        return None
+    # A column's unit goes with it to another joint: that is no change of it.
+    of_first = first if first.order == base.order else reordered(first, base.order)
+    of_second = second if second.order == base.order else reordered(second, base.order)
+    fields: dict[str, Any] = {}
+    for name in ENTRIES:
+        entries = []
+        values = zip(*(getattr(each, name) for each in (base, of_first, of_second)), strict=True)
+        for before, one_way, other_way in values:
+            if before not in (one_way, other_way):
+                return None
+            entries.append(other_way if one_way == before else one_way)
+        fields[name] = tuple(entries)
+    order = second.order if first.order == base.order else first.order
+    return reordered(replace(base, **fields), order)
