@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.checks.conventions.description import Prices
-from ident.checks.conventions.hypothesis import Hypothesis
+from ident.checks.conventions.hypothesis import Hypothesis, states_as
 from ident.checks.conventions.masses import Variant, variants
 from ident.checks.conventions.motions import LIMIT
 from ident.checks.conventions.readings import Log, Model, moving
@@ -41,6 +41,7 @@ class CloseLook:
         self.columns = columns
         self.prices = prices
         self.moves = moving(log)
+        self._largest_effort = np.abs(log.tau).max(axis=0)
         self._scored: dict[Hypothesis, Scored] = {}
 
     @property
@@ -59,12 +60,11 @@ class CloseLook:
         """What a reading costs whose torque is known."""
         hypothesis = variant.hypothesis
         columns = np.array(hypothesis.effort_order)
-        angles = hypothesis.angles(self.log.q, self.model.sliding)
-        limits = LIMIT.limit_cost * float(self.model.beyond_limits(angles[None])[0])
+        beyond = self._beyond_limits(hypothesis)
         costs = np.where(self.columns.alive[columns], variant.costs, 0.0)
         told = float(self.columns.weighed(variant.costs, columns).sum())
         told_by_moving = float(costs[self.moves[columns]].sum())
-        beside = limits + variant.more + self.prices.of(hypothesis)
+        beside = LIMIT.limit_cost * beyond + variant.more + self.prices.of(hypothesis)
         self._scored[hypothesis] = Scored(
             hypothesis,
             told + beside,
@@ -72,3 +72,12 @@ class CloseLook:
             tuple(variant.sizes.tolist()),
             told_by_moving + beside,
         )
+
+    def _beyond_limits(self, hypothesis: Hypothesis) -> float:
+        """Of which limits joints get out: of position, speed and effort, each counted once."""
+        q, dq = states_as([hypothesis], (self.log.q, self.log.dq), self.model.sliding)
+        effort = self._largest_effort[list(hypothesis.effort_order)]
+        for joint, scale in hypothesis.effort_scale:
+            effort[joint] /= scale
+        of_motion = float(self.model.beyond_limits(q, dq)[0])
+        return of_motion + float(self.model.beyond_effort(effort).max())

@@ -22,6 +22,8 @@ LIMIT = read_group(__file__, "search")
 # Entries of a reading that go with a column to another joint.
 OF_COLUMNS = ("unit", "gear")
 ENTRIES = ("direction", "quarters", "unit", "gear", "share")
+# A joint's entries as log and URDF say.
+UNCHANGED = {"direction": 1, "quarters": 0, "unit": "", "gear": 1.0, "share": 0}
 # Order or entries of a reading's motion that are changed, and at which joints.
 Place = tuple[tuple[str, tuple[bool, ...]], ...]
 
@@ -72,29 +74,56 @@ class Motions:
             yield reordered(reading, columns)
 
     def together(
-        self, reading: Hypothesis, likeliest: Sequence[Hypothesis]
+        self, reading: Hypothesis, places: Sequence[Sequence[Hypothesis]]
     ) -> Iterator[Hypothesis]:
         """The likeliest changes of a reading two by two, and all that one joint's may be.
 
-        One change alone may explain nothing as long as another is not made. A zero is another one
-        where the axis turns the other way, or the angle is another one.
+        One change alone may explain nothing as long as another is not made: of a few places each
+        value of the one is tried with each of the other. A zero is another one where the axis turns
+        the other way, or the angle is another one; and what a joint has may stand for another
+        change of it.
 
         Args:
             reading: What they are changes of.
-            likeliest: With one change each, at different places.
+            places: Its likeliest changes by place, the likeliest place and change first.
         """
-        for first, second in combinations(likeliest, 2):
-            merged = both(reading, first, second)
-            if merged is not None:
-                yield merged
-        places = [place_of(reading, changed) for changed in likeliest]
-        joints = [place[0][1].index(True) for place in places if _is_of_one_joint(place)]
+        for changes, others in combinations(places[: LIMIT.paired], 2):
+            yield from _merged(reading, changes[0], others[0])
+        for changes, others in combinations(places[: LIMIT.valued], 2):
+            for first, second in product(changes, others):
+                yield from _merged(reading, first, second)
+        likeliest = [place_of(reading, changes[0]) for changes in places[: LIMIT.paired]]
+        joints = [place[0][1].index(True) for place in likeliest if _is_of_one_joint(place)]
         turning = [joint for joint in dict.fromkeys(joints) if joint in self.turning]
         for joint in turning[: LIMIT.joints]:
             for direction, quarters, gear in product((1, -1), range(4), (1.0, *GEARS)):
                 turned = reading.with_entry("direction", joint, direction)
                 turned = turned.with_entry("quarters", joint, quarters)
                 yield turned.with_entry("gear", joint, gear)
+        for joint in range(self.n):
+            if any(getattr(reading, name)[joint] != value for name, value in UNCHANGED.items()):
+                yield from self._of_joint(reading, joint)
+
+    def _of_joint(self, reading: Hypothesis, joint: int) -> Iterator[Hypothesis]:
+        """The reading with other entries of one joint, one of them changed."""
+        plain = reading
+        for name, value in UNCHANGED.items():
+            plain = plain.with_entry(name, joint, value)
+        yield plain
+        yield plain.with_entry("direction", joint, -1)
+        if joint in self.turning:
+            yield from _with_others(plain, "quarters", [joint], range(4))
+            yield from _with_others(plain, "unit", [joint], ("deg",))
+            yield from _with_others(plain, "gear", [joint], GEARS)
+        if joint in self.after_parallel:
+            yield from _with_others(plain, "share", [joint], (-1, 1))
+
+
+def _merged(base: Hypothesis, first: Hypothesis, second: Hypothesis) -> Iterator[Hypothesis]:
+    """Both changes of a reading, where they are of different entries."""
+    merged = both(base, first, second)
+    if merged is not None:
+        yield merged
 
 
 def _units_by_travel(log: Log, model: Model) -> tuple[str, ...]:

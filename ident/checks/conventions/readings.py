@@ -33,6 +33,7 @@ from ident.checks.conventions.description import (
     size_price,
 )
 from ident.checks.conventions.hypothesis import Hypothesis, states_as
+from ident.checks.filtered_run import CLOCK
 from ident.records import read_group
 from ident.robot.arm import ArmModel
 from ident.robot.gravity import gravity_along_axes
@@ -126,15 +127,30 @@ class Model:
         gravity = gravity_along_axes(self.arm.chain, q)
         return np.concatenate([gravity, inertial[..., None]], axis=-1)
 
-    def beyond_limits(self, q: Float[Array, "k T n"]) -> Float[Array, " k"]:
-        """Whether joints leave their limits, by reading; half where one does so by half the margin.
+    def beyond_limits(
+        self, q: Float[Array, "k T n"], dq: Float[Array, "k T n"]
+    ) -> Float[Array, " k"]:
+        """Of which limits joints get out, of position and of speed, by reading; half of one where a
+        joint does so by half the margin.
 
         A URDF's limits are the arm's or they are not: the second joint beyond them says no more.
         """
         below = self.limits.lower - q.min(axis=1)
         above = q.max(axis=1) - self.limits.upper
-        excess = np.maximum(np.maximum(below, above), 0.0)
-        return np.asarray(np.minimum(excess / LIMIT.limit_margin, 1.0).max(axis=-1))
+        out = np.clip(np.maximum(below, above) / LIMIT.limit_margin, 0.0, 1.0)
+        fast = _over(np.abs(dq).max(axis=1), self.limits.speed)
+        return np.asarray(out.max(axis=-1) + fast.max(axis=-1))
+
+    def beyond_effort(self, effort: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Whether each joint's largest effort [N m or N] is beyond its limit, half of it where it
+        is so by half the margin.
+        """
+        return _over(effort, self.limits.effort)
+
+
+def _over(values: Array, limits: Float[Array, " n"]) -> Array:
+    """How far values are beyond limits, as a share of the margin; 1 at most."""
+    return np.clip((values / limits - 1.0) / (CLOCK.over_limit - 1.0), 0.0, 1.0)
 
 
 def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
@@ -164,7 +180,11 @@ def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
     has_unit = np.array([[unit != "" for unit in reading.unit] for reading in readings])
     still = (has_unit & (np.ptp(q, axis=1) < LIMIT.least_travel)).sum(axis=1)
     return Sums(
-        left, coefficients[..., :3, :], spread, log.tau.var(axis=0), model.beyond_limits(q) + still
+        left,
+        coefficients[..., :3, :],
+        spread,
+        log.tau.var(axis=0),
+        model.beyond_limits(q, dq) + still,
     )
 
 

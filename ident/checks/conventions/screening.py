@@ -73,10 +73,8 @@ class Screening:
             base: What they are changed from: what explains less than half of what its change costs
                 is neither likelier nor a rival, and is not looked at closely.
         """
-        fresh = []
-        for reading in dict.fromkeys(readings):
-            if (reading.motion, has_body) not in self.seen:
-                fresh.append(reading)
+        asked = dict.fromkeys(readings)
+        fresh = [reading for reading in asked if (reading.motion, has_body) not in self.seen]
         if not fresh:
             return
         of_base = np.inf

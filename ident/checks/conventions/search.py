@@ -9,13 +9,15 @@ by more states, with masses and bodies, and the next changes are sought from the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from ident.checks.conventions.closely import CloseLook, Scored
 from ident.checks.conventions.description import BODY_PARAMETERS, Prices
-from ident.checks.conventions.hypothesis import Hypothesis
+from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, Hypothesis
 from ident.checks.conventions.masses import guessed_masses
 from ident.checks.conventions.motions import LIMIT, Motions, Place, motion_of, place_of
 from ident.checks.conventions.readings import Log, Model, evidence_of_columns, telling
@@ -65,6 +67,15 @@ class Search:
             self._settle()
 
     @property
+    def _is_settled(self) -> bool:
+        """Whether the log's own motion explains well: no other is likelier to lead to a better
+        reading, and what else is wrong is seen one by one.
+        """
+        best = self.closely.ranked[0]
+        is_own = best.hypothesis.motion == self.motions.plain.motion
+        return is_own and best.explains > LIMIT.well_explained
+
+    @property
     def _has_time(self) -> bool:
         """Whether more readings of the motion may be tried."""
         return len(self.screening.seen) < int(LIMIT.most_readings)
@@ -81,8 +92,10 @@ class Search:
         self.screening.ask([reading], model, has_body)
         changed = list(self.motions.neighbours(reading))
         self.screening.ask(changed, model, has_body, reading)
-        likeliest = self._likeliest(reading, changed, has_body)
-        together = list(self.motions.together(reading, likeliest))
+        if self._is_settled:
+            return
+        places = self._by_place(reading, changed, has_body)
+        together = list(self.motions.together(reading, places))
         self.screening.ask(together, model, has_body, reading)
 
     def _model_with(self, reading: Hypothesis) -> Model:
@@ -91,16 +104,16 @@ class Search:
             return self.model
         return Model(with_body(self.model.arm, reading))
 
-    def _likeliest(
+    def _by_place(
         self, reading: Hypothesis, changed: Sequence[Hypothesis], has_body: bool
-    ) -> list[Hypothesis]:
-        """The likeliest of a reading's changes, one for each place where it is changed."""
-        likeliest: dict[Place, Hypothesis] = {}
+    ) -> list[list[Hypothesis]]:
+        """A reading's changes by the place where it is changed, the likeliest first."""
+        places: dict[Place, list[Hypothesis]] = {}
         costs = self.screening.seen
         for each in sorted(changed, key=lambda each: costs[each.motion, has_body]):
-            likeliest.setdefault(place_of(reading, each), each)
-        likeliest.pop((), None)  # the reading itself
-        return list(likeliest.values())[: LIMIT.paired]
+            places.setdefault(place_of(reading, each), []).append(each)
+        places.pop((), None)  # the reading itself
+        return list(places.values())
 
     def _look(self, count: int) -> None:
         """Looks closely at so many of the likeliest readings: all states, masses and bodies, any
@@ -115,30 +128,41 @@ class Search:
                 self.closely.look(turned)
 
     def _settle(self) -> None:
-        """Asks for the torques of the likeliest reading anew beside its body, as long as it gains.
+        """Asks for the likeliest reading's torques anew beside its masses, as long as it gains.
 
-        Signs, columns and gravity were sought beside another body than the one they ask for.
+        Signs, columns and gravity were sought beside other masses than those that they ask for: a
+        heavy body may carry what gravity does not, or turn the sign of what it hangs on.
         """
         best = self.closely.ranked[0]
-        while best.hypothesis.body is not None:
-            motion = motion_of(best.hypothesis)
-            model = self._model_with(best.hypothesis)
-            for reading in self.screening.torques_of(motion, model):
+        while best.hypothesis.body is not None or best.hypothesis.mass_factor != 1.0:
+            for reading in self._with_other_torques(best.hypothesis):
                 self.closely.look(reading)
             before = best
             best = self.closely.ranked[0]
             if best is before:
                 return
 
-    def _front(self, ranked: Sequence[Scored]) -> list[Scored]:
-        """The likeliest motions from which no change was sought yet, each of another unit and order
-        of all columns.
-
-        Where the best explains well, no other is likelier to lead to a better one, once those were
-        tried. A body under a reading that explains little mends what another change would: none is
-        sought beside it.
+    def _with_other_torques(self, reading: Hypothesis) -> Iterator[Hypothesis]:
+        """A reading's motion with the torques that are likeliest beside its body, all of the other
+        sign, and without gravity.
         """
-        best = ranked[0]
+        motion = motion_of(reading)
+        if reading.body is not None:
+            yield from self.screening.torques_of(motion, self._model_with(reading))
+        opposite = tuple(-sign for sign in reading.effort_sign)
+        of_torque = replace(motion, effort_order=reading.effort_order)
+        gravities = dict.fromkeys((reading.gravity, AS_STATED, COMPENSATED))
+        for gravity, signs in product(gravities, (reading.effort_sign, opposite)):
+            yield replace(of_torque, gravity=gravity, effort_sign=signs)
+
+    def _front(self, ranked: Sequence[Scored]) -> list[Scored]:
+        """The likeliest motions from which no change was sought yet, each of another order and unit
+        of all columns; the log's own first among equals.
+
+        A body under a reading that explains little mends what another change would: none is sought
+        beside it.
+        """
+        plain = self.motions.plain.motion
         fresh: dict[Motion, Scored] = {}
         for scored in ranked:
             has_body = scored.hypothesis.body is not None
@@ -146,13 +170,8 @@ class Search:
             is_sought = scored.explains > LIMIT.well_explained or not has_body
             if is_sought and key not in self._expanded:
                 fresh.setdefault(key, scored)
-        if self._expanded and best.explains > LIMIT.well_explained:
-            of_best = [
-                scored
-                for scored in fresh.values()
-                if scored.hypothesis.motion == best.hypothesis.motion
-            ]
-            return of_best[:1]
+        if self._is_settled:
+            return [scored for (motion, _), scored in fresh.items() if motion == plain][:1]
         classes: dict[tuple[object, ...], Scored] = {}
         for scored in fresh.values():
             classes.setdefault(self._shared(scored.hypothesis), scored)
@@ -160,14 +179,12 @@ class Search:
         if self._expanded:
             # What explains nothing leads nowhere, once another explains something.
             return [scored for scored in apart if scored.explains > 0.0] or apart[:1]
-        apart.append(fresh[self.motions.plain.motion, False])
-        return list(dict.fromkeys(apart))
+        return list(dict.fromkeys([*apart, fresh[plain, False]]))
 
     def _shared(self, hypothesis: Hypothesis) -> tuple[object, ...]:
-        """What all columns of a reading share: a usual order, a unit."""
-        order = hypothesis.order if hypothesis.order in self.model.usual_orders else None
+        """What all columns of a reading share: an order, a unit."""
         unit = hypothesis.unit[0] if len(set(hypothesis.unit)) == 1 else ""
-        return order, unit
+        return hypothesis.order, unit
 
 
 def with_body(arm: ArmModel, hypothesis: Hypothesis) -> ArmModel:
