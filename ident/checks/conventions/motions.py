@@ -73,25 +73,27 @@ class Motions:
         for columns in (self.plain.order, *self.usual_orders):
             yield reordered(reading, columns)
 
-    def together(
+    def pairs(
         self, reading: Hypothesis, places: Sequence[Sequence[Hypothesis]]
     ) -> Iterator[Hypothesis]:
-        """The likeliest changes of a reading two by two, and all that one joint's may be.
+        """The likeliest changes of a reading two by two.
 
-        One change alone may explain nothing as long as another is not made: of a few places each
-        value of the one is tried with each of the other. A zero is another one where the axis turns
-        the other way, or the angle is another one; and what a joint has may stand for another
-        change of it.
+        One change alone may explain nothing as long as another is not made.
 
         Args:
             reading: What they are changes of.
-            places: Its likeliest changes by place, the likeliest place and change first.
+            places: Its changes by place, the likeliest place and change first.
         """
         for changes, others in combinations(places[: LIMIT.paired], 2):
             yield from _merged(reading, changes[0], others[0])
-        for changes, others in combinations(places[: LIMIT.valued], 2):
-            for first, second in product(changes, others):
-                yield from _merged(reading, first, second)
+
+    def of_joints(
+        self, reading: Hypothesis, places: Sequence[Sequence[Hypothesis]]
+    ) -> Iterator[Hypothesis]:
+        """All directions, zeros and gears together of the joints that are likeliest changed.
+
+        A zero is another one where the axis turns the other way, or the angle is another one.
+        """
         likeliest = [place_of(reading, changes[0]) for changes in places[: LIMIT.paired]]
         joints = [place[0][1].index(True) for place in likeliest if _is_of_one_joint(place)]
         turning = [joint for joint in dict.fromkeys(joints) if joint in self.turning]
@@ -100,6 +102,18 @@ class Motions:
                 turned = reading.with_entry("direction", joint, direction)
                 turned = turned.with_entry("quarters", joint, quarters)
                 yield turned.with_entry("gear", joint, gear)
+
+    def other_values(
+        self, reading: Hypothesis, places: Sequence[Sequence[Hypothesis]]
+    ) -> Iterator[Hypothesis]:
+        """All values of the likeliest places two by two; and what else a changed joint may have.
+
+        The likeliest value of one place alone need not be its value beside another's; and one
+        change of a joint may have been taken for another.
+        """
+        for changes, others in combinations(places[: LIMIT.valued], 2):
+            for first, second in product(changes, others):
+                yield from _merged(reading, first, second)
         for joint in range(self.n):
             if any(getattr(reading, name)[joint] != value for name, value in UNCHANGED.items()):
                 yield from self._of_joint(reading, joint)

@@ -69,7 +69,7 @@ class Search:
     @property
     def _is_settled(self) -> bool:
         """Whether the log's own motion explains well: no other is likelier to lead to a better
-        reading, and what else is wrong is seen one by one.
+        reading.
         """
         best = self.closely.ranked[0]
         is_own = best.hypothesis.motion == self.motions.plain.motion
@@ -92,10 +92,10 @@ class Search:
         self.screening.ask([reading], model, has_body)
         changed = list(self.motions.neighbours(reading))
         self.screening.ask(changed, model, has_body, reading)
-        if self._is_settled:
-            return
         places = self._by_place(reading, changed, has_body)
-        together = list(self.motions.together(reading, places))
+        together = [*self.motions.pairs(reading, places), *self.motions.of_joints(reading, places)]
+        if not self._is_settled:
+            together += self.motions.other_values(reading, places)
         self.screening.ask(together, model, has_body, reading)
 
     def _model_with(self, reading: Hypothesis) -> Model:
