@@ -147,7 +147,7 @@ def states_as(
     shares = np.array([reading.share for reading in readings])
     factor = (np.where(sliding, 1.0, units) * direction * gear)[:, None]
     zero = np.where(sliding, 0.0, np.array(ZEROS)[quarters])[:, None]
-    joints = []
+    joints: list[Float[Array, "k T n"]] = []
     for values in states:
         read = factor * values[:, orders].swapaxes(0, 1)
         if not joints:

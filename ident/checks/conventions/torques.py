@@ -168,7 +168,7 @@ class Torques:
             more = self.unlikely[f, k, g] + self.price_of_all_signs[turned]
             # No columns explain more than each joint's best one.
             is_open = best.min(axis=-1).sum(axis=-1) + more < known
-            for number in np.flatnonzero(is_open):
+            for number in map(int, np.flatnonzero(is_open)):
                 _, columns = linear_sum_assignment(best[number])
                 signs = signed[number, joints, columns].argmin(axis=-1) ^ turned
                 chosen = (number, joints, columns, signs)
