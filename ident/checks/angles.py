@@ -53,27 +53,13 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     suspects = turning & ((far > farthest) | (fast > fastest))
     if not suspects.any():
         return session, []
-    converted = scale_angles(session, math.radians(1.0), turning, _in_one_unit(session))
-    of_some = False
-    if arm is not None and not suspects[turning].all():
-        alone = scale_angles(session, math.radians(1.0), suspects, _in_one_unit(session))
-        of_some = explained_by_model(alone, arm) > explained_by_model(converted, arm)
-        converted = alone if of_some else converted
-    reason = ""
-    tells = False
-    if arm is not None:
-        as_radians = explained_by_model(session, arm)
-        as_degrees = explained_by_model(converted, arm)
-        tells = max(as_degrees, as_radians) > LIMIT.model_tells
-        if tells and as_degrees > as_radians + 0.1:
-            reason = (
-                f"the robot's model explains {100.0 * as_degrees:.0f} % of the torque in degrees, "
-                f"{100.0 * as_radians:.0f} % in radians"
-            )
-    if not tells:
-        too_fast = fast > np.maximum(fastest, LIMIT.fastest_rad_s)
+    converted, in_degrees = _in_radians(session, arm, turning, suspects)
+    by_torque = None if arm is None else _told_by_torque(session, converted, arm)
+    reason = by_torque or ""
+    if by_torque is None:
         # In degrees nearly any motion goes beyond what would be two turns; a fast joint alone may
         # be fast.
+        too_fast = fast > np.maximum(fastest, LIMIT.fastest_rad_s)
         is_far = far > LIMIT.farthest_rad
         if arm is not None:
             is_far |= is_limited(arm)
@@ -82,11 +68,47 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     if not reason:
         return session, []
     worst = int(np.argmax(np.where(suspects, far, -1.0)))
-    key = "degrees_of_some" if of_some else "degrees"
-    joints = joints_at(session, suspects if of_some else turning)
+    key = "degrees" if (in_degrees == turning).all() else "degrees_of_some"
+    joints = joints_at(session, in_degrees)
     line = toml_line("unit", dict.fromkeys(joints, "deg"))
     issue = issue_of(key, session, joints, worst, line=line, far=far, fast=fast, reason=reason)
     return converted, [issue]
+
+
+def _in_radians(
+    session: Session,
+    arm: ArmModel | None,
+    turning: Bool[Array, " n"],
+    suspects: Bool[Array, " n"],
+) -> tuple[Session, Bool[Array, " n"]]:
+    """The session with all turning joints read as degrees, and which these are; or the suspected
+    ones alone where the torques are better explained so.
+    """
+    with_velocity = _in_one_unit(session)
+    converted = scale_angles(session, math.radians(1.0), turning, with_velocity)
+    if arm is None or suspects[turning].all():
+        return converted, turning
+    alone = scale_angles(session, math.radians(1.0), suspects, with_velocity)
+    if explained_by_model(alone, arm) > explained_by_model(converted, arm):
+        return alone, suspects
+    return converted, turning
+
+
+def _told_by_torque(session: Session, converted: Session, arm: ArmModel) -> str | None:
+    """Why the torques say that angles are in degrees; empty where they say that they are not.
+
+    None where they say nothing.
+    """
+    as_radians = explained_by_model(session, arm)
+    as_degrees = explained_by_model(converted, arm)
+    if max(as_degrees, as_radians) <= LIMIT.model_tells:
+        return None
+    if as_degrees <= as_radians + 0.1:
+        return ""
+    return (
+        f"the robot's model explains {100.0 * as_degrees:.0f} % of the torque in degrees, "
+        f"{100.0 * as_radians:.0f} % in radians"
+    )
 
 
 def _in_one_unit(session: Session) -> bool:

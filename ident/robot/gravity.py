@@ -20,8 +20,8 @@ from ident.robot.chain import Chain
 def gravity_along_axes(chain: Chain, q: Float[Array, "T n"]) -> Float[Array, "T n 3"]:
     """Joint torques that hold the arm still under 1 m/s² along each axis of its base [N m or N]."""
     out = np.empty((*np.shape(q), 3))
-    geometry = (chain.rotations, chain.offsets, chain.axes, chain.sliding)
-    values = (*geometry, chain.masses, chain.centres, q)
+    vectors = np.stack([chain.offsets, chain.axes, chain.centres], axis=1)
+    values = (chain.rotations, vectors, chain.sliding, chain.masses, q)
     _fill_gravity(*[np.ascontiguousarray(value, dtype=float) for value in values], out)
     return out
 
@@ -29,15 +29,17 @@ def gravity_along_axes(chain: Chain, q: Float[Array, "T n"]) -> Float[Array, "T 
 @compiled(error_model="numpy", nogil=True)
 def _fill_gravity(
     rotations: Array,
-    offsets: Array,
-    axes: Array,
+    vectors: Array,
     sliding: Array,
     masses: Array,
-    centres: Array,
     q: Array,
     out: Array,
 ) -> None:
-    """Axes, origins and centres of mass from the base on, then the torques from the tip on."""
+    """Axes, origins and centres of mass from the base on, then the torques from the tip on.
+
+    Vectors of each joint are its offset in its parent's frame, then its axis and its link's centre
+    of mass in its own.
+    """
     count = q.shape[1]
     axis = np.empty((count, 3))
     origin = np.empty((count, 3))
@@ -64,18 +66,18 @@ def _fill_gravity(
                 x = turn[k, 0]
                 y = turn[k, 1]
                 z = turn[k, 2]
-                place[k] += x * offsets[i, 0] + y * offsets[i, 1] + z * offsets[i, 2]
+                place[k] += x * vectors[i, 0, 0] + y * vectors[i, 0, 1] + z * vectors[i, 0, 2]
                 for m in range(3):
                     turn[k, m] = x * step[0, m] + y * step[1, m] + z * step[2, m]
             for k in range(3):
                 x = turn[k, 0]
                 y = turn[k, 1]
                 z = turn[k, 2]
-                axis[i, k] = x * axes[i, 0] + y * axes[i, 1] + z * axes[i, 2]
+                axis[i, k] = x * vectors[i, 1, 0] + y * vectors[i, 1, 1] + z * vectors[i, 1, 2]
                 if sliding[i] != 0.0:
                     place[k] += axis[i, k] * q[t, i]
                 origin[i, k] = place[k]
-                beyond = x * centres[i, 0] + y * centres[i, 1] + z * centres[i, 2]
+                beyond = x * vectors[i, 2, 0] + y * vectors[i, 2, 1] + z * vectors[i, 2, 2]
                 centre[i, k] = place[k] + beyond
         mass = 0.0
         for k in range(3):

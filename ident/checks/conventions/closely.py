@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.checks.conventions.description import Prices
+from ident.checks.conventions.description import SEARCH, Prices
 from ident.checks.conventions.hypothesis import Hypothesis, states_as
 from ident.checks.conventions.masses import Variant, variants
-from ident.checks.conventions.motions import LIMIT
 from ident.checks.conventions.readings import Log, Model, moving
 from ident.checks.conventions.torques import Columns
 
@@ -64,7 +63,7 @@ class CloseLook:
         costs = np.where(self.columns.alive[columns], variant.costs, 0.0)
         told = float(self.columns.weighed(variant.costs, columns).sum())
         told_by_moving = float(costs[self.moves[columns]].sum())
-        beside = LIMIT.limit_cost * beyond + variant.more + self.prices.of(hypothesis)
+        beside = SEARCH.limit_cost * beyond + variant.more + self.prices.of(hypothesis)
         self._scored[hypothesis] = Scored(
             hypothesis,
             told + beside,

@@ -204,7 +204,9 @@ def common_factor(products: Products) -> tuple[float, float]:
     if weight is None:
         return 1.0, 0.0
     middle = float(weight @ logs / weight.sum())
-    around_one, around_it = (_spread_around(logs, at, weight, variance) for at in (0.0, middle))
+    around_one, around_it = (
+        _spread_around(logs, centre, weight, variance) for centre in (0.0, middle)
+    )
     return float(np.exp(middle)), _gain_of_spreads(around_one, around_it, variance[weight > 0.0])
 
 

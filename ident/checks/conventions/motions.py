@@ -13,11 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from ident.checks.conventions.description import SEARCH
 from ident.checks.conventions.hypothesis import GEARS, UNITS, Hypothesis
 from ident.checks.conventions.readings import Log, Model
-from ident.records import read_group
-
-LIMIT = read_group(__file__, "search")
 
 # Entries of a reading that go with a column to another joint.
 OF_COLUMNS = ("unit", "gear")
@@ -84,7 +82,7 @@ class Motions:
             reading: What they are changes of.
             places: Its changes by place, the likeliest place and change first.
         """
-        for changes, others in combinations(places[: LIMIT.paired], 2):
+        for changes, others in combinations(places[: SEARCH.paired], 2):
             yield from _merged(reading, changes[0], others[0])
 
     def of_joints(
@@ -94,10 +92,10 @@ class Motions:
 
         A zero is another one where the axis turns the other way, or the angle is another one.
         """
-        likeliest = [place_of(reading, changes[0]) for changes in places[: LIMIT.paired]]
+        likeliest = [place_of(reading, changes[0]) for changes in places[: SEARCH.paired]]
         joints = [place[0][1].index(True) for place in likeliest if _is_of_one_joint(place)]
         turning = [joint for joint in dict.fromkeys(joints) if joint in self.turning]
-        for joint in turning[: LIMIT.joints]:
+        for joint in turning[: SEARCH.joints]:
             for direction, quarters, gear in product((1, -1), range(4), (1.0, *GEARS)):
                 turned = reading.with_entry("direction", joint, direction)
                 turned = turned.with_entry("quarters", joint, quarters)
@@ -111,7 +109,7 @@ class Motions:
         The likeliest value of one place alone need not be its value beside another's; and one
         change of a joint may have been taken for another.
         """
-        for changes, others in combinations(places[: LIMIT.valued], 2):
+        for changes, others in combinations(places[: SEARCH.valued], 2):
             for first, second in product(changes, others):
                 yield from _merged(reading, first, second)
         for joint in range(self.n):

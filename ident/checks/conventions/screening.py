@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.checks.conventions.description import Prices
+from ident.checks.conventions.description import SEARCH, Prices
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
-from ident.checks.conventions.motions import LIMIT
 from ident.checks.conventions.readings import (
     AXES,
     GRAVITY,
@@ -31,7 +30,7 @@ Motion = tuple[tuple[object, ...], bool]
 
 
 @dataclass(frozen=True, eq=False)
-class Screened:
+class ScreenedMotion:
     """A reading of the motion with its likeliest readings of the torque, the likeliest first."""
 
     reading: Hypothesis
@@ -55,7 +54,7 @@ class Screening:
         self.prices = prices
         self.gravities = _gravities(model)
         self.seen: dict[Motion, float] = {}  # what it costs
-        self._waiting: dict[Motion, Screened] = {}
+        self._waiting: dict[Motion, ScreenedMotion] = {}
 
     def ask(
         self,
@@ -89,7 +88,7 @@ class Screening:
             self.seen[key] = screened.cost
             self._waiting[key] = replace(screened, most=most)
 
-    def likeliest(self, count: int) -> list[Screened]:
+    def likeliest(self, count: int) -> list[ScreenedMotion]:
         """So many of the likeliest that were not handed out yet."""
         known = [key for key, screened in self._waiting.items() if screened.cost <= screened.most]
         known.sort(key=lambda key: self._waiting[key].cost)
@@ -100,13 +99,13 @@ class Screening:
         (screened,) = self._screened(read(self.log, model, [motion]), [motion])
         return [self.with_torque(motion, torque) for torque in screened.torques]
 
-    def _screened(self, sums: Sums, readings: Sequence[Hypothesis]) -> list[Screened]:
+    def _screened(self, sums: Sums, readings: Sequence[Hypothesis]) -> list[ScreenedMotion]:
         """Each reading of the motion with its likeliest readings of the torque."""
         torques = Torques(sums, readings, self.gravities, self.columns).likeliest()
         screened = []
         for reading, beyond, likeliest in zip(readings, sums.beyond, torques, strict=True):
-            beside = LIMIT.limit_cost * float(beyond) + self.prices.of(reading)
-            screened.append(Screened(reading, likeliest, beside))
+            beside = SEARCH.limit_cost * float(beyond) + self.prices.of(reading)
+            screened.append(ScreenedMotion(reading, likeliest, beside))
         return screened
 
     def with_torque(self, motion: Hypothesis, torque: Torque) -> Hypothesis:
@@ -142,7 +141,7 @@ class Screening:
         tried = self.gravities.vectors[:-1]
         lengths = np.linalg.norm(tried, axis=1) * np.linalg.norm(vector)
         cosines = tried @ vector / np.maximum(lengths, 1e-12)
-        return bool((cosines <= np.cos(np.radians(LIMIT.snap_deg))).all())
+        return bool((cosines <= np.cos(np.radians(SEARCH.snap_deg))).all())
 
 
 def _gravities(model: Model) -> Gravities:

@@ -16,10 +16,10 @@ from itertools import product
 import numpy as np
 
 from ident.checks.conventions.closely import CloseLook, Scored
-from ident.checks.conventions.description import BODY_PARAMETERS, Prices
+from ident.checks.conventions.description import BODY_PARAMETERS, SEARCH, Prices
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, Hypothesis
 from ident.checks.conventions.masses import guessed_masses
-from ident.checks.conventions.motions import LIMIT, Motions, Place, motion_of, place_of
+from ident.checks.conventions.motions import Motions, Place, motion_of, place_of
 from ident.checks.conventions.readings import Log, Model, evidence_of_columns, telling
 from ident.checks.conventions.screening import Motion, Screening
 from ident.checks.conventions.torques import Columns
@@ -30,13 +30,13 @@ class Search:
     """Readings of one log, scored as they are asked for."""
 
     def __init__(self, log: Log, model: Model) -> None:
-        log = log.thinned(LIMIT.states)
+        log = log.thinned(SEARCH.states)
         columns = Columns(evidence_of_columns(log), telling(log))
         prices = Prices(model.usual_orders)
         self.log = log
         self.model = model
         self.motions = Motions(log, model)
-        self.screening = Screening(log.thinned(LIMIT.screened), model, columns, prices)
+        self.screening = Screening(log.thinned(SEARCH.screened), model, columns, prices)
         self.closely = CloseLook(log, model, columns, prices)
         self._expanded: set[Motion] = set()
 
@@ -63,7 +63,7 @@ class Search:
             for scored in front:
                 if self._has_time:
                     self._expand(scored)
-            self._look(LIMIT.refined)
+            self._look(SEARCH.refined)
             self._settle()
 
     @property
@@ -73,12 +73,12 @@ class Search:
         """
         best = self.closely.ranked[0]
         is_own = best.hypothesis.motion == self.motions.plain.motion
-        return is_own and best.explains > LIMIT.well_explained
+        return is_own and best.explains > SEARCH.well_explained
 
     @property
     def _has_time(self) -> bool:
         """Whether more readings of the motion may be tried."""
-        return len(self.screening.seen) < int(LIMIT.most_readings)
+        return len(self.screening.seen) < int(SEARCH.most_readings)
 
     def _expand(self, scored: Scored) -> None:
         """Screens what is one change away from a reading, and its likeliest changes two by two.
@@ -167,7 +167,7 @@ class Search:
         for scored in ranked:
             has_body = scored.hypothesis.body is not None
             key = (scored.hypothesis.motion, has_body)
-            is_sought = scored.explains > LIMIT.well_explained or not has_body
+            is_sought = scored.explains > SEARCH.well_explained or not has_body
             if is_sought and key not in self._expanded:
                 fresh.setdefault(key, scored)
         if self._is_settled:
@@ -175,7 +175,7 @@ class Search:
         classes: dict[tuple[object, ...], Scored] = {}
         for scored in fresh.values():
             classes.setdefault(self._shared(scored.hypothesis), scored)
-        apart = list(classes.values())[: LIMIT.beam]
+        apart = list(classes.values())[: SEARCH.beam]
         if self._expanded:
             # What explains nothing leads nowhere, once another explains something.
             return [scored for scored in apart if scored.explains > 0.0] or apart[:1]

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ident.checks.conventions.description import SEARCH
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis, states_as
 from ident.checks.conventions.masses import gain_of_agreeing, products_of, read_as
-from ident.checks.conventions.motions import LIMIT, Motions, both, reordered
+from ident.checks.conventions.motions import Motions, both, reordered
 from ident.checks.conventions.readings import Log, Model, own_columns, read, unexplained
 from ident.checks.conventions.search import Search
 from ident.robot.arm import ArmModel
@@ -124,7 +125,7 @@ def test_a_log_that_is_explained_is_settled_by_few_readings(log: Log, arm: ArmMo
         search = Search(replace(log, q=position), Model(arm))
         search.run()
         asked[name] = len(search.screening.seen)
-    assert asked["as it is"] < 0.5 * LIMIT.most_readings
+    assert asked["as it is"] < 0.5 * SEARCH.most_readings
     assert asked["columns exchanged"] > 2 * asked["as it is"]
 
 
