@@ -114,9 +114,8 @@ def gravity_length(gravity: str | tuple[float, float, float]) -> float:
     vector = np.abs(np.array(gravity, dtype=float))
     if vector.max() > ALONG_AXIS * np.linalg.norm(vector):
         return KIND + math.log(AXES - 1)
-    cap = 0.5 * (
-        1.0 - math.cos(math.radians(SEARCH.snap_deg))
-    )  # share of the sphere around one direction
+    # Share of the sphere around one direction.
+    cap = 0.5 * (1.0 - math.cos(math.radians(SEARCH.snap_deg)))
     return KIND + math.log(1.0 / cap)
 
 

@@ -14,15 +14,13 @@ import numpy as np
 
 from ident.arrays import Array, Float
 
-# A zero that is off is off by quarters of a turn [rad]: what lies between is for a diagnosis to
-# find.
+# A zero is off by quarters of a turn [rad]: what lies between is for a diagnosis to find.
 QUARTER = 0.5 * math.pi
 ZEROS = (0.0, QUARTER, math.pi, -QUARTER)  # angles of 0 to 3 quarters, the shorter way round [rad]
-# Factors that make radians of what a log may hold, by the unit's name; radians read as degrees
-# among them.
+# Factors that make radians of what a log may hold, by the unit's name; also of radians that were
+# read as degrees.
 UNITS = {"deg": math.radians(1.0), "turns": math.tau, "rad": math.degrees(1.0)}
-# Factors that make a joint's angle of one that is counted elsewhere in its drive, or by another
-# encoder.
+# Factors that make a joint's angle of one that is counted elsewhere in its drive.
 GEARS = (0.5, 2.0)
 # Gravity is where the URDF's base has it.
 AS_STATED = "stated"
@@ -46,9 +44,8 @@ class Hypothesis:
     effort_order: tuple[int, ...]  # column of the log that is each joint's effort
     direction: tuple[int, ...]  # 1, or -1 where the log's axis turns the other way
     quarters: tuple[int, ...]  # quarters of a turn between both zeros, 0 to 3
-    unit: tuple[
-        str, ...
-    ]  # of each joint's position: empty for what the log states, or a key of `UNITS`
+    # Of each joint's position: empty for what the log states, or a key of `UNITS`.
+    unit: tuple[str, ...]
     effort_sign: tuple[int, ...]  # 1, or -1 where the log's torque alone has the other sign
     gear: tuple[float, ...]  # of each joint's position: 1, or one of `GEARS`
     # Of the position of the joint before that is part of each joint's angle: 0, 1 or -1.
@@ -88,16 +85,13 @@ class Hypothesis:
         names += [f"direction {j}" for j, sign in enumerate(self.direction) if sign < 0]
         names += [f"zero {j}" for j, turns in enumerate(self.quarters) if turns]
         units = [(j, unit) for j, unit in enumerate(self.unit) if unit]
-        names += (
-            ["unit"] if len({unit for _, unit in units}) == 1 and len(units) == len(own) else []
-        )
-        names += [f"unit {j}" for j, _ in units] if "unit" not in names else []
+        is_common = len(units) == len(own) and len({unit for _, unit in units}) == 1
+        names += ["unit"] if is_common else [f"unit {j}" for j, _ in units]
         names += [f"gear {j}" for j, factor in enumerate(self.gear) if factor != 1.0]
         names += [f"share {j}" for j, share in enumerate(self.share) if share]
         flipped = [j for j, sign in enumerate(self.effort_sign) if sign < 0]
-        names += (
-            ["effort_sign"] if len(flipped) == len(own) else [f"effort_sign {j}" for j in flipped]
-        )
+        is_every = len(flipped) == len(own)
+        names += ["effort_sign"] if is_every else [f"effort_sign {j}" for j in flipped]
         names += [] if self.gravity == AS_STATED else ["gravity"]
         names += [] if self.mass_factor == 1.0 else ["mass_factor"]
         names += [f"effort_scale {j}" for j, _ in self.effort_scale]

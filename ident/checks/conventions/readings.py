@@ -66,14 +66,12 @@ class Sums(NamedTuple):
     """
 
     left: Float[Array, "k n m m"]
-    friction: Float[
-        Array, "k n 3 m"
-    ]  # coefficient of Coulomb and viscous friction and of the rotor, by column
+    # Coefficient of Coulomb and viscous friction and of the rotor, by column.
+    friction: Float[Array, "k n 3 m"]
     spread: Float[Array, "k n 3"]  # variance of each coefficient for a residual of variance one
     variance: Float[Array, " n"]  # of each column of effort; of own ones shape (k, n, 1, 1)
-    beyond: Float[
-        Array, " k"
-    ]  # whether joints leave their limits, and how many another unit leaves without motion
+    # Of which limits joints get out, and how many another unit leaves without motion.
+    beyond: Float[Array, " k"]
 
 
 class Model:
@@ -223,9 +221,8 @@ def unexplained(
     """
     usual = size[:, None, :, None]
     other_unit = scale_length(sums.left.shape[1]) / DESCRIPTION.observations
-    vectors = np.concatenate(
-        [gravity, np.ones_like(gravity[..., :1])], axis=-1
-    )  # of the rigid torque's columns
+    # Amounts of the rigid torque's columns.
+    vectors = np.concatenate([gravity, np.ones_like(gravity[..., :1])], axis=-1)
     rigid, mixed = sums.left[:, :, :4, :4], sums.left[:, :, :4, 4:]
     along = vectors[:, None] @ mixed
     square = np.maximum(_squares(vectors, rigid), 1e-12)[..., None]
