@@ -121,7 +121,9 @@ def servo(
 
         rolled = roll_out_servos(loaded, arm)
         write_servos(Path(out), rolled, [session.name for session in loaded])
-    return ServoArm(name, servos, rolled, told_runs(goals, arm, servos)).with_provenance(origin)
+    hold = max(run.hold for run in goals)
+    curves = told_runs(goals, arm, servos)
+    return ServoArm(name, servos, rolled, curves, hold).with_provenance(origin)
 
 
 def watch(

@@ -10,48 +10,30 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ident.checks.angles import (
-    mend_absurd,
-    mend_channel_spikes,
-    mend_degrees,
-    mend_spikes,
-    mend_wraps,
-    split_at_jumps,
-)
+from ident.checks.absent_joints import check_absent
+from ident.checks.angles import mend_degrees
 from ident.checks.arrangement import check_bodies
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
-from ident.checks.clock import (
-    check_clock,
-    check_rate,
-    is_clock_wrong,
-    mend_clock_jumps,
-    mend_jitter,
-    mend_order,
-    mend_time_base,
-    mend_time_unit,
-    mend_velocity,
-    split_at_gaps,
-)
+from ident.checks.clock import mend_clock_jumps, mend_order, split_at_gaps
 from ident.checks.conventions.reread import as_it_is, read_conventions
 from ident.checks.effort import check_effort, collect_states
-from ident.checks.effort_kind import (
-    Gains,
-    check_absent,
-    check_gains,
-    check_placeholders,
-    check_rating,
-    check_scales,
-    judge_effort,
-    mend_effort_kind,
-)
+from ident.checks.effort_kind import judge_effort, mend_effort_kind
 from ident.checks.excitation import Amount
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
+from ident.checks.gains import Gains, check_gains
 from ident.checks.information import check_information
 from ident.checks.lateness import check_lateness
 from ident.checks.odd_runs import check_odd_runs
+from ident.checks.ratings import check_placeholders, check_rating
 from ident.checks.report import TelemetryReport, as_mounted
 from ident.checks.run_clocks import check_run_clocks
+from ident.checks.sampling import check_rate, mend_jitter
+from ident.checks.scales import check_scales
+from ident.checks.spikes import mend_absurd, mend_channel_spikes, mend_spikes
+from ident.checks.time_base import check_clock, is_clock_wrong, mend_time_base, mend_time_unit
 from ident.checks.urdf_faults import check_bodies_of_urdf
+from ident.checks.velocity import mend_velocity
+from ident.checks.wraps import mend_wraps, split_at_jumps
 from ident.recordings.columns import match_joints
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.series import SearchedRun, Series

@@ -2,7 +2,7 @@
 
 Behind a gap a clock may go on at half its speed. The positions' derivative is then off the measured
 velocity by one factor at all joints, in those stretches alone. Where it is off everywhere, the
-whole time base is (`ident.checks.clock`).
+whole time base is (`ident.checks.time_base`).
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment
 
-from ident.checks.angles import unwrap
 from ident.checks.report import TelemetryReport
+from ident.checks.wraps import unwrap
 from ident.errors import InputError, RecordingError
 from ident.files import atomic_write
 from ident.infer.by_data import guess_by_data

@@ -19,8 +19,8 @@ from ident.checks.conventions.find import find_conventions, is_changed
 from ident.checks.conventions.reread import describe, reread, rivals
 from ident.checks.conventions.words import in_words
 from ident.checks.effort import States, collect_states, fit_signed
-from ident.checks.effort_kind import fit_scale
 from ident.checks.filtered_run import USUAL_EFFORT, compare_velocities
+from ident.checks.scales import fit_scale
 from ident.infer.families import words_of
 from ident.infer.guess import Reason, Signals
 from ident.recordings.recording import Session

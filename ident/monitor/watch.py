@@ -13,7 +13,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from ident.checks.effort_kind import Gains
+from ident.checks.gains import Gains
 from ident.command_options import WatchOptions
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE

@@ -305,6 +305,8 @@ def _total_lag(table: Sequence[Rows], near: Bool[Array, " D"], best: int) -> Fig
 
 
 SCHEMA = "ident.servo/1"
+# Figures that say how late a joint is after its goals.
+LATE = {"delay_s", "total_lag_s"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,6 +317,7 @@ class ServoArm(Result):
     joints: tuple[ServoJoint, ...]  # what is reported of each
     rolled: tuple[RolledOut, ...] = ()  # models that roll out, where they were asked for
     curves: tuple[ToldRun, ...] = ()  # goals, positions and what the figures say of them, for a page
+    hold_s: float = 0.0  # how long a goal is held in the log
 
     def to_dict(self) -> dict[str, Any]:
         joints = {}
@@ -350,4 +353,6 @@ class ServoArm(Result):
         for model in self.rolled:
             held = f"{1e3 * model.held_error:.0f} mrad on average over {plural(len(model.held), 'run')} held back"
             lines.append(f"{model.joint}: rolled out from its goals alone it is off by {held}")
+        if any(LATE & {*one.figures} for one in self.joints):
+            lines.append(TEXT["held"].format(hold=1e3 * self.hold_s, half=500.0 * self.hold_s))
         return "\n".join(lines)

@@ -22,9 +22,9 @@ from scipy.spatial.transform import Rotation
 
 from ident.arrays import Array
 from ident.checks.effort import collect_states
-from ident.checks.effort_kind import fit_scale
 from ident.checks.inspection import inspect_alone
 from ident.checks.report import MISREAD
+from ident.checks.scales import fit_scale
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.laws.acting import turned_gravity

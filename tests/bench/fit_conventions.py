@@ -23,8 +23,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ident.arrays import Array
-from ident.checks.conventions.description import DESCRIPTION, description_length, size_price
-from ident.checks.conventions.search import LIMIT, Scored, Search
+from ident.checks.conventions.closely import Scored
+from ident.checks.conventions.description import DESCRIPTION, SEARCH, description_length, size_price
+from ident.checks.conventions.search import Search
 from tests.bench.bench_conventions import Drawn, drawn_cases
 from tests.bench.conventions.arms import load_cases
 
@@ -32,7 +33,7 @@ from tests.bench.conventions.arms import load_cases
 KEPT = 25
 # Parts that arms are left out in.
 FOLDS = 5
-STARTS = (DESCRIPTION.observations, DESCRIPTION.size_spread, DESCRIPTION.observations * LIMIT.limit_cost)
+STARTS = (DESCRIPTION.observations, DESCRIPTION.size_spread, DESCRIPTION.observations * SEARCH.limit_cost)
 
 
 def features(drawn: Drawn, scored: Scored) -> tuple[float, float, float, float]:

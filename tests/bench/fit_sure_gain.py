@@ -36,9 +36,9 @@ from typing import Any
 
 import numpy as np
 
+from ident.checks.conventions.description import SEARCH
 from ident.checks.conventions.find import Conventions, is_of_urdf, search_conventions
 from ident.checks.conventions.readings import Model
-from ident.checks.conventions.search import LIMIT
 from ident.checks.filtered_run import USUAL_EFFORT
 from tests.bench.bench_conventions import drawn_cases
 from tests.bench.conventions.arms import MOST_STATES, case_of_session, load_cases, stretches
@@ -170,7 +170,7 @@ def fit(rows: Sequence[dict[str, Any]]) -> None:
     print(f"{len(untouched)} logs of {len(arms)} arms: {share:.4f} with a false gain, {scale:.3f} nats in the mean")
     print(f"largest false gain {max(map(false_gain, untouched)):.2f}, by the URDF alone ", end="")
     print(f"{max(map(false_gain_of_urdf, untouched)):.2f}")
-    print(f"sure_gain = {needed:.2f}; now {LIMIT.sure_gain}")
+    print(f"sure_gain = {needed:.2f}; now {SEARCH.sure_gain}")
     if right:
         share_sure = np.mean([row["gain"] > needed for row in right])
         print(f"of {len(right)} drawn changes rightly read {share_sure:.3f} sure")

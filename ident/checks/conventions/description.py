@@ -41,6 +41,26 @@ ALONG_AXIS = 0.999
 Orders = Collection[tuple[int, ...]]
 
 
+class Prices:
+    """What readings' changes cost, each counted once.
+
+    Args:
+        usual_orders: Orders in which logs have all columns otherwise than the robot has its joints.
+    """
+
+    def __init__(self, usual_orders: Orders) -> None:
+        self.usual_orders = usual_orders
+        self._known: dict[Hypothesis, float] = {}
+
+    def of(self, hypothesis: Hypothesis) -> float:
+        """As `price` has it."""
+        known = self._known.get(hypothesis)
+        if known is None:
+            known = price(hypothesis, self.usual_orders)
+            self._known[hypothesis] = known
+        return known
+
+
 def price(hypothesis: Hypothesis, usual_orders: Orders = ()) -> float:
     """What the changes of a reading cost together, as a joint's logarithm of what it leaves."""
     return description_length(hypothesis, usual_orders) / float(DESCRIPTION.observations)
@@ -94,9 +114,8 @@ def gravity_length(gravity: str | tuple[float, float, float]) -> float:
     vector = np.abs(np.array(gravity, dtype=float))
     if vector.max() > ALONG_AXIS * np.linalg.norm(vector):
         return KIND + math.log(AXES - 1)
-    cap = 0.5 * (
-        1.0 - math.cos(math.radians(SEARCH.snap_deg))
-    )  # share of the sphere around one direction
+    # Share of the sphere around one direction.
+    cap = 0.5 * (1.0 - math.cos(math.radians(SEARCH.snap_deg)))
     return KIND + math.log(1.0 / cap)
 
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.checks.conventions.description import DESCRIPTION, Orders, price
+from ident.checks.conventions.closely import Scored
+from ident.checks.conventions.description import DESCRIPTION, SEARCH, Orders, price
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
 from ident.checks.conventions.readings import Log, Model
-from ident.checks.conventions.search import LIMIT, Scored, Search
+from ident.checks.conventions.search import Search
 from ident.checks.filtered_run import USUAL_EFFORT, filter_run
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
@@ -162,10 +163,10 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
     other masses where the URDF's are placeholders.
     """
     changes = found.best.hypothesis.changes
-    needed = LIMIT.sure_gain
+    needed = SEARCH.sure_gain
     is_expected = changes == ("masses",) and found.has_placeholders
     if changes == ("mass_factor",) or is_expected:
-        needed = math.log(LIMIT.sure_odds) / DESCRIPTION.observations
+        needed = math.log(SEARCH.sure_odds) / DESCRIPTION.observations
     return bool(changes) and found.gain > needed and found.best.explains >= least
 
 

@@ -6,6 +6,7 @@ All of it is one hypothesis.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,15 +14,13 @@ import numpy as np
 
 from ident.arrays import Array, Float
 
-# A zero that is off is off by quarters of a turn [rad]: what lies between is for a diagnosis to
-# find.
+# A zero is off by quarters of a turn [rad]: what lies between is for a diagnosis to find.
 QUARTER = 0.5 * math.pi
 ZEROS = (0.0, QUARTER, math.pi, -QUARTER)  # angles of 0 to 3 quarters, the shorter way round [rad]
-# Factors that make radians of what a log may hold, by the unit's name; radians read as degrees
-# among them.
+# Factors that make radians of what a log may hold, by the unit's name; also of radians that were
+# read as degrees.
 UNITS = {"deg": math.radians(1.0), "turns": math.tau, "rad": math.degrees(1.0)}
-# Factors that make a joint's angle of one that is counted elsewhere in its drive, or by another
-# encoder.
+# Factors that make a joint's angle of one that is counted elsewhere in its drive.
 GEARS = (0.5, 2.0)
 # Gravity is where the URDF's base has it.
 AS_STATED = "stated"
@@ -45,9 +44,8 @@ class Hypothesis:
     effort_order: tuple[int, ...]  # column of the log that is each joint's effort
     direction: tuple[int, ...]  # 1, or -1 where the log's axis turns the other way
     quarters: tuple[int, ...]  # quarters of a turn between both zeros, 0 to 3
-    unit: tuple[
-        str, ...
-    ]  # of each joint's position: empty for what the log states, or a key of `UNITS`
+    # Of each joint's position: empty for what the log states, or a key of `UNITS`.
+    unit: tuple[str, ...]
     effort_sign: tuple[int, ...]  # 1, or -1 where the log's torque alone has the other sign
     gear: tuple[float, ...]  # of each joint's position: 1, or one of `GEARS`
     # Of the position of the joint before that is part of each joint's angle: 0, 1 or -1.
@@ -87,16 +85,13 @@ class Hypothesis:
         names += [f"direction {j}" for j, sign in enumerate(self.direction) if sign < 0]
         names += [f"zero {j}" for j, turns in enumerate(self.quarters) if turns]
         units = [(j, unit) for j, unit in enumerate(self.unit) if unit]
-        names += (
-            ["unit"] if len({unit for _, unit in units}) == 1 and len(units) == len(own) else []
-        )
-        names += [f"unit {j}" for j, _ in units] if "unit" not in names else []
+        is_common = len(units) == len(own) and len({unit for _, unit in units}) == 1
+        names += ["unit"] if is_common else [f"unit {j}" for j, _ in units]
         names += [f"gear {j}" for j, factor in enumerate(self.gear) if factor != 1.0]
         names += [f"share {j}" for j, share in enumerate(self.share) if share]
         flipped = [j for j, sign in enumerate(self.effort_sign) if sign < 0]
-        names += (
-            ["effort_sign"] if len(flipped) == len(own) else [f"effort_sign {j}" for j in flipped]
-        )
+        is_every = len(flipped) == len(own)
+        names += ["effort_sign"] if is_every else [f"effort_sign {j}" for j in flipped]
         names += [] if self.gravity == AS_STATED else ["gravity"]
         names += [] if self.mass_factor == 1.0 else ["mass_factor"]
         names += [f"effort_scale {j}" for j, _ in self.effort_scale]
@@ -106,11 +101,7 @@ class Hypothesis:
 
     def angles(self, position: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:
         """The URDF's angles of the log's positions [rad or m]; a slide has no unit and no turns."""
-        factor = np.array([UNITS.get(unit, 1.0) for unit in self.unit])
-        factor = np.where(sliding, 1.0, factor) * np.array(self.direction) * np.array(self.gear)
-        zero = np.where(sliding, 0.0, np.array(ZEROS)[list(self.quarters)])
-        angles = factor * position[:, list(self.order)] + zero
-        return self.with_shares(angles)
+        return states_as([self], (position,), sliding)[0][0]
 
     def with_shares(self, angles: Float[Array, "T n"]) -> Float[Array, "T n"]:
         """Angles, or their derivatives, with the joint before's part of them."""
@@ -122,7 +113,7 @@ class Hypothesis:
 
     def rates(self, values: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:
         """The URDF's rates of the log's: as `angles`, without the zeros [rad/s or m/s]."""
-        return self.angles(values, sliding) - self.angles(np.zeros_like(values[:1]), sliding)
+        return states_as([self], (np.empty((0, values.shape[1])), values), sliding)[1][0]
 
     def with_entry(self, name: str, joint: int, value: Any) -> Hypothesis:
         """The same with one joint's entry of a field changed."""
@@ -130,3 +121,32 @@ class Hypothesis:
         values[joint] = value
         changes: dict[str, Any] = {name: tuple(values)}
         return replace(self, **changes)
+
+
+def states_as(
+    readings: Sequence[Hypothesis], states: Sequence[Float[Array, "T n"]], sliding: Array
+) -> list[Float[Array, "k T n"]]:
+    """A log's positions and their derivatives as each of k readings has the URDF's joints.
+
+    Args:
+        readings: How the log is read.
+        states: Positions of the log, then as many of their derivatives as are wanted.
+        sliding: Which joints slide: these have no unit and no turns.
+    """
+    orders = np.array([reading.order for reading in readings])
+    units = np.array([[UNITS.get(unit, 1.0) for unit in reading.unit] for reading in readings])
+    direction = np.array([reading.direction for reading in readings])
+    gear = np.array([reading.gear for reading in readings])
+    quarters = np.array([reading.quarters for reading in readings])
+    shares = np.array([reading.share for reading in readings])
+    factor = (np.where(sliding, 1.0, units) * direction * gear)[:, None]
+    zero = np.where(sliding, 0.0, np.array(ZEROS)[quarters])[:, None]
+    joints: list[Float[Array, "k T n"]] = []
+    for values in states:
+        read = factor * values[:, orders].swapaxes(0, 1)
+        if not joints:
+            read = read + zero
+        if shares.any():
+            read[..., 1:] += shares[:, None, 1:] * read[..., :-1].copy()
+        joints.append(read)
+    return joints

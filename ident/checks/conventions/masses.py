@@ -19,6 +19,7 @@ from ident.arrays import Array, Bool, Float
 from ident.checks.conventions.description import (
     BODY_PARAMETERS,
     DESCRIPTION,
+    SEARCH,
     load_price,
     scale_length,
     size_price,
@@ -41,6 +42,7 @@ class Reading(NamedTuple):
     rigid: Float[Array, "n T"]
     body: Float[Array, "n T 4"]  # torque by mass [1 kg] and first moment [1 kg m] at the last link
     variance: Float[Array, " n"]  # of the recorded torque [(N m)²]
+    beyond: Float[Array, " n"]  # whether it is beyond the joint's limit
 
 
 def gravity_of(hypothesis: Hypothesis, model: Model) -> Float[Array, " 3"]:
@@ -103,8 +105,9 @@ def read_as(log: Log, model: Model, hypothesis: Hypothesis) -> Reading:
     table = arm.regressor(q, dq, ddq, range(last_link, last_link + BODY_PARAMETERS))
     columns = np.concatenate([np.stack([tau, rigid], axis=-1), table], axis=-1)
     left = beside_friction(columns, dq, ddq)
-    variance = log.tau.var(axis=0)[np.array(hypothesis.effort_order)]
-    return Reading(left[..., 0], left[..., 1], left[..., 2:], variance)
+    order = np.array(hypothesis.effort_order)
+    beyond = model.beyond_effort(np.abs(log.tau).max(axis=0)[order])
+    return Reading(left[..., 0], left[..., 1], left[..., 2:], log.tau.var(axis=0)[order], beyond)
 
 
 class Products(NamedTuple):
@@ -117,6 +120,7 @@ class Products(NamedTuple):
     along: Float[Array, "n 5"]  # of the recorded torque with each part
     parts: Float[Array, "n 5 5"]  # of the parts with one another
     variance: Float[Array, " n"]  # of the recorded torque before friction was projected out
+    beyond: Float[Array, " n"]  # whether it is beyond the joint's limit
 
 
 def products_of(reading: Reading) -> Products:
@@ -129,6 +133,7 @@ def products_of(reading: Reading) -> Products:
         (transposed @ reading.tau[..., None])[..., 0] / samples,
         transposed @ parts / samples,
         np.maximum(reading.variance, 1e-300),
+        reading.beyond,
     )
 
 
@@ -162,20 +167,22 @@ def cost_with(products: Products, amount: Float[Array, " 5"]) -> SizedTorque:
     joints = np.arange(len(best))
     costs, sizes = cost[chosen, joints], tried[chosen, joints]
     price_of_unit = scale_length(len(best)) / DESCRIPTION.observations
-    other = (
-        is_told(free, own, square) & is_other_unit(best) & (explained[-1] + price_of_unit < costs)
-    )
+    # In another unit it may be within its limit.
+    in_other_unit = explained[-1] + price_of_unit - SEARCH.limit_cost * products.beyond
+    other = is_told(free, own, square) & is_other_unit(best) & (in_other_unit < costs)
     return SizedTorque(
         costs, sizes, np.where(other, explained[-1], costs), np.where(other, best, sizes), other
     )
 
 
-def free_sizes(products: Products) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Logarithm of each joint's size over the model's, and its variance; infinite where nothing
-    tells it.
+def sizes_beside(
+    products: Products, amount: Float[Array, " 5"]
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Logarithm of each joint's size over the model's with so much of each part, and its variance;
+    infinite where nothing tells it.
     """
-    square = np.maximum(products.parts[:, 0, 0], 1e-12)
-    along = products.along[:, 0]
+    square = np.maximum((products.parts @ amount) @ amount, 1e-12)
+    along = products.along @ amount
     size = along / square
     left = np.maximum(products.torque - size * along, 0.0)
     # States follow one another: a few are independent.
@@ -190,28 +197,53 @@ def common_factor(products: Products) -> tuple[float, float]:
     """The factor by which all joints' torques are off together, and what their agreeing on it says
     for it [nats].
 
-    Sizes that scatter around one each for itself do not agree: those that lie as near together as
-    sound URDFs' do are the likelier the nearer, by the spread that they have in place of the usual
-    one, each beside its own error,
-
-        1/2 sum log((around_one² + error²) / (around_it² + error²)).
-
-    Both centres are asked. A joint in another unit than the others is none of them.
+    A joint in another unit than the others is none of them.
     """
-    logs, variance = free_sizes(products)
+    logs, variance = sizes_beside(products, amounts(1.0))
+    weight = _agreeing(logs, variance)
+    if weight is None:
+        return 1.0, 0.0
+    middle = float(weight @ logs / weight.sum())
+    around_one, around_it = (
+        _spread_around(logs, centre, weight, variance) for centre in (0.0, middle)
+    )
+    return float(np.exp(middle)), _gain_of_spreads(around_one, around_it, variance[weight > 0.0])
+
+
+def gain_of_agreeing(
+    products: Products, before: Float[Array, " 5"], after: Float[Array, " 5"]
+) -> float:
+    """By how much the joints' sizes agree better with one, beside so much of each part [nats]."""
+    logs, variance = sizes_beside(products, before)
+    others, other_variance = sizes_beside(products, after)
+    weight = _agreeing(others, other_variance)
+    if weight is None:
+        return 0.0
+    around_before = _spread_around(logs, 0.0, weight, variance)
+    around_after = _spread_around(others, 0.0, weight, other_variance)
+    return _gain_of_spreads(around_before, around_after, other_variance[weight > 0.0])
+
+
+def _gain_of_spreads(before: float, after: float, error: Float[Array, " k"]) -> float:
+    """What sizes say for the centre around which they scatter less [nats].
+
+    Those that lie as near together as sound URDFs' do are the likelier the nearer, by the spread
+    that they have in place of the usual one, each beside its own error,
+
+        1/2 sum log((before² + error²) / (after² + error²)).
+    """
+    return 0.5 * float(np.log((before**2 + error) / (after**2 + error)).sum())
+
+
+def _agreeing(logs: Float[Array, " n"], variance: Float[Array, " n"]) -> Float[Array, " n"] | None:
+    """Weight of each joint's size, zero for those in another unit; None where too few tell it."""
     usual = float(DESCRIPTION.size_spread)
     telling_joints = usual**2 / (usual**2 + variance)
-    weight = 1.0 / (LIMIT.scatter**2 + variance)
     if float(telling_joints.sum()) < LIMIT.fewest_sizes:
-        return 1.0, 0.0
+        return None
+    weight = 1.0 / (LIMIT.scatter**2 + variance)
     apart = np.abs(logs - _weighted_median(logs, weight))
-    weight = np.where(apart < np.log(LIMIT.other_unit), weight, 0.0)
-    middle = float(weight @ logs / weight.sum())
-    squares = [_spread_around(logs, centre, weight, variance) ** 2 for centre in (0.0, middle)]
-    around_one, around_it = squares
-    error = variance[weight > 0.0]
-    ratios = np.log((around_one + error) / (around_it + error))
-    return float(np.exp(middle)), 0.5 * float(ratios.sum())
+    return np.where(apart < np.log(LIMIT.other_unit), weight, 0.0)
 
 
 def _weighted_median(values: Float[Array, " n"], weight: Float[Array, " n"]) -> float:
@@ -289,14 +321,26 @@ def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[Variant
         yield from _variants(
             replace(hypothesis, mass_factor=factor), scaled, -agreement / DESCRIPTION.observations
         )
-    for given in (1.0, None):
-        amount = end_body(products, given)
-        size, mass, x, y, z = (float(value) for value in amount)
-        if given is None and not is_unusual(size):
-            continue
-        with_body = replace(hypothesis, mass_factor=size, body=(mass, x, y, z))
-        heavy = load_price(abs(mass) / (size * model.mass))
-        yield from _variants(with_body, cost_with(products, amount), heavy)
+    alone = end_body(products, 1.0)
+    yield from _variants(
+        _with_body(hypothesis, alone), cost_with(products, alone), _price_of_body(alone, model)
+    )
+    amount = end_body(products)
+    if is_unusual(float(amount[0])):
+        more = _price_of_body(amount, model)
+        more -= gain_of_agreeing(products, alone, amount) / DESCRIPTION.observations
+        yield from _variants(_with_body(hypothesis, amount), cost_with(products, amount), more)
+
+
+def _with_body(hypothesis: Hypothesis, amount: Float[Array, " 5"]) -> Hypothesis:
+    """The reading with a factor of all masses and a body."""
+    factor, mass, x, y, z = (float(value) for value in amount)
+    return replace(hypothesis, mass_factor=factor, body=(mass, x, y, z))
+
+
+def _price_of_body(amount: Float[Array, " 5"], model: Model) -> float:
+    """What a body of its mass costs at the end of an arm whose masses are multiplied."""
+    return load_price(abs(float(amount[1])) / (float(amount[0]) * model.mass))
 
 
 def is_unusual(factor: float) -> bool:
@@ -331,14 +375,17 @@ def guessed_masses(log: Log, model: Model) -> Variant | None:
     rest = tau - table @ nominal
     left = beside_friction(np.concatenate([rest[..., None], table], axis=-1), dq, ddq)
     target, columns = left[..., 0], left[..., 1:]
+    transposed = columns.transpose(0, 2, 1)
+    squares = transposed @ columns
+    along = (transposed @ target[..., None])[..., 0]
     variance = np.maximum(log.tau.var(axis=0), 1e-300)
     change = np.zeros_like(nominal)
     told = 0
     share = np.ones_like(variance)
     for _ in range(LIMIT.rounds):
         weight = 1.0 / (share * variance)
-        normal = np.einsum("j,jtp,jtq->pq", weight, columns, columns)
-        wanted = np.einsum("j,jtp,jt->p", weight, columns, target)
+        normal = np.tensordot(weight, squares, axes=1)
+        wanted = weight @ along
         change, told = _least_change(normal, wanted)
         share = ((target - columns @ change) ** 2).mean(axis=1) / variance + READING.floor
     guess = replace(plain, parameters=tuple((nominal + change).tolist()))

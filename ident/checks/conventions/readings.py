@@ -32,13 +32,16 @@ from ident.checks.conventions.description import (
     scale_length,
     size_price,
 )
-from ident.checks.conventions.hypothesis import Hypothesis
+from ident.checks.conventions.hypothesis import Hypothesis, states_as
+from ident.checks.filtered_run import CLOCK
 from ident.records import read_group
 from ident.robot.arm import ArmModel
+from ident.robot.gravity import gravity_along_axes
 
 LIMIT = read_group(__file__, "readings")
 
 AXES = np.eye(3)
+GRAVITY = 9.81
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,14 +66,12 @@ class Sums(NamedTuple):
     """
 
     left: Float[Array, "k n m m"]
-    friction: Float[
-        Array, "k n 3 m"
-    ]  # coefficient of Coulomb and viscous friction and of the rotor, by column
+    # Coefficient of Coulomb and viscous friction and of the rotor, by column.
+    friction: Float[Array, "k n 3 m"]
     spread: Float[Array, "k n 3"]  # variance of each coefficient for a residual of variance one
     variance: Float[Array, " n"]  # of each column of effort; of own ones shape (k, n, 1, 1)
-    beyond: Float[
-        Array, " k"
-    ]  # whether joints leave their limits, and how many another unit leaves without motion
+    # Of which limits joints get out, and how many another unit leaves without motion.
+    beyond: Float[Array, " k"]
 
 
 class Model:
@@ -80,8 +81,8 @@ class Model:
         self.arm = arm
         self.stated = np.array(arm.model.gravity.linear)
         self.sliding = np.asarray(arm.sliding_joints)
+        self.limits = arm.known_limits
         self._free = arm.with_gravity(np.zeros(3))
-        self._along = [arm.with_gravity(axis) for axis in AXES]
         self._under: dict[bytes, ArmModel] = {}
 
     def under(self, gravity: Float[Array, " 3"]) -> ArmModel:
@@ -120,28 +121,40 @@ class Model:
 
     def parts(self, q: Array, dq: Array, ddq: Array) -> Float[Array, "T n 4"]:
         """Gravity torque along each axis of the base for 1 m/s², and the inertial torque [N m]."""
-        gravity = [along.gravity(q) for along in self._along]
-        return np.stack([*gravity, self._free.inverse_dynamics(q, dq, ddq)], axis=-1)
+        inertial = self._free.inverse_dynamics(q, dq, ddq)
+        gravity = gravity_along_axes(self.arm.chain, q)
+        return np.concatenate([gravity, inertial[..., None]], axis=-1)
 
-    def beyond_limits(self, q: Float[Array, "k T n"]) -> Float[Array, " k"]:
-        """Whether joints leave their limits, by reading; half where one does so by half the margin.
+    def beyond_limits(
+        self, q: Float[Array, "k T n"], dq: Float[Array, "k T n"]
+    ) -> Float[Array, " k"]:
+        """Of which limits joints get out, of position and of speed, by reading; half of one where a
+        joint does so by half the margin.
 
         A URDF's limits are the arm's or they are not: the second joint beyond them says no more.
         """
-        limits = self.arm.known_limits
-        low, high = q.min(axis=1), q.max(axis=1)
-        excess = np.maximum(np.maximum(limits.lower - low, high - limits.upper), 0.0)
-        return np.asarray(np.minimum(excess / LIMIT.limit_margin, 1.0).max(axis=-1))
+        below = self.limits.lower - q.min(axis=1)
+        above = q.max(axis=1) - self.limits.upper
+        out = np.clip(np.maximum(below, above) / LIMIT.limit_margin, 0.0, 1.0)
+        fast = _over(np.abs(dq).max(axis=1), self.limits.speed)
+        return np.asarray(out.max(axis=-1) + fast.max(axis=-1))
+
+    def beyond_effort(self, effort: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Whether each joint's largest effort [N m or N] is beyond its limit, half of it where it
+        is so by half the margin.
+        """
+        return _over(effort, self.limits.effort)
+
+
+def _over(values: Array, limits: Float[Array, " n"]) -> Array:
+    """How far values are beyond limits, as a share of the margin; 1 at most."""
+    return np.clip((values / limits - 1.0) / (CLOCK.over_limit - 1.0), 0.0, 1.0)
 
 
 def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
     """The sums of some readings of the motion, one after the other in one pass."""
     sliding, count, n = model.sliding, len(readings), log.q.shape[1]
-    q = np.stack([reading.angles(log.q, sliding) for reading in readings])
-    dq, ddq = (
-        np.stack([reading.rates(values, sliding) for reading in readings])
-        for values in (log.dq, log.ddq)
-    )
+    q, dq, ddq = states_as(readings, (log.q, log.dq, log.ddq), sliding)
     flat = [values.reshape(-1, n) for values in (q, dq, ddq)]
     rigid = model.parts(*flat).reshape(count, -1, n, 4)
     samples = rigid.shape[1]
@@ -165,7 +178,11 @@ def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
     has_unit = np.array([[unit != "" for unit in reading.unit] for reading in readings])
     still = (has_unit & (np.ptp(q, axis=1) < LIMIT.least_travel)).sum(axis=1)
     return Sums(
-        left, coefficients[..., :3, :], spread, log.tau.var(axis=0), model.beyond_limits(q) + still
+        left,
+        coefficients[..., :3, :],
+        spread,
+        log.tau.var(axis=0),
+        model.beyond_limits(q, dq) + still,
     )
 
 
@@ -204,9 +221,8 @@ def unexplained(
     """
     usual = size[:, None, :, None]
     other_unit = scale_length(sums.left.shape[1]) / DESCRIPTION.observations
-    vectors = np.concatenate(
-        [gravity, np.ones_like(gravity[..., :1])], axis=-1
-    )  # of the rigid torque's columns
+    # Amounts of the rigid torque's columns.
+    vectors = np.concatenate([gravity, np.ones_like(gravity[..., :1])], axis=-1)
     rigid, mixed = sums.left[:, :, :4, :4], sums.left[:, :, :4, 4:]
     along = vectors[:, None] @ mixed
     square = np.maximum(_squares(vectors, rigid), 1e-12)[..., None]

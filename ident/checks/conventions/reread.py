@@ -9,7 +9,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
-from ident.checks.conventions.description import MASSES
+from ident.checks.conventions.closely import Scored
+from ident.checks.conventions.description import MASSES, SEARCH
 from ident.checks.conventions.find import (
     Conventions,
     find_conventions,
@@ -17,7 +18,6 @@ from ident.checks.conventions.find import (
     what_is_sure,
 )
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
-from ident.checks.conventions.search import LIMIT, Scored
 from ident.checks.conventions.words import columns_in_words, guess_in_words, in_words
 from ident.checks.effort import collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
@@ -261,7 +261,7 @@ def _mount(
     line = toml_line("gravity_mps2", [round(value, 2) for value in gravity])
     key = "mounted" if session.gravity is None else "mounted_otherwise"
     # A few degrees are used, a mount is proposed.
-    severity: Severity = "fatal" if key == "mounted" and angle > LIMIT.nearest_deg else "warning"
+    severity: Severity = "fatal" if key == "mounted" and angle > SEARCH.nearest_deg else "warning"
     return issue_of(key, session, severity=severity, turn=angle, axis=words, line=line, **seen)
 
 
@@ -356,7 +356,7 @@ def is_tilt(gravity: Float[Array, " 3"], arm: ArmModel) -> bool:
     """Whether gravity lies so near to where the URDF has it that it is for a diagnosis to find."""
     stated = np.array(arm.model.gravity.linear)
     cosine = gravity @ stated / np.linalg.norm(gravity) / np.linalg.norm(stated)
-    return bool(cosine > np.cos(np.radians(LIMIT.nearest_deg)))
+    return bool(cosine > np.cos(np.radians(SEARCH.nearest_deg)))
 
 
 def is_misread(session: Session, arm: ArmModel) -> bool:

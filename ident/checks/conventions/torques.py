@@ -160,22 +160,21 @@ class Torques:
         costs, sizes = (np.where(flipped, each[..., ::-1], each) for each in (costs, sizes))
         joints = np.arange(self.n)
         column = column_length(self.n) / DESCRIPTION.observations
-        for place, of_place, sizes_there in zip(places, costs, sizes, strict=True):
-            known = float(least[place.factor, place.reading, place.gravity])
-            moved = column * (self.orders[place.reading][:, None] != joints)
-            beside = float(self.unlikely[place.factor, place.reading, place.gravity])
-            for turned in (0, 1):
-                signed = (of_place[..., ::-1] if turned else of_place) + self.price_of_sign
-                best = signed.min(axis=-1) + moved
-                more = beside + float(self.price_of_all_signs[turned])
-                # No columns explain more than each joint's best one.
-                if float(best.min(axis=-1).sum()) + more >= known:
-                    continue
-                _, columns = linear_sum_assignment(best)
-                signs = signed[joints, columns].argmin(axis=-1) ^ turned
-                chosen = (joints, columns, signs)
-                cost = float(best[joints, columns].sum()) + more
-                torque = Torque(
-                    cost, place.gravity, columns, signs, of_place[chosen], sizes_there[chosen]
+        moved = column * (self.orders[k][:, :, None] != joints)
+        known = least[f, k, g]
+        for turned in (0, 1):
+            signed = (costs[..., ::-1] if turned else costs) + self.price_of_sign
+            best = signed.min(axis=-1) + moved
+            more = self.unlikely[f, k, g] + self.price_of_all_signs[turned]
+            # No columns explain more than each joint's best one.
+            is_open = best.min(axis=-1).sum(axis=-1) + more < known
+            for number in map(int, np.flatnonzero(is_open)):
+                _, columns = linear_sum_assignment(best[number])
+                signs = signed[number, joints, columns].argmin(axis=-1) ^ turned
+                chosen = (number, joints, columns, signs)
+                cost = float(best[number, joints, columns].sum() + more[number])
+                place = places[number]
+                yield (
+                    place,
+                    Torque(cost, place.gravity, columns, signs, costs[chosen], sizes[chosen]),
                 )
-                yield place, torque

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ident.checks.conventions.closely import Scored
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, ZEROS, Hypothesis
-from ident.checks.conventions.search import Scored
 from ident.errors import join_words
 
 AS_THEY_SAY = "as log and URDF say"

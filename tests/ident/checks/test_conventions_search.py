@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.checks.conventions.hypothesis import Hypothesis
+from ident.checks.conventions.description import SEARCH
+from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis, states_as
+from ident.checks.conventions.masses import gain_of_agreeing, products_of, read_as
+from ident.checks.conventions.motions import Motions, both, reordered
 from ident.checks.conventions.readings import Log, Model, own_columns, read, unexplained
-from ident.checks.conventions.search import Search, both, reordered
+from ident.checks.conventions.search import Search
 from ident.robot.arm import ArmModel
 
 PLAIN = Hypothesis.as_it_is(6)
@@ -48,9 +51,9 @@ def test_a_column_keeps_its_unit_under_another_joint() -> None:
 
 def test_columns_that_travel_further_than_joints_can_start_in_degrees(log: Log, arm: ArmModel) -> None:
     scale = np.array([1.0, 57.3, 1.0, 1.0, 57.3, 1.0])
-    starts = Search(replace(log, q=scale * log.q), Model(arm)).starts()
+    starts = Motions(replace(log, q=scale * log.q), Model(arm)).starts()
     assert PLAIN.with_entry("unit", 1, "deg").with_entry("unit", 4, "deg") in starts
-    assert not [start for start in Search(log, Model(arm)).starts() if len({*start.unit}) > 1]
+    assert not [start for start in Motions(log, Model(arm)).starts() if len({*start.unit}) > 1]
 
 
 def test_a_joint_s_own_column_costs_what_it_does_among_all(log: Log, arm: ArmModel) -> None:
@@ -65,3 +68,93 @@ def test_a_joint_s_own_column_costs_what_it_does_among_all(log: Log, arm: ArmMod
     for table, of_own in zip(whole, own, strict=True):
         expected = np.take_along_axis(table, orders[:, :, None, None, None], axis=3)
         np.testing.assert_allclose(of_own, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_what_a_joint_has_may_stand_for_another_change_of_it(log: Log, arm: ArmModel) -> None:
+    """Law: from a zero that is off the search comes to a share, another unit and the other way of the same joint."""
+    model = Model(arm)
+    joint = model.after_parallel[0]
+    reading = PLAIN.with_entry("quarters", joint, 1).with_entry("direction", 0, -1)
+    others = set(Motions(log, model).other_values(reading, []))
+    plain = reading.with_entry("quarters", joint, 0)
+    for name, value in (("share", -1), ("unit", "deg"), ("direction", -1), ("gear", 2.0), ("quarters", 3)):
+        assert plain.with_entry(name, joint, value) in others
+
+
+def test_each_value_of_a_place_is_tried_with_each_of_another_s(log: Log, arm: ArmModel) -> None:
+    zeros = [PLAIN.with_entry("quarters", 2, quarters) for quarters in (1, 2, 3)]
+    turned = [PLAIN.with_entry("direction", 3, -1)]
+    together = set(Motions(log, Model(arm)).other_values(PLAIN, [zeros, turned]))
+    assert together == {zero.with_entry("direction", 3, -1) for zero in zeros}
+
+
+def test_states_of_many_readings_are_those_of_each(log: Log, arm: ArmModel) -> None:
+    """Law: positions have zeros, their derivatives none; both have units, directions, gears and shares."""
+    sliding = np.zeros(6, dtype=bool)
+    readings = [
+        PLAIN,
+        PLAIN.with_entry("quarters", 1, 2).with_entry("unit", 1, "deg").with_entry("share", 2, -1),
+        reordered(PLAIN, (2, 1, 0, 3, 4, 5)).with_entry("direction", 0, -1).with_entry("gear", 5, 2.0),
+    ]
+    q, dq = states_as(readings, (log.q, log.dq), sliding)
+    for k, reading in enumerate(readings):
+        np.testing.assert_array_equal(q[k], reading.angles(log.q, sliding))
+        np.testing.assert_array_equal(dq[k], reading.rates(log.dq, sliding))
+    angle = np.pi + np.radians(log.q[:, 1])
+    np.testing.assert_allclose(q[1][:, 1], angle)
+    np.testing.assert_allclose(q[1][:, 2], log.q[:, 2] - angle)
+    np.testing.assert_allclose(dq[1][:, 1], np.radians(log.dq[:, 1]))
+
+
+def test_each_kind_of_limit_counts_once(log: Log, arm: ArmModel) -> None:
+    """Law: within all limits nothing, beyond those of position and of speed one each, whatever the joints are."""
+    model = Model(arm)
+    limits = arm.known_limits
+    slow, fast = 0.5 * np.tile(limits.speed, (1, 3, 1)), 4.0 * np.tile(limits.speed, (1, 3, 1))
+    near, far = 0.0 * slow, np.tile(limits.upper + 1.0, (1, 3, 1))
+    counts = [float(model.beyond_limits(q, dq)[0]) for q in (near, far) for dq in (slow, fast)]
+    assert counts == [0.0, 1.0, 1.0, 2.0]
+    assert not model.beyond_effort(0.9 * limits.effort).any()
+    assert model.beyond_effort(3.0 * limits.effort).all()
+
+
+def test_a_log_that_is_explained_is_settled_by_few_readings(log: Log, arm: ArmModel) -> None:
+    """Law: work is spent where the log's own motion explains little."""
+    asked = {}
+    for name, position in (("as it is", log.q), ("columns exchanged", log.q[:, [1, 0, 3, 2, 4, 5]])):
+        search = Search(replace(log, q=position), Model(arm))
+        search.run()
+        asked[name] = len(search.screening.seen)
+    assert asked["as it is"] < 0.5 * SEARCH.most_readings
+    assert asked["columns exchanged"] > 2 * asked["as it is"]
+
+
+@pytest.mark.parametrize("change", ["all torque signs", "no gravity"])
+def test_torques_are_asked_beside_a_heavy_body(change: str, log: Log, arm: ArmModel) -> None:
+    """Law: what a body as heavy as half the arm hides is asked once it is seen."""
+    parameters = np.array(arm.inertial_parameters)
+    mass = 0.4 * float(parameters[::10].sum())
+    parameters[-10:-6] += mass * np.array([1.0, 0.05, -0.1, 0.15])
+    loaded = arm.with_inertial_parameters(parameters)
+    torque = loaded.inverse_dynamics(log.q, log.dq, log.ddq) + 2.0 * log.dq
+    truth = replace(PLAIN, effort_sign=(-1,) * 6)
+    if change == "no gravity":
+        torque -= loaded.gravity(log.q)
+        truth = replace(PLAIN, gravity=COMPENSATED)
+    else:
+        torque = -torque
+    best = Search(replace(log, tau=torque), Model(arm)).run()[0].hypothesis
+    assert best.body is not None
+    assert best.body[0] == pytest.approx(mass, rel=0.2)
+    assert replace(best, body=None) == truth
+
+
+def test_sizes_that_agree_speak_for_a_factor_beside_a_body(log: Log, arm: ArmModel) -> None:
+    """Law: nothing is said for the same sizes, and something for those that agree better."""
+    sizes = np.array([1.0, 1.4, 0.8, 1.5, 0.7, 1.0])
+    torque = sizes * arm.inverse_dynamics(log.q, log.dq, log.ddq)
+    products = products_of(read_as(replace(log, tau=torque), Model(arm), PLAIN))
+    alike = products_of(read_as(replace(log, tau=2.0 * torque / sizes), Model(arm), PLAIN))
+    one, two = np.eye(5)[0], 2.0 * np.eye(5)[0]
+    assert gain_of_agreeing(products, one, one) == 0.0
+    assert gain_of_agreeing(alike, one, two) > 1.0

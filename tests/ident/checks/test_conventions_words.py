@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from ident.checks.conventions.closely import Scored
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
-from ident.checks.conventions.search import Scored
 from ident.checks.conventions.words import columns_in_words, in_words, reading_in_words
 
 JOINTS = ("base", "lift", "wrist")

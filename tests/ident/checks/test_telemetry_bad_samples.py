@@ -8,12 +8,13 @@ import pytest
 from faults import Column, inspect, spoil, spoil_column
 
 from ident.arrays import Array
-from ident.checks.angles import mend_absurd, mend_channel_spikes
-from ident.checks.clock import mend_clock_jumps, mend_order, mend_time_unit, split_at_gaps
+from ident.checks.clock import mend_clock_jumps, mend_order, split_at_gaps
 from ident.checks.excitation import Amount, Independence
 from ident.checks.filtered_run import filter_run
 from ident.checks.inspection import inspect_sessions
 from ident.checks.report import TelemetryReport
+from ident.checks.spikes import mend_absurd, mend_channel_spikes
+from ident.checks.time_base import mend_time_unit
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from ident.checks.effort import collect_states
-from ident.checks.effort_kind import fit_scale
 from ident.checks.inspection import inspect_alone as found
 from ident.checks.inspection import inspect_sessions
+from ident.checks.scales import fit_scale
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
 from ident.recordings.save import write_session

@@ -122,6 +122,8 @@ def test_a_table_without_effort_goes_through_the_command(tmp_path: Path) -> None
     done = CliRunner().invoke(app, ["servo", str(tmp_path / "run.csv"), "--json", str(tmp_path / "told.json")])
     assert done.exit_code == 0, done.output
     assert "ms late" in done.output
+    half_ms = 500.0 * run.sample_interval
+    assert f"{half_ms:.0f} ms later still" in " ".join(done.output.split())
     assert check_file(tmp_path / "told.json")["joints"]["shoulder"]["figures"]["total_lag_s"]["unit"] == "s"
     with pytest.raises(InputError, match="is for `ident servo`"):
         diagnose(tmp_path / "run.csv", "tm5-900")

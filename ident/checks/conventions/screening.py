@@ -1,0 +1,159 @@
+"""Readings of the motion compared by few states, each with its likeliest readings of the torque.
+
+Signs of torques, the order of their columns, gravity and one factor of all masses follow from the
+sums of a reading's motion, so that a reading of the motion is asked once, whatever the torque is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.checks.conventions.description import SEARCH, Prices
+from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
+from ident.checks.conventions.readings import (
+    AXES,
+    GRAVITY,
+    Log,
+    Model,
+    Sums,
+    likeliest_gravity,
+    read,
+)
+from ident.checks.conventions.torques import Columns, Gravities, Torque, Torques
+
+# A reading of the motion, and whether a body is at the arm's end.
+Motion = tuple[tuple[object, ...], bool]
+
+
+@dataclass(frozen=True, eq=False)
+class ScreenedMotion:
+    """A reading of the motion with its likeliest readings of the torque, the likeliest first."""
+
+    reading: Hypothesis
+    torques: list[Torque]
+    beside: float  # what limits and the motion's description cost
+    most: float = np.inf  # what it may cost at most to be looked at closely
+
+    @property
+    def cost(self) -> float:
+        """With the likeliest torque."""
+        return self.beside + self.torques[0].cost
+
+
+class Screening:
+    """What readings of the motion cost; none is asked twice."""
+
+    def __init__(self, log: Log, model: Model, columns: Columns, prices: Prices) -> None:
+        self.log = log
+        self.model = model
+        self.columns = columns
+        self.prices = prices
+        self.gravities = _gravities(model)
+        self.seen: dict[Motion, float] = {}  # what it costs
+        self._waiting: dict[Motion, ScreenedMotion] = {}
+
+    def ask(
+        self,
+        readings: Sequence[Hypothesis],
+        model: Model,
+        has_body: bool,
+        base: Hypothesis | None = None,
+    ) -> None:
+        """Compares readings of the motion that were not asked for yet.
+
+        Args:
+            readings: Of the motion alone.
+            model: The robot, with the body where there is one.
+            has_body: Whether there is one.
+            base: What they are changed from: what explains less than half of what its change costs
+                is neither likelier nor a rival, and is not looked at closely.
+        """
+        asked = dict.fromkeys(readings)
+        fresh = [reading for reading in asked if (reading.motion, has_body) not in self.seen]
+        if not fresh:
+            return
+        of_base = np.inf
+        price_of_base = 0.0
+        if base is not None:
+            of_base = self.seen.get((base.motion, has_body), np.inf)
+            price_of_base = self.prices.of(base)
+        for screened in self._screened(read(self.log, model, fresh), fresh):
+            key = (screened.reading.motion, has_body)
+            further = self.prices.of(screened.reading) - price_of_base
+            most = np.inf if base is None else of_base + 0.5 * max(further, 0.0)
+            self.seen[key] = screened.cost
+            self._waiting[key] = replace(screened, most=most)
+
+    def likeliest(self, count: int) -> list[ScreenedMotion]:
+        """So many of the likeliest that were not handed out yet."""
+        known = [key for key, screened in self._waiting.items() if screened.cost <= screened.most]
+        known.sort(key=lambda key: self._waiting[key].cost)
+        return [self._waiting.pop(key) for key in known[:count]]
+
+    def torques_of(self, motion: Hypothesis, model: Model) -> list[Hypothesis]:
+        """The likeliest readings of the torque of one motion, the robot being as it is given."""
+        (screened,) = self._screened(read(self.log, model, [motion]), [motion])
+        return [self.with_torque(motion, torque) for torque in screened.torques]
+
+    def _screened(self, sums: Sums, readings: Sequence[Hypothesis]) -> list[ScreenedMotion]:
+        """Each reading of the motion with its likeliest readings of the torque."""
+        torques = Torques(sums, readings, self.gravities, self.columns).likeliest()
+        screened = []
+        for reading, beyond, likeliest in zip(readings, sums.beyond, torques, strict=True):
+            beside = SEARCH.limit_cost * float(beyond) + self.prices.of(reading)
+            screened.append(ScreenedMotion(reading, likeliest, beside))
+        return screened
+
+    def with_torque(self, motion: Hypothesis, torque: Torque) -> Hypothesis:
+        """A reading of the motion with one of its torques."""
+        return replace(
+            motion,
+            gravity=self.gravities.names[torque.gravity],
+            effort_order=tuple(torque.columns.tolist()),
+            effort_sign=tuple((1 - 2 * torque.signs).tolist()),
+        )
+
+    def turned(self, motion: Hypothesis, torque: Torque) -> Hypothesis | None:
+        """The reading with gravity where its torques have it, if that is apart from where it was
+        sought.
+        """
+        hypothesis = self.with_torque(motion, torque)
+        if hypothesis.gravity == COMPENSATED:
+            return None
+        sums = read(self.log, self.model, [motion])
+        signs = np.array(hypothesis.effort_sign) * np.array(hypothesis.direction)
+        variance = np.maximum(sums.variance[torque.columns], 1e-300)
+        left = np.exp(torque.costs) * variance
+        left[~self.columns.alive[torque.columns]] = np.inf
+        vector = likeliest_gravity(sums, torque.columns, signs, torque.sizes, left)
+        length = float(np.linalg.norm(vector))
+        if not length > 0.0 or not self._is_apart(vector):
+            return None
+        x, y, z = (float(value) for value in GRAVITY / length * vector)
+        return replace(hypothesis, gravity=(x, y, z))
+
+    def _is_apart(self, vector: Float[Array, " 3"]) -> bool:
+        """Whether a direction is none of those that are tried anyway."""
+        tried = self.gravities.vectors[:-1]
+        lengths = np.linalg.norm(tried, axis=1) * np.linalg.norm(vector)
+        cosines = tried @ vector / np.maximum(lengths, 1e-12)
+        return bool((cosines <= np.cos(np.radians(SEARCH.snap_deg))).all())
+
+
+def _gravities(model: Model) -> Gravities:
+    """Gravity as stated, along each axis of the base, and none."""
+    names: list[str | tuple[float, float, float]] = ["stated"]
+    vectors = [model.stated]
+    for axis in (*AXES, *-AXES):
+        vector = GRAVITY * axis
+        if np.linalg.norm(vector - model.stated) > 1.0:
+            x, y, z = (float(value) for value in vector)
+            names.append((x, y, z))
+            vectors.append(vector)
+    names.append(COMPENSATED)
+    vectors.append(np.zeros(3))
+    return Gravities(names, np.array(vectors))

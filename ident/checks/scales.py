@@ -1,0 +1,121 @@
+"""The size of a joint's torque as a multiple of the model's, told by gravity."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import stdtrit
+
+from ident.arrays import Array, Float
+from ident.checks.effort import (
+    TRANSITION_RAD_S,
+    States,
+    jackknife,
+)
+from ident.checks.filtered_run import ARRANGEMENT
+from ident.checks.report import issue_of
+from ident.recordings.recording import Session, TelemetryIssue
+from ident.robot.arm import ArmModel
+from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
+
+# States by which a URDF's tolerance is weighed (chosen: limit of work).
+TOLERANCE_STATES = 200
+
+
+def fit_scale(states: States, joint: int) -> tuple[float, float, float]:
+    """A joint's torque as a multiple of the model's, told by gravity.
+
+    Least squares beside inertia, the rotor's (no part of the model, which could bend gravity's),
+    friction, friction that grows with the load, an offset; the error is the delete-one-piece
+    jackknife's, and half of what a spring makes of the scale is added.
+
+    Returns:
+        The scale, its standard error, and the scale beside a spring.
+    """
+    tau = states.tau[:, joint]
+    gravity = states.gravity[:, joint]
+    dq = states.dq[:, joint]
+    side = np.tanh(dq / TRANSITION_RAD_S)
+    inertia = [states.inertial[:, joint], states.ddq[:, joint]]
+    friction = [side, dq, np.abs(gravity) * side]
+    bare = np.column_stack([gravity, *inertia, *friction, np.ones(len(dq))])
+    sprung = np.column_stack([bare, states.q[:, joint]])
+    weights, errors = jackknife(bare, tau, states.settings.pieces)
+    beside_spring, _ = jackknife(sprung, tau, states.settings.pieces)
+    scale = float(weights[0])
+    scale_beside_spring = float(beside_spring[0])
+    error = float(np.hypot(float(errors[0]), 0.5 * (scale - scale_beside_spring)))
+    return scale, error, scale_beside_spring
+
+
+class ScaleOff(NamedTuple):
+    """A joint whose torque is the model's at another size."""
+
+    joint: int
+    scale: float
+    error: float  # standard
+
+
+def check_scales(session: Session, states: States, arm: ArmModel) -> list[TelemetryIssue]:
+    """Moving joints whose whole torque is the model's at another size.
+
+    A gain is off, or masses are. Where gravity changes much, a size is told that the recordings
+    tell; elsewhere one that its URDF's tolerance, too, leaves no room for.
+    """
+    settings = states.settings
+    tested = np.flatnonzero(states.alive & states.moving)
+    heavy_sure = _chance_for_all(int(states.heavy[tested].sum()), settings.pieces)
+    sure = _chance_for_all(len(tested), settings.pieces)
+    change = states.gravity.std(axis=0)
+    tolerance = gravity_tolerance(states, arm)
+    scales = []
+    for joint in map(int, tested):
+        scale, error, sprung = fit_scale(states, joint)
+        off = abs(scale - 1.0)
+        # What a spring explains for the most part is no scale.
+        if abs(sprung - 1.0) <= 0.5 * off:
+            continue
+        if states.heavy[joint]:
+            is_off = off > max(settings.scale_off, heavy_sure * error)
+        else:
+            doubt = float(np.hypot(error * change[joint], tolerance[joint]))
+            is_off = off * change[joint] > sure * doubt
+        if is_off:
+            scales.append(ScaleOff(joint, scale, error))
+    if not scales:
+        return []
+    scales.sort(key=lambda off: -abs(np.log(max(off.scale, 1e-9))))
+    words = []
+    for joint, scale, error in scales:
+        interval = f"{scale:.2f} ± {2.0 * error:.2f}"
+        times = f"{interval} times the model's gravity torque{states.counted}"
+        words.append(f"{session.joints[joint]} reads {times}")
+    joints = [off.joint for off in scales]
+    return [issue_of("scale", session, joints, reported="; ".join(words))]
+
+
+def _chance_for_all(count: int, pieces: int) -> float:
+    """Standard errors beyond which one in twenty sound arms has any of so many joints.
+
+    Student's t, for errors of so few pieces.
+    """
+    return float(stdtrit(pieces - 1, 1.0 - 0.025 / max(count, 1)))
+
+
+def gravity_tolerance(states: States, arm: ArmModel) -> Float[Array, " n"]:
+    """What a URDF within its tolerance has otherwise of each joint's change of gravity [N m].
+
+    A standard deviation. Its links are off by their tolerance, and its base by any tilt up to the
+    one that a diagnosis finds.
+    """
+    q = states.q[:: max(1, len(states.q) // TOLERANCE_STATES)]
+    still = np.zeros_like(q)
+    spread = arm.regressor(q, still, still).var(axis=0)
+    deviation = PRIOR_SHARE["consistent"] * parameter_scale(arm)
+    square = (spread * deviation**2).sum(axis=-1)
+    tilt = np.radians(ARRANGEMENT.least_turn_deg) / np.sqrt(3.0)  # of a uniform distribution
+    size = float(np.linalg.norm(arm.model.gravity.linear))
+    for axis in np.eye(3):
+        square += (tilt * arm.with_gravity(size * axis).gravity(q)).var(axis=0)
+    return np.asarray(np.sqrt(square))
