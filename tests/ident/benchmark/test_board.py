@@ -470,6 +470,26 @@ def test_entrants_are_scored_beside_each_other(made: tuple[Path, Path], tmp_path
     assert "best" not in re.sub(r"<style>.*?</style>", "", alone, flags=re.DOTALL).replace('class="best"', "")
 
 
+def test_who_is_behind_is_told_by_the_same_sessions(made: tuple[Path, Path], tmp_path: Path) -> None:
+    """Law: how far an entrant is behind the first is the difference of their scores; a copy of the first is not."""
+    board = Board.load(made[0])
+    for name, sure in (("copy", 0.9), ("first", 0.9), ("second", 0.5)):
+        entry_of(board, tmp_path / name, sure)
+    report = score_board(made[0], tmp_path, made[1])
+    first, *others = report.record["entries"]
+    assert "behind the first" not in first
+    for entry in others:
+        told = entry["behind the first"]
+        apart = entry["attribution"]["log_score"]["value"] - first["attribution"]["log_score"]["value"]
+        assert told["value"] == pytest.approx(apart, abs=2e-3)
+        assert told["low"] <= told["value"] <= told["high"]
+        assert told["count"] == len(board.sessions)
+    same = report.record["entries"][1]
+    is_same = same["attribution"] == first["attribution"]
+    assert is_same == (same["behind the first"]["value"] == 0.0)
+    assert ("tell the two apart" in render_board(report.to_dict())) == (same["behind the first"]["low"] <= 0.0)
+
+
 def test_a_foretold_motion_of_other_length_is_refused(made: tuple[Path, Path], tmp_path: Path) -> None:
     board = Board.load(made[0])
     name = next(iter(board.sessions))
