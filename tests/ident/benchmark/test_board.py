@@ -18,7 +18,7 @@ from ident.arrays import Array, Float
 from ident.benchmark.board.case import DRAWN, MEASURED, NONE, OTHER, PLANTED
 from ident.benchmark.board.drawn import _options, make_drawn, plan_drawn
 from ident.benchmark.board.entry import SCHEMA, Answer, Named, read_answer, undecided
-from ident.benchmark.board.files import Board, Kept, packed, read_columns, write_columns
+from ident.benchmark.board.files import Board, Kept, packed, read_columns, write_columns, write_run
 from ident.benchmark.board.jobs import JOBS
 from ident.benchmark.board.leaks import (
     classifier_p_value,
@@ -319,6 +319,19 @@ def test_no_joint_is_told_by_the_rounding_of_its_torque() -> None:
     ill = run.effort[:, 0] + np.sin(time)
     assert distinct(ill) == pytest.approx(distinct(run.effort[:, 1]), abs=0.05)
     assert distinct(torque[:, 0] + np.sin(time)) > 2.0 * distinct(torque[:, 1])
+
+
+def test_times_are_kept_to_a_microsecond(tmp_path: Path) -> None:
+    """Law: no row comes more than half a microsecond early or late, none at the time of another, zero stays zero."""
+    rng = np.random.default_rng(3)
+    time = np.cumsum(rng.uniform(0.001, 0.003, 1000))
+    time -= time[0]
+    zeros = np.zeros((len(time), 1))
+    write_run(Recording("run", ("a",), time, zeros, zeros), tmp_path / "run.parquet")
+    kept = read_columns(tmp_path / "run.parquet", "")["time"]
+    assert kept[0] == 0.0
+    assert np.max(np.abs(kept - time)) <= 0.5e-6
+    assert np.min(np.diff(kept)) > 0.0
 
 
 def test_packed_numbers_keep_what_is_asked_for() -> None:
