@@ -5,12 +5,15 @@ import os
 import re
 import subprocess
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
+import pinocchio
 import pytest
 from typer.testing import CliRunner
 
@@ -228,6 +231,28 @@ def test_readme_and_docs_say_the_same_of_what_is_meant(made: tuple[Path, Path]) 
         known |= set(facts["parameters"])
     named = re.findall(r"`([a-z_A-Z]+)`", said)
     assert set(named) <= known | {"joint"}
+
+
+def test_both_models_of_the_readme_are_the_arm(made: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: the README's lines give Pinocchio and MuJoCo one arm: the same torque at the same motion."""
+    text = (made[0] / "README.md").read_text(encoding="utf-8")
+    lines = text.split("The arm that a session lists")[1].split("Switch limits off")[0].splitlines()
+    code = textwrap.dedent("\n".join(line for line in lines if line.startswith("    ")))
+    monkeypatch.chdir(made[0])
+    for name, facts in Board.load(made[0]).sessions.items():
+        known = {"name": name, "facts": facts, "pinocchio": pinocchio, "mujoco": mujoco}
+        exec(code, known)
+        arm, spec = known["arm"], known["spec"]
+        assert list(arm.names)[1:] == facts["joints"]
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        places = [model.joint(joint).dofadr[0] for joint in facts["joints"]]
+        motion = np.random.default_rng(1).uniform(-0.5, 0.5, (3, arm.nv))
+        data.qpos[places], data.qvel[places], data.qacc[places] = motion
+        mujoco.mj_inverse(model, data)
+        torque = pinocchio.rnea(arm, arm.createData(), *motion)
+        assert data.qfrc_inverse[places] == pytest.approx(torque, abs=1e-6)
 
 
 def test_a_word_that_tells_is_found(tmp_path: Path) -> None:
