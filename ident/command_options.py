@@ -301,7 +301,7 @@ class CheckOptions(Options):
 class BoardOptions(Options):
     """How a public board is made, answered and scored."""
 
-    cases: int = option(116, "make: sessions of drawn worlds and on recordings together.", min=1)
+    cases: int = option(117, "make: sessions of drawn worlds and on recordings together.", min=1)
     seed: int | None = option(
         None, "make: of everything, answers included; the system's entropy if not given.", min=0, max=LARGEST_SEED
     )

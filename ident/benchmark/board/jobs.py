@@ -15,6 +15,7 @@ from ident.errors import InputError, plural
 from ident.results import Provenance
 
 JOBS = ("make", "answer", "seal", "score")
+LARGEST_MB = 30.0  # of a board that can be sent by mail
 Say = Callable[[str], None]
 Progress = Callable[[int, int], None]
 
@@ -60,11 +61,14 @@ def _make(folder: Path, aside: Path, options: BoardOptions, progress: Progress) 
     )
     tiers = ", ".join(f"{count} {tier}" for tier, count in made.counts.items() if count)
     sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
+    megabytes = sum(sizes) / 1e6
     count = plural(sum(made.counts.values()), "session")
     lines = [
-        f"{folder}: {count} ({tiers}), {sum(sizes) / 1e6:.1f} MB",
+        f"{folder}: {count} ({tiers}), {megabytes:.1f} MB",
         f"{aside}: seed, salts and answers; keep it until the board is opened",
     ]
+    if megabytes > LARGEST_MB:
+        lines.append(f"more than {LARGEST_MB:.0f} MB: fewer --cases make a board for the mail")
     if made.left_out:
         left_out = plural(made.left_out, "effect")
         lines.append(f"{left_out} left out: no recording shows so much of it")

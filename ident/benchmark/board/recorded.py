@@ -38,7 +38,7 @@ TABLES: dict[str, dict[str, Any]] = tomllib.loads(TABLE_FILE.read_text(encoding=
 UNSEEN_SHARE = 0.125  # of a recording's rows, at its end
 # Of the rest, plain and given to a session in turn [s]: with less than 4.5 s on one side a
 # comparison says that nothing can be tested.
-LEAST_PIECE_S = 4.9
+LEAST_PIECE_S = 4.7
 # Left out between pieces: the torque of two instants in a row would tell what came [s].
 GUARD_S = 0.2
 # Of a run that begins with a piece given to a session, left out: what remembers begins there [s].
@@ -140,16 +140,17 @@ class Parted:
 def part_recording(source: Source) -> Parted:
     """Cuts a recording into pieces, plain and given to a session in turn.
 
-    Runs begin with either in turn: of runs of one motion each half has every part of it.
+    Runs begin with either in turn: of runs of one motion each half has every part of it. The first
+    begins with a piece that is given: where pieces are odd in number, sessions get one more.
     """
     rest = replace(source, runs=tuple(rest_of(source)))
     plain: list[Recording] = []
     stretches: list[GivenRows] = []
     first = 0
     for number, run in enumerate(rest.runs):
-        count = max(int(run.duration // LEAST_PIECE_S), 1)
-        begins_plain = number % 2 == 0
+        begins_plain = number % 2 == 1
         lead = 0 if begins_plain else int(np.searchsorted(run.time, run.time[0] + LEAD_S))
+        count = max(int((run.time[-1] - run.time[lead]) // LEAST_PIECE_S), 1)
         edges = np.linspace(lead, len(run), count + 1).astype(int).tolist()
         for index, (start, stop) in enumerate(itertools.pairwise(edges)):
             end = int(np.searchsorted(run.time, run.time[stop - 1] - GUARD_S, side="right"))

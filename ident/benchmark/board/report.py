@@ -11,7 +11,8 @@ import numpy as np
 
 from ident.benchmark.board.case import TIERS
 from ident.benchmark.board.files import Board, Kept
-from ident.benchmark.board.score import EntryScore, score_entry
+from ident.benchmark.board.score import EntryScore, score_entry, written
+from ident.benchmark.scoring import Score, mean
 from ident.errors import InputError
 from ident.results import Provenance, Result
 from ident.show.palette import FLEXIBLE
@@ -69,7 +70,7 @@ def score_board(folder: Path, answers: Path, kept_folder: Path) -> BoardReport:
         "seals": len(board.sealed),
         "undecided_log_score": round(float(np.log(len(board.effects) + 2)), 3),
         "oracle": oracle_bound(opened),
-        "entries": [entry.to_dict() for entry in entries],
+        "entries": list(records_of(entries)),
     }
     made_by = Provenance("ident board score", settings={"board": folder.name})
     return BoardReport(record, tuple(lines_of(record)), provenance=made_by)
@@ -91,6 +92,24 @@ def entry_folders(answers: Path, board: Board) -> list[Path]:
         remedy = "give a folder with s001.json and so on, or one of such folders"
         raise InputError(answers, "it holds no answer", remedy)
     return places
+
+
+def records_of(entries: Sequence[EntryScore]) -> Iterator[Row]:
+    """Records of all entrants, the best first; of the others how far behind they are, session by
+    session.
+    """
+    first = entries[0]
+    for entry in entries:
+        record = entry.to_dict()
+        if entry is not first and entry.sessions:
+            record["behind the first"] = written(behind(entry, first))
+        yield record
+
+
+def behind(entry: EntryScore, first: EntryScore) -> Score:
+    """By how much an entrant's log score is larger than the first one's, of the same sessions."""
+    rows = entry.sessions.items()
+    return mean([row.log_score - first.sessions[name].log_score for name, row in rows])
 
 
 def oracle_bound(opened: Kept) -> Row | None:
@@ -166,7 +185,9 @@ def render_board(record: Mapping[str, Any]) -> str:
         amplitudes = list(named[0]["attribution by amplitude"])
         with_intervals = [entry for entry in named if entry["attribution"]["coverage"]["count"]]
         groups = {"tiers": list(record["tiers"]), "kinds": kinds, "amplitudes": amplitudes}
-        shown = values | groups | {"with_intervals": with_intervals}
+        some_left_out = any(entry["answered"] < record["sessions"] for entry in named)
+        words = {"with_intervals": with_intervals, "some_left_out": some_left_out}
+        shown = values | groups | words
         sections.append(Section("attribution", "Attribution", "board_attribution.html", shown))
     if foretold:
         sections.append(Section("prediction", "Prediction", "board_prediction.html", values))

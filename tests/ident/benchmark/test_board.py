@@ -5,12 +5,15 @@ import os
 import re
 import subprocess
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
+import pinocchio
 import pytest
 from typer.testing import CliRunner
 
@@ -18,7 +21,7 @@ from ident.arrays import Array, Float
 from ident.benchmark.board.case import DRAWN, MEASURED, NONE, OTHER, PLANTED
 from ident.benchmark.board.drawn import _options, make_drawn, plan_drawn
 from ident.benchmark.board.entry import SCHEMA, Answer, Named, read_answer, undecided
-from ident.benchmark.board.files import Board, Kept, packed, read_columns, write_columns
+from ident.benchmark.board.files import Board, Kept, packed, read_columns, write_columns, write_run
 from ident.benchmark.board.jobs import JOBS
 from ident.benchmark.board.leaks import (
     classifier_p_value,
@@ -230,6 +233,28 @@ def test_readme_and_docs_say_the_same_of_what_is_meant(made: tuple[Path, Path]) 
     assert set(named) <= known | {"joint"}
 
 
+def test_both_models_of_the_readme_are_the_arm(made: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: the README's lines give Pinocchio and MuJoCo one arm: the same torque at the same motion."""
+    text = (made[0] / "README.md").read_text(encoding="utf-8")
+    lines = text.split("The arm that a session lists")[1].split("Switch limits off")[0].splitlines()
+    code = textwrap.dedent("\n".join(line for line in lines if line.startswith("    ")))
+    monkeypatch.chdir(made[0])
+    for name, facts in Board.load(made[0]).sessions.items():
+        known = {"name": name, "facts": facts, "pinocchio": pinocchio, "mujoco": mujoco}
+        exec(code, known)
+        arm, spec = known["arm"], known["spec"]
+        assert list(arm.names)[1:] == facts["joints"]
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        places = [model.joint(joint).dofadr[0] for joint in facts["joints"]]
+        motion = np.random.default_rng(1).uniform(-0.5, 0.5, (3, arm.nv))
+        data.qpos[places], data.qvel[places], data.qacc[places] = motion
+        mujoco.mj_inverse(model, data)
+        torque = pinocchio.rnea(arm, arm.createData(), *motion)
+        assert data.qfrc_inverse[places] == pytest.approx(torque, abs=1e-6)
+
+
 def test_a_word_that_tells_is_found(tmp_path: Path) -> None:
     place = tmp_path / "sessions" / "s001"
     place.mkdir(parents=True)
@@ -319,6 +344,19 @@ def test_no_joint_is_told_by_the_rounding_of_its_torque() -> None:
     ill = run.effort[:, 0] + np.sin(time)
     assert distinct(ill) == pytest.approx(distinct(run.effort[:, 1]), abs=0.05)
     assert distinct(torque[:, 0] + np.sin(time)) > 2.0 * distinct(torque[:, 1])
+
+
+def test_times_are_kept_to_a_microsecond(tmp_path: Path) -> None:
+    """Law: no row comes more than half a microsecond early or late, none at the time of another, zero stays zero."""
+    rng = np.random.default_rng(3)
+    time = np.cumsum(rng.uniform(0.001, 0.003, 1000))
+    time -= time[0]
+    zeros = np.zeros((len(time), 1))
+    write_run(Recording("run", ("a",), time, zeros, zeros), tmp_path / "run.parquet")
+    kept = read_columns(tmp_path / "run.parquet", "")["time"]
+    assert kept[0] == 0.0
+    assert np.max(np.abs(kept - time)) <= 0.5e-6
+    assert np.min(np.diff(kept)) > 0.0
 
 
 def test_packed_numbers_keep_what_is_asked_for() -> None:
@@ -468,6 +506,26 @@ def test_entrants_are_scored_beside_each_other(made: tuple[Path, Path], tmp_path
     assert "vague" in report.summary()
     alone = render_board(score_board(made[0], tmp_path / "sure", made[1]).to_dict())
     assert "best" not in re.sub(r"<style>.*?</style>", "", alone, flags=re.DOTALL).replace('class="best"', "")
+
+
+def test_who_is_behind_is_told_by_the_same_sessions(made: tuple[Path, Path], tmp_path: Path) -> None:
+    """Law: how far an entrant is behind the first is the difference of their scores; a copy of the first is not."""
+    board = Board.load(made[0])
+    for name, sure in (("copy", 0.9), ("first", 0.9), ("second", 0.5)):
+        entry_of(board, tmp_path / name, sure)
+    report = score_board(made[0], tmp_path, made[1])
+    first, *others = report.record["entries"]
+    assert "behind the first" not in first
+    for entry in others:
+        told = entry["behind the first"]
+        apart = entry["attribution"]["log_score"]["value"] - first["attribution"]["log_score"]["value"]
+        assert told["value"] == pytest.approx(apart, abs=2e-3)
+        assert told["low"] <= told["value"] <= told["high"]
+        assert told["count"] == len(board.sessions)
+    same = report.record["entries"][1]
+    is_same = same["attribution"] == first["attribution"]
+    assert is_same == (same["behind the first"]["value"] == 0.0)
+    assert ("tell the two apart" in render_board(report.to_dict())) == (same["behind the first"]["low"] <= 0.0)
 
 
 def test_a_foretold_motion_of_other_length_is_refused(made: tuple[Path, Path], tmp_path: Path) -> None:

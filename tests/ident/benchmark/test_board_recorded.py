@@ -15,7 +15,14 @@ from ident.benchmark.board.case import PLANTED, BoardCase
 from ident.benchmark.board.files import Board, Kept
 from ident.benchmark.board.leaks import LEVEL, find_leaks
 from ident.benchmark.board.make import BoardWriter
-from ident.benchmark.board.recorded import GUARD_S, GivenRows, part_recording, split_of, unseen_of
+from ident.benchmark.board.recorded import (
+    GUARD_S,
+    LEAST_PIECE_S,
+    GivenRows,
+    part_recording,
+    split_of,
+    unseen_of,
+)
 from ident.benchmark.board.run_starts import start_roughness
 from ident.benchmark.board.shared_rows import find_shared_rows
 from ident.recordings.recording import Recording
@@ -93,6 +100,18 @@ def test_each_row_is_plain_or_of_one_session(recorded: Source) -> None:
         assert start - end > GUARD_S * RATE_HZ - 1.0
     assert spans[-1][0] == split_of(recorded)
     assert len(parted.stretches) >= 8
+
+
+@pytest.mark.parametrize(("lasts_s", "given", "plain"), [(17.0, 2, 1), (28.5, 3, 2), (22.5, 2, 2)])
+def test_a_piece_too_many_goes_to_a_session(recorded: Source, lasts_s: float, given: int, plain: int) -> None:
+    """Law: of an odd number of pieces sessions have one more than what all of them know; no side lacks seconds."""
+    run = recorded.runs[0].at(slice(0, int(lasts_s * RATE_HZ)))
+    parted = part_recording(replace(recorded, runs=(run,)))
+    assert len(parted.stretches) == given
+    assert len(parted.plain.runs) == plain
+    lengths = [stretch.rows.stop - stretch.rows.start for stretch in parted.stretches]
+    lengths += [len(piece) for piece in parted.plain.runs]
+    assert min(lengths) >= RATE_HZ * (LEAST_PIECE_S - GUARD_S) - 1
 
 
 def test_runs_of_one_motion_give_each_half_every_part(recorded: Source) -> None:

@@ -12,8 +12,11 @@ import pytest
 from jsonschema import Draft202012Validator
 from made_up_board import JOINTS, write_board
 
+from ident.benchmark.board import jobs
+from ident.benchmark.board.case import DRAWN
 from ident.benchmark.board.files import Board
 from ident.benchmark.board.jobs import run_job
+from ident.benchmark.board.make import MadeBoard
 from ident.benchmark.board.report import score_board
 from ident.command_options import BoardOptions
 from ident.errors import InputError
@@ -193,3 +196,15 @@ def test_what_is_read_is_what_its_schema_says(place: Path, name: str) -> None:
 
 def test_names_are_those_of_the_board_alone(place: Path) -> None:
     assert list(Board.load(place / "board").sessions) == ["s001", "s002"]
+
+
+@pytest.mark.parametrize("largest_mb", [30.0, 0.0])
+def test_a_board_too_large_for_the_mail_is_told(
+    place: Path, largest_mb: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: who makes a board of more than what can be sent reads so, and nobody else does."""
+    made = MadeBoard(place / "board", place / "kept", 0, {DRAWN: 2}, 0)
+    monkeypatch.setattr(jobs, "make_board", lambda *given: made)
+    monkeypatch.setattr(jobs, "LARGEST_MB", largest_mb)
+    report = run_job("make", place / "board", None, BoardOptions())
+    assert ("more than" in report.summary()) == (largest_mb == 0.0)
