@@ -23,7 +23,7 @@ from ident.files import atomic_write
 from ident.outputs import MARKER, is_begun
 from ident.recordings.load import is_dataset, is_run
 from ident.recordings.session_toml import NAME, load_session_file
-from ident.safe_read import require_regular, require_unpacked
+from ident.safe_read import open_regular, require_unpacked
 
 # Kind of the store's folder, by its marker: it may lie within the watched folder and is passed over
 # there.
@@ -237,10 +237,12 @@ class Store:
         complete: list[dict[str, Any]] = []
         for path in sorted((self.folder / kind).glob("*/*.parquet")):
             try:
-                size = require_regular(path, "a watch writes it again")
-                file = pq.ParquetFile(path)
-                require_unpacked(size, 64 * file.metadata.num_rows * len(SCHEMAS[kind]))
-                rows = file.read().to_pylist() if file.schema_arrow.equals(SCHEMAS[kind]) else []
+                with open_regular(path, "a watch writes it again") as stream:
+                    file = pq.ParquetFile(stream)
+                    size = os.fstat(stream.fileno()).st_size
+                    require_unpacked(size, 64 * file.metadata.num_rows * len(SCHEMAS[kind]))
+                    is_ours = file.schema_arrow.equals(SCHEMAS[kind])
+                    rows = file.read().to_pylist() if is_ours else []
             except (pa.ArrowException, OSError, ValueError, InputError):
                 continue
             for row in rows:

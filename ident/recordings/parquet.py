@@ -8,10 +8,12 @@ Source: Apache Parquet, parquet.thrift (numbers of the fields); Apache Thrift, c
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -20,7 +22,7 @@ from ident.arrays import Array, Float
 from ident.errors import RecordingError, first_line
 from ident.recordings.bad_cells import named_columns
 from ident.recordings.columns import NamedColumns
-from ident.safe_read import require_regular, require_unpacked
+from ident.safe_read import open_regular, require_unpacked
 
 if TYPE_CHECKING:
     import pyarrow.parquet as pq
@@ -50,18 +52,17 @@ MOST_PLACES = 64
 FAILURES = (pa.ArrowException, OSError, ValueError, UnicodeDecodeError)
 
 
-def count_values(path: Path) -> int:
-    """Numbers of all columns, those in lists each by itself.
+def count_values(stream: BinaryIO) -> int:
+    """Numbers of all columns of an open file, those in lists each by itself.
 
     Raises:
         ValueError: The footer is damaged.
         OSError: The file can't be read.
     """
-    with path.open("rb") as stream:
-        stream.seek(-8, 2)
-        length = int.from_bytes(stream.read(4), "little")
-        stream.seek(-8 - length, 2)
-        footer = _Footer(stream.read(length))
+    stream.seek(-8, 2)
+    length = int.from_bytes(stream.read(4), "little")
+    stream.seek(-8 - length, 2)
+    footer = _Footer(stream.read(length))
     try:
         groups = footer.struct(0)[ROW_GROUPS]
         return sum(column[FACTS][VALUES] for group in groups for column in group[COLUMNS])
@@ -175,8 +176,9 @@ def open_table(path: Path) -> NamedColumns:
     return named_columns(names, load, path, numbers)
 
 
-def open_parquet(path: Path) -> pq.ParquetFile:
-    """A Parquet file whose numbers are in proportion to its size: constants pack without end.
+@contextmanager
+def open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
+    """Opens a Parquet file whose numbers are in proportion to its size: constants pack without end.
 
     Raises:
         RecordingError: No plain file.
@@ -184,13 +186,14 @@ def open_parquet(path: Path) -> pq.ParquetFile:
     """
     import pyarrow.parquet as pq  # slow to load, and text tables need none
 
-    size = require_regular(path, "give a table", RecordingError)
-    # not read_table: that loads all of pyarrow's data sets, at half a second
-    file = pq.ParquetFile(path)
-    require_unpacked(size, 8 * count_values(path))
-    # A text that stands in a million cells stands once in the file, and is to stand once in memory.
-    texts = [field.name for field in file.schema_arrow if is_text(field.type)]
-    return pq.ParquetFile(path, read_dictionary=texts) if texts else file
+    with open_regular(path, "give a table", RecordingError) as stream:
+        # not read_table: that loads all of pyarrow's data sets, at half a second
+        file = pq.ParquetFile(stream)
+        require_unpacked(os.fstat(stream.fileno()).st_size, 8 * count_values(stream))
+        # A text that stands in a million cells stands once in the file, and is to stand once in
+        # memory.
+        texts = [field.name for field in file.schema_arrow if is_text(field.type)]
+        yield pq.ParquetFile(stream, read_dictionary=texts) if texts else file
 
 
 def is_text(kind: pa.DataType) -> bool:

@@ -6,12 +6,14 @@ import os
 import re
 import warnings
 import xml.etree.ElementTree as ET
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from ident.errors import InputError, RobotError, first_line
 from ident.robot.names import example_robots_folder
+from ident.safe_read import FileState, read_bytes, require_regular
 
 # Larger mesh files are no collision geometry [bytes].
 LARGEST = 200_000_000
@@ -56,12 +58,15 @@ def require_mesh(path: Path, where: str | Path, place: str, error: type[InputErr
         raise error(
             where, f"{place}is no mesh that can be read", f"give one of: {', '.join(READABLE)}"
         )
-    if (size := path.stat().st_size) > LARGEST:
+    kind = path.suffix.lower()
+    size = require_regular(path, "mend or replace the mesh", error)
+    if size > LARGEST:
         raise error(where, f"{place}has {size / 1e6:.0f} MB", "give a simplified mesh")
-    require_honest_header(path, where, place, error)
-    if path.suffix.lower() == ".ply":
-        require_sound_ply(path, where, place, error)
-    for name in MATERIALS.findall(path.read_bytes()) if path.suffix.lower() == ".obj" else ():
+    data = read_bytes(path, "mend or replace the mesh", error, LARGEST)
+    require_honest_header(data, kind, where, place, error)
+    if kind == ".ply":
+        require_sound_ply(data, where, place, error)
+    for name in MATERIALS.findall(data) if kind == ".obj" else ():
         material = (path.parent / os.fsdecode(name).lstrip("/")).resolve()
         if material.exists() and not (
             material.is_file() and material.is_relative_to(path.parent.resolve())
@@ -71,15 +76,13 @@ def require_mesh(path: Path, where: str | Path, place: str, error: type[InputErr
 
 
 def require_honest_header(
-    path: Path, where: str | Path, place: str, error: type[InputError]
+    data: bytes, kind: str, where: str | Path, place: str, error: type[InputError]
 ) -> None:
     """Raises for a mesh whose header speaks of more than its file can hold: its reader would make
     room for it.
     """
-    kind = path.suffix.lower()
-    size = path.stat().st_size
-    with path.open("rb") as stream:
-        head = stream.read() if kind == ".dae" else stream.read(HEADER_BYTES)
+    size = len(data)
+    head = data if kind == ".dae" else data[:HEADER_BYTES]
     announced = 0
     if kind == ".ply":
         announced = max(map(_whole, ELEMENTS.findall(head)), default=0)
@@ -92,7 +95,7 @@ def require_honest_header(
         raise error(where, what, "mend or replace the mesh")
 
 
-def require_sound_ply(path: Path, where: str | Path, place: str, error: type[InputError]) -> None:
+def require_sound_ply(data: bytes, where: str | Path, place: str, error: type[InputError]) -> None:
     """Raises for a .ply whose triangles name corners that are not there: its reader would read
     beyond them.
     """
@@ -101,7 +104,7 @@ def require_sound_ply(path: Path, where: str | Path, place: str, error: type[Inp
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            read = PlyData.read(str(path))
+            read = PlyData.read(BytesIO(data))
         corners = len(read["vertex"])
         faces = next(element for element in read.elements if element.name == "face")
         lists = [faces[name.name] for name in faces.properties if isinstance(name, PlyListProperty)]
@@ -123,14 +126,17 @@ def _whole(digits: bytes) -> int:
     return int(digits[:LONGEST_COUNT])
 
 
-def with_mesh_paths(urdf: str, tag: str, source: Path | None, where: str) -> str:
-    """The URDF with the meshes of one tag, `collision` or `visual`, named by their paths; the other
-    tag's are left out.
+def with_mesh_paths(
+    urdf: str, tag: str, source: Path | None, where: str
+) -> tuple[str, dict[Path, FileState | None]]:
+    """The URDF with the meshes of one tag, `collision` or `visual`, named by their paths, and the
+    state of each when it was looked through; the other tag's are left out.
 
     Raises:
         RobotError: A mesh is missing, or as `require_mesh`.
     """
     root = ET.fromstring(urdf)
+    states = {}
     other = "visual" if tag == "collision" else "collision"
     for link in root.findall("link"):
         for element in link.findall(other):
@@ -142,6 +148,7 @@ def with_mesh_paths(urdf: str, tag: str, source: Path | None, where: str) -> str
             if path is None:
                 remedy = "put the mesh files beside the URDF, under their package's name"
                 raise RobotError(where, f"{place} is not there", remedy)
+            states[path] = FileState.of(path)
             require_mesh(path, where, f"{place} ", RobotError)
             mesh.set("filename", str(path))
-    return ET.tostring(root, encoding="unicode")
+    return ET.tostring(root, encoding="unicode"), states

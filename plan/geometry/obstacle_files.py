@@ -11,6 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from ident.errors import InputError
 from ident.robot.meshes import require_mesh
+from ident.safe_read import unchanged
 from plan.geometry.solids import Solid, hull_points, mesh_triangles
 
 # A surface of more triangles takes minutes to plan round; nobody needs so many to keep clear of a
@@ -42,8 +43,9 @@ def read_mesh(
     if not os.path.isfile(path):  # false of names that no file can have, too
         remedy = "give the path of an STL, OBJ or DAE file, from the scene file on"
         raise InputError(path, "no such mesh file", remedy)
-    require_mesh(path, path, "", InputError)
-    model = _load(path, scale)
+    with unchanged(path):  # Coal takes no open file
+        require_mesh(path, path, "", InputError)
+        model = _load(path, scale)
     points = np.array(model.vertices())
     triangles = mesh_triangles(model)
     if len(triangles) == 0 or not np.isfinite(points).all():
