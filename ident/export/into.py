@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -113,10 +113,11 @@ def require_loadable(path: Path, text: bytes, written: WrittenInto) -> None:
         InputError: It does not load, or nothing can be written there.
     """
     try:
-        if written.form == "mjcf":
-            _compile(path, text)
-        else:
-            ArmModel.from_urdf(text.decode(), path)
+        with _beside(path, text) as temporary:
+            if written.form == "mjcf":
+                _compile(temporary)
+            else:
+                ArmModel.from_urdf(text.decode(), path)
     except (RobotError, ValueError) as error:
         what = f"with what was identified it does not load ({first_line(error)})"
         raise InputError(path, what, "take robot.urdf and robot.xml of --out") from None
@@ -124,6 +125,19 @@ def require_loadable(path: Path, text: bytes, written: WrittenInto) -> None:
 
 class _Tried(Exception):
     """Ends the lending of a file that is not to be kept."""
+
+
+@contextmanager
+def _beside(path: Path, text: bytes) -> Iterator[Path]:
+    """Lends a file of a text beside a user's own, where meshes are found; nothing of it stays.
+
+    Raises:
+        InputError: Nothing can be written there.
+    """
+    with suppress(_Tried), atomic_write(path) as temporary:
+        temporary.write_bytes(text)
+        yield temporary
+        raise _Tried
 
 
 def require_as_read(path: Path, data: bytes) -> None:
@@ -304,7 +318,8 @@ def _edit_mjcf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
     if not np.any(changes):
         return
     try:
-        model = _compile(written.path, edited.text)
+        with _beside(written.path, edited.text) as temporary:
+            model = _compile(temporary)
     except ValueError as error:
         written.left.append(OTHER_LINKS.format(f"the file does not load ({first_line(error)})"))
         return
@@ -318,25 +333,18 @@ def _edit_mjcf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
             _change_mjcf_body(edited, body, model, frames[j], arm, j, changes[j], written)
 
 
-def _compile(path: Path, text: bytes) -> mujoco.MjModel:
-    """MuJoCo's model of a text that stands, or could stand, in a file, whose meshes lie beside it.
-
-    The text is put beside the file for that: the file itself may be another one by now.
+def _compile(path: Path) -> mujoco.MjModel:
+    """MuJoCo's model of a file, its meshes beside it.
 
     Raises:
-        InputError: Nothing can be written there.
         ValueError: MuJoCo refuses it.
     """
     mujoco.set_mju_user_warning(lambda _: None)
-    with suppress(_Tried), atomic_write(path) as temporary:
-        temporary.write_bytes(text)
-        try:
-            with catch_warnings(action="ignore"):
-                model = mujoco.MjModel.from_xml_path(str(temporary))
-        except mujoco.FatalError as error:
-            raise ValueError(first_line(error)) from None
-        raise _Tried
-    return model
+    try:
+        with catch_warnings(action="ignore"):
+            return mujoco.MjModel.from_xml_path(str(path))
+    except mujoco.FatalError as error:
+        raise ValueError(first_line(error)) from None
 
 
 # A body of the file, and its frame in that of the arm's link: rotation and place.
