@@ -28,7 +28,6 @@ from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from ident.safe_read import CHANGED, read_bytes, read_json, read_toml
 from ident.trajectories.files import read_commands
-from plan.geometry import obstacle_files
 from plan.geometry.clouds import read_points
 from plan.geometry.obstacle_files import read_mesh
 from tests.fuzz.corpus import JOINTS, ROWS
@@ -240,11 +239,12 @@ def test_a_mesh_that_changes_while_it_is_read_is_told(tmp_path: Path, monkeypatc
     read_mesh(path, np.ones(3), False)
     looked = meshes.require_mesh
 
-    def look(*arguments: Any) -> None:
-        looked(*arguments)
+    def look(*arguments: Any) -> bytes:
+        data = looked(*arguments)
         replace_by(path, obj().encode())
+        return data
 
-    monkeypatch.setattr(obstacle_files, "require_mesh", look)
+    monkeypatch.setattr(meshes, "require_mesh", look)
     with pytest.raises(InputError, match="changed while it was read"):
         read_mesh(path, np.ones(3), False)
 
@@ -264,9 +264,10 @@ def test_an_arms_mesh_that_changes_while_it_is_read_is_told(tmp_path: Path, monk
     read()
     looked = meshes.require_mesh
 
-    def look(*arguments: Any) -> None:
-        looked(*arguments)
+    def look(*arguments: Any) -> bytes:
+        data = looked(*arguments)
         replace_by(path, obj().encode())
+        return data
 
     monkeypatch.setattr(meshes, "require_mesh", look)
     with pytest.raises(InputError, match="changed while it was read"):

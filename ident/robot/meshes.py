@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import re
 import warnings
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from ident.errors import InputError, RobotError, first_line
 from ident.robot.names import example_robots_folder
-from ident.safe_read import FileState, read_bytes, require_regular
+from ident.safe_read import read_bytes, require_regular, unchanged
 
 # Larger mesh files are no collision geometry [bytes].
 LARGEST = 200_000_000
@@ -26,8 +28,12 @@ HEADER_BYTES = 1 << 16
 STL_HEAD = 84
 STL_TRIANGLE = 50
 LONGEST_COUNT = 20
-# The files in which an .obj's materials stand, which its reader opens, too.
-MATERIALS = re.compile(rb"(?m)^\s*mtllib\s+(\S.*?)\s*$")
+# By which an .obj names files of materials, which its reader would open, and look for in many
+# places; a comment of the same length; and how one line goes on in the next.
+MATERIALS = b"mtllib"
+NO_MATERIALS = b"#tllib"
+COPY_PREFIX = "armgap-mesh-"
+CONTINUED = re.compile(rb"\\(?:\n|[\r\f\0][^\n]*\n)")
 
 
 def find_mesh(name: str, source: Path | None) -> Path | None:
@@ -50,10 +56,30 @@ def find_mesh(name: str, source: Path | None) -> Path | None:
     return next((path for path in tried if path.is_file()), None)
 
 
-def require_mesh(path: Path, where: str | Path, place: str, error: type[InputError]) -> None:
-    """Raises for a file that is no mesh, too large, or has its reader open what is no plain file
-    beside it.
+@contextmanager
+def lent_mesh(path: Path, where: str | Path, place: str, error: type[InputError]) -> Iterator[Path]:
+    """Lends a mesh that was looked through to a reader that opens it by its name.
+
+    An .obj that names materials is lent as a copy without: a shape needs none, and its reader
+    would open other files.
+
+    Raises:
+        InputError: As `require_mesh`; or the file changes while it is read.
     """
+    with unchanged(path, error, where):
+        data = require_mesh(path, where, place, error)
+        text = CONTINUED.sub(b"", data) if path.suffix.lower() == ".obj" else b""
+        if MATERIALS not in text:
+            yield path
+            return
+        with TemporaryDirectory(prefix=COPY_PREFIX) as folder:
+            copy = Path(folder) / "mesh.obj"
+            copy.write_bytes(text.replace(MATERIALS, NO_MATERIALS))
+            yield copy
+
+
+def require_mesh(path: Path, where: str | Path, place: str, error: type[InputError]) -> bytes:
+    """The bytes of a mesh file; raises for a file that is none, or too large."""
     if path.suffix.lower() not in READABLE:
         raise error(
             where, f"{place}is no mesh that can be read", f"give one of: {', '.join(READABLE)}"
@@ -66,13 +92,7 @@ def require_mesh(path: Path, where: str | Path, place: str, error: type[InputErr
     require_honest_header(data, kind, where, place, error)
     if kind == ".ply":
         require_sound_ply(data, where, place, error)
-    for name in MATERIALS.findall(data) if kind == ".obj" else ():
-        material = (path.parent / os.fsdecode(name).lstrip("/")).resolve()
-        if material.exists() and not (
-            material.is_file() and material.is_relative_to(path.parent.resolve())
-        ):
-            what = f"{place}names {os.fsdecode(name)!r}, no plain file beside it"
-            raise error(where, what, "take the line mtllib out: a shape needs no materials")
+    return data
 
 
 def require_honest_header(
@@ -127,16 +147,23 @@ def _whole(digits: bytes) -> int:
 
 
 def with_mesh_paths(
-    urdf: str, tag: str, source: Path | None, where: str
-) -> tuple[str, dict[Path, FileState | None]]:
+    urdf: str, tag: str, source: Path | None, where: str, lent: ExitStack
+) -> tuple[str, dict[str, str]]:
     """The URDF with the meshes of one tag, `collision` or `visual`, named by their paths, and the
-    state of each when it was looked through; the other tag's are left out.
+    file that each path stands for; the other tag's are left out.
+
+    Args:
+        urdf: The URDF.
+        tag: The tag.
+        source: File that it stands in.
+        where: The arm, for messages.
+        lent: Keeps the meshes as they were looked through until they are read.
 
     Raises:
         RobotError: A mesh is missing, or as `require_mesh`.
     """
     root = ET.fromstring(urdf)
-    states = {}
+    files = {}
     other = "visual" if tag == "collision" else "collision"
     for link in root.findall("link"):
         for element in link.findall(other):
@@ -148,7 +175,7 @@ def with_mesh_paths(
             if path is None:
                 remedy = "put the mesh files beside the URDF, under their package's name"
                 raise RobotError(where, f"{place} is not there", remedy)
-            states[path] = FileState.of(path)
-            require_mesh(path, where, f"{place} ", RobotError)
-            mesh.set("filename", str(path))
-    return ET.tostring(root, encoding="unicode"), states
+            mesh_file = lent.enter_context(lent_mesh(path, where, f"{place} ", RobotError))
+            mesh.set("filename", str(mesh_file))
+            files[str(mesh_file)] = str(path)
+    return ET.tostring(root, encoding="unicode"), files

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,6 @@ from ident.robot.chain import PER_LINK, Chain
 from ident.robot.meshes import with_mesh_paths
 from ident.robot.urdf import parse_urdf
 from ident.robot.urdf_elements import followers
-from ident.safe_read import AGAIN, CHANGED, FileState
 
 # xx xy yy xz yz zz of the ten numbers of a link, as the rows of its inertia.
 FULL_INERTIA = (4, 5, 7, 5, 6, 8, 7, 8, 9)
@@ -200,16 +200,18 @@ def read_geometry(
         RobotError: A mesh that the URDF names is not there, or can't be read.
     """
     kinds = {"collision": pin.GeometryType.COLLISION, "visual": pin.GeometryType.VISUAL}
-    text, states = with_mesh_paths(urdf, tag, source, where)
-    try:
-        geometry = pin.buildGeomFromUrdfString(model, text, kinds[tag], package_dirs=["/"])
-    except (ValueError, RuntimeError) as error:
-        lines = [line.removeprefix("message: ") for line in str(error).splitlines()]
-        telling = [line for line in lines if "resource" in line or "Mesh" in line]
-        reason = "".join([*telling, *lines][:1])
-        what = f"{tag} geometry can't be read ({reason})"
-        raise RobotError(where, what, "mend or replace the mesh, or give boxes") from None
-    for path, state in states.items():
-        if FileState.of(path) != state:
-            raise RobotError(path, CHANGED, AGAIN)
-    return geometry
+    with ExitStack() as lent:
+        text, files = with_mesh_paths(urdf, tag, source, where, lent)
+        try:
+            shapes = pin.buildGeomFromUrdfString(model, text, kinds[tag], package_dirs=["/"])
+        except (ValueError, RuntimeError) as error:
+            lines = [line.removeprefix("message: ") for line in str(error).splitlines()]
+            telling = [line for line in lines if "resource" in line or "Mesh" in line]
+            reason = "".join([*telling, *lines][:1])
+            for lent_file, file in files.items():
+                reason = reason.replace(lent_file, file)
+            what = f"{tag} geometry can't be read ({reason})"
+            raise RobotError(where, what, "mend or replace the mesh, or give boxes") from None
+        for shape in shapes.geometryObjects:
+            shape.meshPath = files.get(shape.meshPath, shape.meshPath)
+        return shapes

@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from ident.robot.meshes import COPY_PREFIX
+
 RUNNING = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.startfile", "pty.spawn")
 NETWORK = ("socket.connect", "socket.bind", "socket.sendto", "urllib.Request")
 CHANGING = ("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.truncate", "os.chmod")
@@ -97,6 +99,6 @@ class Guard:
             place = Path(os.path.abspath(os.fsdecode(path)))
         finally:
             self._on = True
-        if any(part in CACHES for part in place.parts) or place == Path(os.devnull):
+        if any(part in CACHES or part.startswith(COPY_PREFIX) for part in place.parts) or place == Path(os.devnull):
             return True
         return any(place.is_relative_to(folder) for folder in self.allowed)

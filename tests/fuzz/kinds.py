@@ -235,7 +235,7 @@ def settings(folder: Path, arm: ArmModel) -> list[Kind]:
     rungs = ("analytic", "loss", "net")
 
     def own(path: Path) -> object:
-        before = path.read_bytes()
+        before = path.read_bytes() if path.is_file() and not path.is_symlink() else b"{}"
         require_own_folder(path.parent, "model")
         return before
 

@@ -208,8 +208,8 @@ def obj() -> str:
     return "\n".join([*corners, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES), ""])
 
 
-def shaped(urdf: str) -> str:
+def shaped(urdf: str, mesh: str = "cube.obj") -> str:
     """A URDF whose first link has a mesh beside it as its shape, and no other link one."""
     urdf = re.sub(r"(?s)<(collision|visual)\b.*?</\1>", "", urdf)
-    shape = '<collision><geometry><mesh filename="cube.obj" scale="0.1 0.1 0.1"/></geometry></collision>'
+    shape = f'<collision><geometry><mesh filename="{mesh}" scale="0.1 0.1 0.1"/></geometry></collision>'
     return urdf.replace("</link>", f"{shape}</link>", 1)
