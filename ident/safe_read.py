@@ -179,9 +179,15 @@ def unchanged(path: Path, error: type[InputError] = InputError, where: str | Pat
         InputError: It is not at the end what it was at the beginning.
     """
     before = _states(path)
-    yield
+    place = path if where is None else where
+    try:
+        yield
+    except Exception:  # whatever a half of this file and a half of that one lead to
+        if _states(path) != before:
+            raise error(place, CHANGED, AGAIN) from None
+        raise
     if _states(path) != before:
-        raise error(path if where is None else where, CHANGED, AGAIN)
+        raise error(place, CHANGED, AGAIN)
 
 
 def read_json(path: Path, remedy: str, error: type[InputError] = InputError) -> dict[str, Any]:

@@ -141,6 +141,18 @@ def test_a_recording_is_one_or_the_other(name: str, read: str, tmp_path: Path) -
     np.testing.assert_array_equal(found, sound)
 
 
+def test_halves_of_two_recordings_are_told(tmp_path: Path) -> None:
+    """Law: a column that one of the two files has and the other lacks is no fault of ours, but a file that changed."""
+    path = tmp_path / "run.parquet"
+    parquet(1.0, path)
+    fewer = tmp_path / "fewer.parquet"
+    pq.write_table(table(1.0).drop_columns(["joint_5/effort"]), fewer)
+    data = fewer.read_bytes()
+    fewer.unlink()
+    with SWAP.watching(path, data), pytest.raises(InputError, match="changed while it was read"):
+        load_session(path)
+
+
 @pytest.mark.parametrize("storage", list(StoragePlugin))
 def test_a_bag_that_changes_while_it_is_read_is_told(
     storage: StoragePlugin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

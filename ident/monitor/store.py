@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 
 from ident.errors import InputError
 from ident.files import atomic_write
-from ident.outputs import MARKER, is_begun
+from ident.outputs import MARKER, is_begun, real_path
 from ident.recordings.load import is_dataset, is_run
 from ident.recordings.session_toml import NAME, load_session_file
 from ident.safe_read import open_regular, require_unpacked
@@ -128,7 +128,7 @@ def find_sessions(folder: Path) -> list[FoundSession]:
     sessions = []
     for child in _folders(folder):
         if _is_session(child):
-            sessions.append(_look_at(as_text(folder.resolve().name), child, folder))
+            sessions.append(_look_at(as_text(real_path(folder).name), child, folder))
         else:
             sessions += [
                 _look_at(as_text(child.name), subfolder, folder)

@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from ident.errors import InputError, RobotError, first_line
+from ident.outputs import real_path
 from ident.robot.names import example_robots_folder
 from ident.safe_read import read_bytes, require_regular, unchanged
 
@@ -43,7 +44,7 @@ def find_mesh(name: str, source: Path | None) -> Path | None:
     where no folder is called P, as `rest` beside the URDF and above it.
     """
     relative = Path(name.removeprefix("file://").removeprefix("package://"))
-    here = [] if source is None else list(source.resolve().parents)
+    here = [] if source is None else list(real_path(source).parents)
     if name.startswith("package://"):
         packages = example_robots_folder()
         rest = Path(*relative.parts[1:])

@@ -200,7 +200,7 @@ def recordings(folder: Path, arm: ArmModel) -> list[Kind]:
 
 def _skipped(path: Path) -> bool:
     """Whether an input is one of the many that are read and not inspected."""
-    return path.is_dir() or zlib.crc32(path.read_bytes()) % INSPECTED != 0
+    return not path.is_file() or zlib.crc32(path.read_bytes()) % INSPECTED != 0
 
 
 def check_loaded(report: TelemetryReport) -> None:
@@ -280,7 +280,7 @@ def settings(folder: Path, arm: ArmModel) -> list[Kind]:
         Kind("limits.toml", folder / "limits.toml", lambda path: load_limits(path, arm.joint_names, rungs)),
         Kind("world.toml", folder / "world.toml", find_world),
         Kind("catalogue", folder / "own_effect.py", load_catalogue, share=0.2),
-        Kind("marker", place / ".armgap.json", own, check_own, 0.5),
+        Kind("marker", place / ".armgap.json", own, check_own, 0.5, writes=True),
     ]
 
 
