@@ -22,8 +22,9 @@ from ident.errors import InputError
 from ident.files import atomic_write
 from ident.outputs import MARKER, is_begun, real_path
 from ident.recordings.load import is_dataset, is_run
+from ident.recordings.parquet import require_in_proportion
 from ident.recordings.session_toml import NAME, load_session_file
-from ident.safe_read import open_regular, require_unpacked
+from ident.safe_read import open_regular
 
 # Kind of the store's folder, by its marker: it may lie within the watched folder and is passed over
 # there.
@@ -239,8 +240,7 @@ class Store:
             try:
                 with open_regular(path, "a watch writes it again") as stream:
                     file = pq.ParquetFile(stream)
-                    size = os.fstat(stream.fileno()).st_size
-                    require_unpacked(size, 64 * file.metadata.num_rows * len(SCHEMAS[kind]))
+                    require_in_proportion(stream)
                     is_ours = file.schema_arrow.equals(SCHEMAS[kind])
                     rows = file.read().to_pylist() if is_ours else []
             except (pa.ArrowException, OSError, ValueError, InputError):

@@ -28,12 +28,21 @@ if TYPE_CHECKING:
     import pyarrow.parquet as pq
 
 
-# Fields that lead to the number of values: of the file its row groups, of these the columns, of
-# these their facts.
+# Fields that lead to the number of values and to the pages: of the file its row groups, of these
+# the columns, of these their facts.
 ROW_GROUPS = 4
 COLUMNS = 1
 FACTS = 3
 VALUES = 5
+PACKED = 7
+DATA_PLACE = 9
+DICTIONARY_PLACE = 11
+# Of a page's header: what it unpacks to, and what it takes in the file.
+UNPACKED_PAGE = 2
+PACKED_PAGE = 3
+# Headers of pages are as short as the first; the second holds any.
+HEADER_BYTES = 1 << 10
+LONG_HEADER_BYTES = 1 << 20
 TRUE = 1
 FALSE = 2
 BYTE = 3
@@ -52,6 +61,22 @@ MOST_PLACES = 64
 FAILURES = (pa.ArrowException, OSError, ValueError, UnicodeDecodeError)
 
 
+def require_in_proportion(stream: BinaryIO) -> None:
+    """Passes if an open file holds no more than its size lets expect, by its footer and its pages.
+
+    What the footer says of the number of values is not what is unpacked: Arrow unpacks a page
+    whole, as large as the page itself says, before it takes a value from it.
+
+    Raises:
+        ValueError: It unpacks to more; or the footer or a page's header is damaged.
+        OSError: The file can't be read.
+    """
+    footer = _read_footer(stream)
+    size = os.fstat(stream.fileno()).st_size
+    require_unpacked(size, 8 * _count(footer))
+    require_unpacked(size, _unpacked_pages(stream, footer))
+
+
 def count_values(stream: BinaryIO) -> int:
     """Numbers of all columns of an open file, those in lists each by itself.
 
@@ -59,15 +84,61 @@ def count_values(stream: BinaryIO) -> int:
         ValueError: The footer is damaged.
         OSError: The file can't be read.
     """
+    return _count(_read_footer(stream))
+
+
+def _read_footer(stream: BinaryIO) -> dict[int, Any]:
     stream.seek(-8, 2)
     length = int.from_bytes(stream.read(4), "little")
     stream.seek(-8 - length, 2)
-    footer = _Footer(stream.read(length))
     try:
-        groups = footer.struct(0)[ROW_GROUPS]
-        return sum(column[FACTS][VALUES] for group in groups for column in group[COLUMNS])
+        return _Footer(stream.read(length)).struct(0)
+    except (IndexError, TypeError) as error:
+        raise ValueError(f"its footer is damaged ({type(error).__name__})") from None
+
+
+def _count(footer: dict[int, Any]) -> int:
+    try:
+        return sum(facts[VALUES] for facts in _all_facts(footer))
     except (IndexError, KeyError, TypeError) as error:
         raise ValueError(f"its footer is damaged ({type(error).__name__})") from None
+
+
+def _all_facts(footer: dict[int, Any]) -> Iterator[dict[int, Any]]:
+    """The facts of each column of each row group."""
+    for group in footer[ROW_GROUPS]:
+        for column in group[COLUMNS]:
+            yield column[FACTS]
+
+
+def _unpacked_pages(stream: BinaryIO, footer: dict[int, Any]) -> int:
+    """What all pages say that they unpack to [bytes]."""
+    total = 0
+    try:
+        for facts in _all_facts(footer):
+            first = facts[DATA_PLACE]
+            dictionary = facts.get(DICTIONARY_PLACE, 0)
+            begin = dictionary if 0 < dictionary < first else first
+            place = begin
+            while place < begin + facts[PACKED]:
+                header, length = _page_header(stream, place)
+                total += header[UNPACKED_PAGE]
+                place += length + max(0, header[PACKED_PAGE])
+    except (IndexError, KeyError, TypeError) as error:
+        raise ValueError(f"a page of it is damaged ({type(error).__name__})") from None
+    return total
+
+
+def _page_header(stream: BinaryIO, place: int) -> tuple[dict[int, Any], int]:
+    """The header of a page, and its length [bytes]."""
+    stream.seek(place)
+    data = stream.read(HEADER_BYTES)
+    try:
+        reader = _Footer(data)
+        return reader.struct(0), reader.at
+    except IndexError:  # facts of long texts stand in it
+        reader = _Footer(data + stream.read(LONG_HEADER_BYTES))
+        return reader.struct(0), reader.at
 
 
 class _Footer:
@@ -189,7 +260,7 @@ def open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
     with open_regular(path, "give a table", RecordingError) as stream:
         # not read_table: that loads all of pyarrow's data sets, at half a second
         file = pq.ParquetFile(stream)
-        require_unpacked(os.fstat(stream.fileno()).st_size, 8 * count_values(stream))
+        require_in_proportion(stream)
         # A text that stands in a million cells stands once in the file, and is to stand once in
         # memory.
         texts = [field.name for field in file.schema_arrow if is_text(field.type)]

@@ -202,6 +202,21 @@ def change_archive(data: bytes, rng: Rng) -> bytes:
     return packed.getvalue()
 
 
+def lie_in_footer(data: bytes, rng: Rng) -> bytes:
+    """The footer of a Parquet file speaks of another number of values, or of bytes, than there are."""
+    length = int.from_bytes(data[-8:-4], "little")
+    begin = len(data) - 8 - length
+    places = [k for k in range(max(0, begin), len(data) - 9) if data[k] & 128 and not data[k + 1] & 128]
+    if begin < 0 or not places:
+        return flip_bytes(data, rng)
+    changed = bytearray(data)
+    for _ in range(int(rng.integers(1, 4))):
+        at = places[int(rng.integers(len(places)))]
+        changed[at] = 128 | int(rng.integers(128))
+        changed[at + 1] = int(rng.integers(128))
+    return bytes(changed)
+
+
 def change_table(data: bytes, rng: Rng) -> bytes:
     """A column of a Parquet file becomes one of other values, another kind or another name, goes, or stands twice."""
     try:
@@ -456,7 +471,7 @@ BY_KIND: dict[str, tuple[Spoil, ...]] = {
     "csv": (change_letters, open_quote, change_cells, change_cells, change_cells, change_rows, change_rows, *BYTES),
     "txt": (open_quote, change_words, change_words, change_rows, *BYTES),
     "npz": (change_archive, change_archive, change_archive, lengthen, *BYTES),
-    "parquet": (change_table, change_table, change_table, lengthen, *BYTES),
+    "parquet": (change_table, change_table, change_table, lie_in_footer, lengthen, *BYTES),
     "mcap": (lengthen, lengthen, *BYTES),
     "db3": (lengthen, *BYTES),
     "bag": (lengthen, *BYTES),
