@@ -63,11 +63,28 @@ def within_memory(script: str, *arguments: object) -> subprocess.CompletedProces
     return subprocess.run(line, capture_output=True, text=True, check=False, timeout=120)
 
 
-@pytest.mark.parametrize(("corners", "faces"), [(HUGE, 4), (4, HUGE), (10**9, 4), (4, 2**31), (10**4, 4)])
-def test_a_mesh_does_not_claim_more_than_it_holds(corners: int, faces: int, tmp_path: Path) -> None:
+DAE = """<?xml version="1.0"?><COLLADA version="1.4.1"><library_geometries><geometry id="g"><mesh><source id="p">
+<float_array id="a" count="{count}">0 0 0 1 0 0 0 1 0 0 0 1</float_array></source></mesh></geometry>
+</library_geometries></COLLADA>"""
+
+
+@pytest.mark.parametrize("coding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize("count", ["3999999999", " 3999999999\n", "0xF0000000", "&#51;999999999", "+3999999999", "3e9"])
+def test_a_count_is_read_as_its_reader_reads_it(count: str, coding: str, tmp_path: Path) -> None:
+    """Law: a .dae's counts are plain numbers, no larger than the file, however they and it are written."""
+    path = tmp_path / "shape.dae"
+    path.write_bytes(DAE.format(count=count).encode(coding))
+    with pytest.raises(InputError, match=r"more than its .* bytes can hold|a count that is no plain number"):
+        read_mesh(path, SCALE, hull=False)
+
+
+@pytest.mark.parametrize(("corners", "faces"), [(HUGE, 4), (4, HUGE), (10**9, 4), (4, 2**31), (10**6, 4)])
+@pytest.mark.parametrize("header", ["plain", "long"])
+def test_a_mesh_does_not_claim_more_than_it_holds(corners: int, faces: int, header: str, tmp_path: Path) -> None:
     """Law: its reader would make room for it before it looks."""
     path = tmp_path / "shape.ply"
-    path.write_text(PLY.format(corners=corners, faces=faces))
+    text = PLY.format(corners=corners, faces=faces)
+    path.write_text({"plain": text, "long": text.replace("element", f"comment {'x' * (1 << 17)}\nelement", 1)}[header])
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(InputError, match="more than its"):
         read_mesh(path, SCALE, hull=False)

@@ -22,9 +22,12 @@ from ident.safe_read import read_bytes, require_regular, unchanged
 LARGEST = 200_000_000
 READABLE = (".stl", ".obj", ".dae", ".ply")
 # What the header of a mesh says is in it: elements of a .ply, numbers of a .dae's arrays.
-ELEMENTS = re.compile(rb"(?m)^[ \t]*element[ \t]+\S+[ \t]+(\d+)")
-COUNTS = re.compile(rb"""\bcount\s*=\s*["'](\d+)["']""")
+ELEMENTS = re.compile(rb"(?:^|[\r\n])[ \t]*element[ \t]+\S+[ \t]+(\d+)")
+COUNTS = re.compile(rb"""\bcount\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+# How a .dae begins that is written in UTF-16, which its reader knows, too.
+WIDE = (b"\xff\xfe", b"\xfe\xff")
 HEADER_BYTES = 1 << 16
+PLY_END = b"end_header"
 # Bytes of a binary .stl before its triangles, and of one of them.
 STL_HEAD = 84
 STL_TRIANGLE = 50
@@ -103,12 +106,17 @@ def require_honest_header(
     room for it.
     """
     size = len(data)
-    head = data if kind == ".dae" else data[:HEADER_BYTES]
+    head = data if kind == ".dae" else data[: max(HEADER_BYTES, data.find(PLY_END))]
     announced = 0
     if kind == ".ply":
         announced = max(map(_whole, ELEMENTS.findall(head)), default=0)
     elif kind == ".dae":
-        announced = max(map(_whole, COUNTS.findall(head)), default=0)
+        counts = _counts_of_dae(head)
+        # Its reader takes 0xFF and &#57; for numbers, too.
+        if not all(count.isdigit() for count in counts):
+            what = f"{place}has a count that is no plain number"
+            raise error(where, what, "mend or replace the mesh")
+        announced = max(map(_whole, counts), default=0)
     elif kind == ".stl" and not head.lstrip().startswith(b"solid") and len(head) >= STL_HEAD:
         announced = STL_TRIANGLE * int.from_bytes(head[STL_HEAD - 4 : STL_HEAD], "little")
     if announced > size:
@@ -138,6 +146,13 @@ def require_sound_ply(data: bytes, where: str | Path, place: str, error: type[In
     if not np.isfinite(numbers).all() or numbers.min() < 0 or numbers.max() >= max(corners, 1):
         what = f"{place}has triangles of corners that are not there"
         raise error(where, what, "mend or replace the mesh")
+
+
+def _counts_of_dae(data: bytes) -> list[bytes]:
+    """What stands in its attributes `count`, as it stands there."""
+    if data.startswith(WIDE):
+        data = data.decode("utf-16", "replace").encode()
+    return [(double or single).strip() for double, single in COUNTS.findall(data)]
 
 
 def _whole(digits: bytes) -> int:
