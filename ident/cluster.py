@@ -88,7 +88,7 @@ class Attendance:
         """
         assert self.client.scheduler is not None
         asked = self.client.scheduler.identity
-        record = self.client.sync(asked, n_workers=-1, callback_timeout=PATIENCE_S)
+        record = self.client.sync(asked, callback_timeout=PATIENCE_S)
         now = time.monotonic()
         heard = {}
         for worker, state in record["workers"].items():

@@ -217,7 +217,8 @@ def check_outputs(
                 raise InputError(f"{option} {path}", "is read by the same command", "choose another place")
         for other, second in places.items():
             another = real_path(second)
-            if other != option and (place == another or (other in whole and place.is_relative_to(another))):
+            lies_within = other in whole and place.is_relative_to(another)
+            if other != option and (place == another or lies_within):
                 raise InputError(f"{option} {path}", f"is also what {other} writes", "choose another place")
     for path in single.values():
         require_own_file(path)
@@ -284,7 +285,7 @@ def _exists(path: Path) -> bool:
 
 
 def real_path(path: str | Path) -> Path:
-    """Where a path leads; unlike its own `resolve`, without an error for links that turn in a circle."""
+    """Where a path leads; without an error for links that turn in a circle, as `resolve` has it."""
     return Path(os.path.realpath(path))
 
 

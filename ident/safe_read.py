@@ -60,14 +60,21 @@ def require_regular(path: Path, remedy: str, error: type[InputError] = InputErro
     return _regular_size(path, status, remedy, error, largest)
 
 
-def _regular_size(path: Path, status: os.stat_result, remedy: str, error: type[InputError], largest: int | None) -> int:
+def _regular_size(
+    path: Path,
+    status: os.stat_result,
+    remedy: str,
+    error: type[InputError],
+    largest: int | None,
+) -> int:
     """Size of what a status is of [bytes]; raises where that is no plain file, or too large."""
     if stat.S_ISDIR(status.st_mode):
         raise error(path, "is a folder, not a file", remedy)
     if not stat.S_ISREG(status.st_mode):
         raise error(path, "is a device or a pipe, not a file", remedy)
     if largest is not None and status.st_size > largest:
-        raise error(path, f"is {status.st_size / 1e6:.0f} MB large, which no file of its kind is", remedy)
+        what = f"is {status.st_size / 1e6:.0f} MB large, which no file of its kind is"
+        raise error(path, what, remedy)
     return status.st_size
 
 
@@ -79,7 +86,9 @@ def _unreadable(path: Path, failed: Exception, remedy: str, error: type[InputErr
 def open_regular(
     path: Path, remedy: str, error: type[InputError] = InputError, largest: int | None = None
 ) -> BufferedReader:
-    """A plain file, open for reading: what is looked at is what was opened, whatever its name leads to later.
+    """A plain file, open for reading: what is looked at is what was opened.
+
+    Its name may lead elsewhere later.
 
     Raises:
         InputError: As `require_regular`.
@@ -87,7 +96,8 @@ def open_regular(
     require_regular(path, remedy, error, largest)  # a device is not even opened
     try:
         # Not waiting: a pipe may have taken the file's place since.
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+        descriptor = os.open(path, os.O_RDONLY | flags)
     except (OSError, ValueError) as failed:
         raise _unreadable(path, failed, remedy, error) from None
     stream = os.fdopen(descriptor, "rb")
@@ -99,8 +109,13 @@ def open_regular(
     return stream
 
 
-def read_bytes(path: Path, remedy: str, error: type[InputError] = InputError, largest: int = LARGEST_TEXT) -> bytes:
-    """All bytes of a small file, read once: whoever checks them hands these on, not the file's name.
+def read_bytes(
+    path: Path,
+    remedy: str,
+    error: type[InputError] = InputError,
+    largest: int = LARGEST_TEXT,
+) -> bytes:
+    """All bytes of a small file, read once: who checks them hands these on, not the file's name.
 
     Raises:
         InputError: As `require_regular`; or the file grows while it is read.
@@ -125,7 +140,12 @@ def read_text(path: Path, remedy: str, error: type[InputError] = InputError, lar
     return decode(read_bytes(path, remedy, error, largest), path, remedy, error)
 
 
-def decode(data: bytes, where: str | Path, remedy: str, error: type[InputError] = InputError) -> str:
+def decode(
+    data: bytes,
+    where: str | Path,
+    remedy: str,
+    error: type[InputError] = InputError,
+) -> str:
     """The text that bytes of UTF-8 are, lines ended as Python ends them.
 
     Raises:
@@ -134,13 +154,14 @@ def decode(data: bytes, where: str | Path, remedy: str, error: type[InputError] 
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as failed:
-        raise error(where, f"is not UTF-8 text ({failed.reason} at byte {failed.start})", remedy) from None
+        what = f"is not UTF-8 text ({failed.reason} at byte {failed.start})"
+        raise error(where, what, remedy) from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 @dataclass(frozen=True)
 class FileState:
-    """Which file a name leads to, and when that was last changed: another state is another content."""
+    """Which file a name leads to, and when that was changed: another state is another content."""
 
     device: int
     inode: int
@@ -155,7 +176,8 @@ class FileState:
             status = path.stat()
         except (OSError, ValueError):
             return None
-        return cls(status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+        times = (status.st_mtime_ns, status.st_ctime_ns)
+        return cls(status.st_dev, status.st_ino, status.st_size, *times)
 
 
 def _states(path: Path) -> dict[str, FileState | None]:
@@ -167,8 +189,12 @@ def _states(path: Path) -> dict[str, FileState | None]:
 
 
 @contextmanager
-def unchanged(path: Path, error: type[InputError] = InputError, where: str | Path | None = None) -> Iterator[None]:
-    """Lets a block look at a file, or at a bag's folder, several times: by name, for who takes no open file.
+def unchanged(
+    path: Path,
+    error: type[InputError] = InputError,
+    where: str | Path | None = None,
+) -> Iterator[None]:
+    """Lets a block look at a file, or at a bag's folder, several times, by its name.
 
     Args:
         path: The file or folder.
@@ -297,9 +323,11 @@ def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -
         InputError: As `require_regular`; or not such an archive.
     """
     try:
-        with open_regular(path, remedy, error) as file, np.load(file, allow_pickle=False) as archive:
+        file = open_regular(path, remedy, error)
+        with file, np.load(file, allow_pickle=False) as archive:
             # Nobody's recording of floats is far larger than its file.
-            require_unpacked(os.fstat(file.fileno()).st_size, sum(entry.file_size for entry in archive.zip.infolist()))
+            unpacked = sum(entry.file_size for entry in archive.zip.infolist())
+            require_unpacked(os.fstat(file.fileno()).st_size, unpacked)
             for name in (names := archive.zip.namelist()):
                 if names.count(name) > 1:
                     raise ValueError(f"it holds {name!r} twice")

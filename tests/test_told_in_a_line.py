@@ -1,6 +1,7 @@
 """Inputs that ended in a traceback, took gigabytes, or told what nobody can read: each is told in a line now."""
 
 import errno
+import os
 import re
 import resource
 import subprocess
@@ -18,7 +19,7 @@ from ident import workers
 from ident.errors import InputError
 from ident.files import atomic_write, require_plain_header
 from ident.infer.guess import read_foreign
-from ident.infer.new_session import guess_session
+from ident.infer.new_session import guess_session, require_own_guess
 from ident.monitor.store import Store
 from ident.process import TEMPORARY
 from ident.recordings.load import load_session
@@ -261,3 +262,12 @@ def test_no_cell_of_a_text_table_is_a_formula(name: str, tmp_path: Path) -> None
     assert not (tmp_path / "run.csv").exists()
     write_recording(run, tmp_path / "run.parquet")
     require_plain_header(["a=1", "joint_1"], tmp_path)
+
+
+def test_settings_without_an_end_are_told(tmp_path: Path) -> None:
+    """Law: a session.toml of a terabyte is nobody's; it is neither read nor written over."""
+    path = tmp_path / "session.toml"
+    path.touch()
+    os.truncate(path, 1 << 40)
+    with pytest.raises(InputError, match="which no file of its kind is"):
+        require_own_guess(path)

@@ -141,7 +141,9 @@ def _beside(path: Path, text: bytes) -> Iterator[Path]:
 
 
 def require_as_read(path: Path, data: bytes) -> None:
-    """Passes if a user's file still is what was read: what somebody wrote into it since must not be lost.
+    """Passes if a user's file still is what was read.
+
+    What somebody wrote into it since must not be lost.
 
     Raises:
         InputError: It is not.

@@ -137,7 +137,8 @@ def write_patch(
         record["provenance"] = origin.to_dict()
         if into is not None:
             own = read_own_file(into)
-            text, written = write_into(into, own, arm.stated("mjcf" if is_mjcf(into, own) else "urdf"))
+            form = "mjcf" if is_mjcf(into, own) else "urdf"
+            text, written = write_into(into, own, arm.stated(form))
             require_loadable(into, text, written)
             record["into"] = written.to_dict()
             (folder / f"before_{into.name}").write_bytes(own)

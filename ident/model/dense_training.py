@@ -195,7 +195,8 @@ class Training:
             with safe_open(path, framework="pt") as stream:
                 metadata = stream.metadata() or {}
                 if metadata.get("fingerprint") == fingerprint:
-                    tensors = {name: stream.get_tensor(name) for name in stream.keys()}  # noqa: SIM118
+                    names = stream.keys()
+                    tensors = {name: stream.get_tensor(name) for name in names}
                     self._take(tensors, int(metadata["epoch"]))
         except (
             OSError,

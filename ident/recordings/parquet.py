@@ -40,9 +40,8 @@ DICTIONARY_PLACE = 11
 # Of a page's header: what it unpacks to, and what it takes in the file.
 UNPACKED_PAGE = 2
 PACKED_PAGE = 3
-# Headers of pages are as short as the first; the second holds any.
-HEADER_BYTES = 1 << 10
-LONG_HEADER_BYTES = 1 << 20
+# The header of a page is far shorter.
+HEADER_BYTES = 1 << 16
 TRUE = 1
 FALSE = 2
 BYTE = 3
@@ -58,6 +57,8 @@ DEEPEST = 16
 ZONE = re.compile(r"(Z|[+-]\d\d:?\d\d)$")
 # A list longer than this is a picture or a cloud of points, no joints.
 MOST_PLACES = 64
+# The fields of a structure by their numbers.
+Fields = dict[int, Any]
 FAILURES = (pa.ArrowException, OSError, ValueError, UnicodeDecodeError)
 
 
@@ -87,7 +88,7 @@ def count_values(stream: BinaryIO) -> int:
     return _count(_read_footer(stream))
 
 
-def _read_footer(stream: BinaryIO) -> dict[int, Any]:
+def _read_footer(stream: BinaryIO) -> Fields:
     stream.seek(-8, 2)
     length = int.from_bytes(stream.read(4), "little")
     stream.seek(-8 - length, 2)
@@ -97,21 +98,21 @@ def _read_footer(stream: BinaryIO) -> dict[int, Any]:
         raise ValueError(f"its footer is damaged ({type(error).__name__})") from None
 
 
-def _count(footer: dict[int, Any]) -> int:
+def _count(footer: Fields) -> int:
     try:
         return sum(facts[VALUES] for facts in _all_facts(footer))
     except (IndexError, KeyError, TypeError) as error:
         raise ValueError(f"its footer is damaged ({type(error).__name__})") from None
 
 
-def _all_facts(footer: dict[int, Any]) -> Iterator[dict[int, Any]]:
+def _all_facts(footer: Fields) -> Iterator[Fields]:
     """The facts of each column of each row group."""
     for group in footer[ROW_GROUPS]:
         for column in group[COLUMNS]:
             yield column[FACTS]
 
 
-def _unpacked_pages(stream: BinaryIO, footer: dict[int, Any]) -> int:
+def _unpacked_pages(stream: BinaryIO, footer: Fields) -> int:
     """What all pages say that they unpack to [bytes]."""
     total = 0
     try:
@@ -129,16 +130,11 @@ def _unpacked_pages(stream: BinaryIO, footer: dict[int, Any]) -> int:
     return total
 
 
-def _page_header(stream: BinaryIO, place: int) -> tuple[dict[int, Any], int]:
+def _page_header(stream: BinaryIO, place: int) -> tuple[Fields, int]:
     """The header of a page, and its length [bytes]."""
     stream.seek(place)
-    data = stream.read(HEADER_BYTES)
-    try:
-        reader = _Footer(data)
-        return reader.struct(0), reader.at
-    except IndexError:  # facts of long texts stand in it
-        reader = _Footer(data + stream.read(LONG_HEADER_BYTES))
-        return reader.struct(0), reader.at
+    reader = _Footer(stream.read(HEADER_BYTES))
+    return reader.struct(0), reader.at
 
 
 class _Footer:
@@ -150,11 +146,11 @@ class _Footer:
         self.data = data
         self.at = 0
 
-    def struct(self, depth: int) -> dict[int, Any]:
+    def struct(self, depth: int) -> Fields:
         """The fields of a structure by their numbers."""
         if depth > DEEPEST:
             raise ValueError(f"its footer nests more than {DEEPEST} levels deep")
-        fields: dict[int, Any] = {}
+        fields: Fields = {}
         number = 0
         while head := self._byte():
             number = number + (head >> 4) if head >> 4 else self._integer()

@@ -119,7 +119,7 @@ def read_points(path: Path) -> Float[Array, "k 3"]:
     kind = path.suffix.lower()
     try:
         require_unpacked(len(data), _announced(data, kind))
-        table = np.asarray(READERS[kind](data), dtype=float)
+        table = np.asarray(_read_table(data, kind), dtype=float)
     except Exception as error:  # each library raises its own, and memory may end
         what = f"the point cloud can't be read ({first_line(error)})"
         raise InputError(path, what, "mend or replace the file") from None
@@ -168,6 +168,13 @@ def _sum_of_sizes(words: list[bytes]) -> int:
     return sum(abs(int(word)) for word in words)
 
 
+def _read_table(data: bytes, kind: str) -> Array:
+    """The coordinates in a file of one of the three kinds."""
+    if kind == ".ply":
+        return _read_ply(data)
+    return _read_pcd(data) if kind == ".pcd" else _read_npy(data)
+
+
 def _read_npy(data: bytes) -> Float[Array, "..."]:
     """The numbers of a .npy file.
 
@@ -203,7 +210,3 @@ def _read_pcd(data: bytes) -> Float[Array, "k 3"]:
     if len(points) != cloud.metadata.points:
         raise ValueError(f"{len(points)} of {cloud.metadata.points} points are there")
     return points
-
-
-# By the ending of a file's name: the coordinates in its bytes.
-READERS = {".ply": _read_ply, ".pcd": _read_pcd, ".npy": _read_npy}
