@@ -92,8 +92,8 @@ def settings_of(path: Path, session_file: str | Path | None = None) -> SessionFi
     files = (
         [Path(session_file)]
         if session_file
-        # A link that leads nowhere is told, not passed over: its settings would be missed.
-        else [place for place in places if os.path.lexists(place) and not place.is_dir()]
+        # A dead link or a folder is told, not passed over: its settings would be missed.
+        else [place for place in places if os.path.lexists(place)]
     )
     return load_session_file(files[0]) if files else SessionFile()
 

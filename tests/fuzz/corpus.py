@@ -178,8 +178,8 @@ def _scenes(folder: Path, arm: ArmModel) -> None:
     (folder / "scene.toml").write_text(SCENE)
     (folder / "cycle.toml").write_text(CYCLE)
     (folder / "shaped").mkdir()
-    shutil.copy(folder / "cube.obj", folder / "shaped/cube.obj")
-    (folder / "shaped/arm.urdf").write_text(shaped(Path(data_path("urdf/tm5_900.urdf")).read_text()))
+    shutil.copy(folder / "cube.obj", folder / "shaped/link.obj")
+    (folder / "shaped/arm.urdf").write_text(shaped(Path(data_path("urdf/tm5_900.urdf")).read_text(), "link.obj"))
     pairs = '<disable_collisions link1="link_1" link2="link_2" reason="Adjacent"/>'
     (folder / "arm.srdf").write_text(f'<robot name="{arm.name}">{pairs}</robot>')
 

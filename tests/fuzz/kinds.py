@@ -307,7 +307,7 @@ def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
         Kind("scene.toml", folder / "scene.toml", load_task, check_task),
         Kind("cycle.toml", folder / "cycle.toml", load_task, check_task, 0.5),
         Kind("shapes", folder / "shaped/arm.urdf", shapes, share=0.5),
-        Kind("an arm's mesh", folder / "shaped/cube.obj", lambda path: shapes(path.with_name("arm.urdf")), share=0.3),
+        Kind("an arm's mesh", folder / "shaped/link.obj", lambda path: shapes(path.with_name("arm.urdf")), share=0.3),
         Kind("surroundings", folder / "scene.toml", around, check_boxes, 0.5),
         Kind("srdf", folder / "arm.srdf", lambda path: read_disabled(path, arm), share=0.5),
         Kind("stl", folder / "cube.stl", mesh, check_mesh, 0.5),

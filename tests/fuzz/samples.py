@@ -208,7 +208,7 @@ def obj() -> str:
     return "\n".join([*corners, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES), ""])
 
 
-def shaped(urdf: str, mesh: str = "cube.obj") -> str:
+def shaped(urdf: str, mesh: str) -> str:
     """A URDF whose first link has a mesh beside it as its shape, and no other link one."""
     urdf = re.sub(r"(?s)<(collision|visual)\b.*?</\1>", "", urdf)
     shape = f'<collision><geometry><mesh filename="{mesh}" scale="0.1 0.1 0.1"/></geometry></collision>'
