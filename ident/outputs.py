@@ -101,7 +101,7 @@ def require_own_folder(folder: Path, kind: str) -> None:
             return
         if folder.is_symlink() or not folder.is_dir():
             raise InputError(folder, f"is {_kind_of(folder)}, not a folder", "choose another name for the folder")
-        if os.path.ismount(folder) or Path.cwd().is_relative_to(folder.resolve()):
+        if os.path.ismount(folder) or Path.cwd().is_relative_to(real_path(folder)):
             raise InputError(folder, "is a folder that can't be replaced as a whole", "name a new folder inside it")
         if not any(folder.iterdir()):
             return
@@ -210,13 +210,15 @@ def check_outputs(
     named = [entry for entry in inputs if entry is not None]
     read = [Path(entry) for entry in named if isinstance(entry, Path) or _exists(Path(entry))]
     for option, path in places.items():
+        place = real_path(path)
         for entry in read:
-            if _real(path) == _real(entry) or (option in whole and _real(entry).is_relative_to(_real(path))):
+            source = real_path(entry)
+            if place == source or (option in whole and source.is_relative_to(place)):
                 raise InputError(f"{option} {path}", "is read by the same command", "choose another place")
         for other, second in places.items():
-            if other != option and (
-                _real(path) == _real(second) or (other in whole and _real(path).is_relative_to(_real(second)))
-            ):
+            another = real_path(second)
+            lies_within = other in whole and place.is_relative_to(another)
+            if other != option and (place == another or lies_within):
                 raise InputError(f"{option} {path}", f"is also what {other} writes", "choose another place")
     for path in single.values():
         require_own_file(path)
@@ -282,8 +284,8 @@ def _exists(path: Path) -> bool:
         return False
 
 
-def _real(path: Path) -> Path:
-    """Where a path leads; unlike its own way, without complaint about links that turn in a circle."""
+def real_path(path: str | Path) -> Path:
+    """Where a path leads; without an error for links that turn in a circle, as `resolve` has it."""
     return Path(os.path.realpath(path))
 
 

@@ -13,9 +13,11 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from ident.errors import RecordingError
 from ident.files import write_record
 from ident.origin import UNITS, code_commit, engine_versions
 from ident.records import Record, as_record
+from ident.safe_read import AGAIN, FileState
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -237,6 +239,9 @@ class _Stamping:
             if run.source not in self._files:
                 with run.source.open("rb") as stream:
                     self._files[run.source] = hashlib.file_digest(stream, "sha256").digest()
+                if run.state is not None and FileState.of(run.source) != run.state:
+                    what = "it changed since it was read: the result would name another content"
+                    raise RecordingError(run.source, what, AGAIN)
             return self._files[run.source]
         return content_of(run)
 

@@ -9,8 +9,10 @@ import re
 import stat
 import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +39,9 @@ LARGEST_INTEGER = 2**63
 LARGEST_FIGURE = 1e12
 # Recorded floats pack to a third at best; a constant channel to a thousandth, but that is not all of a recording.
 LARGEST_PACKING = 100
+# Of a file that somebody writes, or puts in another's place, while it is read.
+CHANGED = "it changed while it was read"
+AGAIN = "read it again once nothing writes to it"
 # What a file may unpack to however small it is [MB]: the default, and the variable by which a user sets another.
 LEAST_UNPACKED = 256.0
 UNPACKED_BY = "ARMGAP_MOST_UNPACKED_MB"
@@ -49,32 +54,166 @@ def require_regular(path: Path, remedy: str, error: type[InputError] = InputErro
         InputError: Nothing there, a folder, a device, a pipe, or too large.
     """
     try:
-        found = path.stat()
+        status = path.stat()
     except (OSError, ValueError) as failed:
-        reason = getattr(failed, "strerror", None) or str(failed)
-        raise error(path, f"can't be read ({reason})", remedy) from None
-    if stat.S_ISDIR(found.st_mode):
+        raise _unreadable(path, failed, remedy, error) from None
+    return _regular_size(path, status, remedy, error, largest)
+
+
+def _regular_size(
+    path: Path,
+    status: os.stat_result,
+    remedy: str,
+    error: type[InputError],
+    largest: int | None,
+) -> int:
+    """Size of what a status is of [bytes]; raises where that is no plain file, or too large."""
+    if stat.S_ISDIR(status.st_mode):
         raise error(path, "is a folder, not a file", remedy)
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(status.st_mode):
         raise error(path, "is a device or a pipe, not a file", remedy)
-    if largest is not None and found.st_size > largest:
-        raise error(path, f"is {found.st_size / 1e6:.0f} MB large, which no file of its kind is", remedy)
-    return found.st_size
+    if largest is not None and status.st_size > largest:
+        what = f"is {status.st_size / 1e6:.0f} MB large, which no file of its kind is"
+        raise error(path, what, remedy)
+    return status.st_size
+
+
+def _unreadable(path: Path, failed: Exception, remedy: str, error: type[InputError]) -> InputError:
+    reason = getattr(failed, "strerror", None) or str(failed)
+    return error(path, f"can't be read ({reason})", remedy)
+
+
+def open_regular(
+    path: Path, remedy: str, error: type[InputError] = InputError, largest: int | None = None
+) -> BufferedReader:
+    """A plain file, open for reading: what is looked at is what was opened.
+
+    Its name may lead elsewhere later.
+
+    Raises:
+        InputError: As `require_regular`.
+    """
+    require_regular(path, remedy, error, largest)  # a device is not even opened
+    try:
+        # Not waiting: a pipe may have taken the file's place since.
+        flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+        descriptor = os.open(path, os.O_RDONLY | flags)
+    except (OSError, ValueError) as failed:
+        raise _unreadable(path, failed, remedy, error) from None
+    stream = os.fdopen(descriptor, "rb")
+    try:
+        _regular_size(path, os.fstat(descriptor), remedy, error, largest)
+    except InputError:
+        stream.close()
+        raise
+    return stream
+
+
+def read_bytes(
+    path: Path,
+    remedy: str,
+    error: type[InputError] = InputError,
+    largest: int = LARGEST_TEXT,
+) -> bytes:
+    """All bytes of a small file, read once: who checks them hands these on, not the file's name.
+
+    Raises:
+        InputError: As `require_regular`; or the file grows while it is read.
+    """
+    with open_regular(path, remedy, error, largest) as stream:
+        size = os.fstat(stream.fileno()).st_size
+        try:
+            data = stream.read(size + 1)
+        except OSError as failed:
+            raise _unreadable(path, failed, remedy, error) from None
+    if len(data) != size:
+        raise error(path, CHANGED, AGAIN)
+    return data
 
 
 def read_text(path: Path, remedy: str, error: type[InputError] = InputError, largest: int = LARGEST_TEXT) -> str:
     """The text of a small UTF-8 file.
 
     Raises:
-        InputError: As `require_regular`; or not UTF-8.
+        InputError: As `read_bytes`; or not UTF-8.
     """
-    require_regular(path, remedy, error, largest)
+    return decode(read_bytes(path, remedy, error, largest), path, remedy, error)
+
+
+def decode(
+    data: bytes,
+    where: str | Path,
+    remedy: str,
+    error: type[InputError] = InputError,
+) -> str:
+    """The text that bytes of UTF-8 are, lines ended as Python ends them.
+
+    Raises:
+        InputError: Not UTF-8.
+    """
     try:
-        return path.read_text(encoding="utf-8-sig")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as failed:
-        raise error(path, f"is not UTF-8 text ({failed.reason} at byte {failed.start})", remedy) from None
-    except OSError as failed:
-        raise error(path, f"can't be read ({failed.strerror})", remedy) from None
+        what = f"is not UTF-8 text ({failed.reason} at byte {failed.start})"
+        raise error(where, what, remedy) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+@dataclass(frozen=True)
+class FileState:
+    """Which file a name leads to, and when that was changed: another state is another content."""
+
+    device: int
+    inode: int
+    size: int  # [bytes]
+    written_ns: int  # of its content
+    changed_ns: int  # of its content, name or rights; nobody sets it at will
+
+    @classmethod
+    def of(cls, path: Path) -> FileState | None:
+        """The state of a file; None where there is none."""
+        try:
+            status = path.stat()
+        except (OSError, ValueError):
+            return None
+        times = (status.st_mtime_ns, status.st_ctime_ns)
+        return cls(status.st_dev, status.st_ino, status.st_size, *times)
+
+
+def _states(path: Path) -> dict[str, FileState | None]:
+    """The states of a file, or of all that lies in a folder."""
+    names = [path]
+    with suppress(OSError):
+        names += sorted(path.iterdir()) if path.is_dir() else []
+    return {name.name: FileState.of(name) for name in names}
+
+
+@contextmanager
+def unchanged(
+    path: Path,
+    error: type[InputError] = InputError,
+    where: str | Path | None = None,
+) -> Iterator[None]:
+    """Lets a block look at a file, or at a bag's folder, several times, by its name.
+
+    Args:
+        path: The file or folder.
+        error: What is raised.
+        where: The place to name, if not the path.
+
+    Raises:
+        InputError: It is not at the end what it was at the beginning.
+    """
+    before = _states(path)
+    place = path if where is None else where
+    try:
+        yield
+    except Exception:  # whatever a half of this file and a half of that one lead to
+        if _states(path) != before:
+            raise error(place, CHANGED, AGAIN) from None
+        raise
+    if _states(path) != before:
+        raise error(place, CHANGED, AGAIN)
 
 
 def read_json(path: Path, remedy: str, error: type[InputError] = InputError) -> dict[str, Any]:
@@ -183,11 +322,12 @@ def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -
     Raises:
         InputError: As `require_regular`; or not such an archive.
     """
-    require_regular(path, remedy, error)
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        file = open_regular(path, remedy, error)
+        with file, np.load(file, allow_pickle=False) as archive:
             # Nobody's recording of floats is far larger than its file.
-            require_unpacked(path.stat().st_size, sum(entry.file_size for entry in archive.zip.infolist()))
+            unpacked = sum(entry.file_size for entry in archive.zip.infolist())
+            require_unpacked(os.fstat(file.fileno()).st_size, unpacked)
             for name in (names := archive.zip.namelist()):
                 if names.count(name) > 1:
                     raise ValueError(f"it holds {name!r} twice")
@@ -199,6 +339,8 @@ def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -
                 if math.prod(shape) * kind.itemsize > size:  # its header speaks of more numbers than follow
                     raise ValueError(f"an array of shape {shape} in {size} bytes")
             return {name: np.asarray(archive[name]) for name in archive.files}
+    except InputError:
+        raise
     except Exception as failed:  # zipfile, zlib, struct and NumPy each raise their own
         raise error(path, f"not a NumPy archive of plain arrays ({first_line(failed)})", remedy) from None
 

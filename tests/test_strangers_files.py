@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -27,8 +28,11 @@ from ident.robot.names import data_path
 from ident.sessions import open_sessions
 from plan.api.planning import open_task
 from plan.geometry.arm_shapes import arm_shapes
+from plan.geometry.obstacle_files import read_mesh
 from plan.problem.task_file import load_surroundings
+from tests import traps
 from tests.fuzz.guard import Guard
+from tests.fuzz.samples import CUBE, obj, shaped
 from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.export.test_patch_hostile import hostile_arm
 
@@ -141,8 +145,6 @@ REACHING = {
         "robot.xacro",
         '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="$(eval open(\'{secret}\').read())"/>',
     ),
-    "materials of a URDF's mesh": ("robot.urdf", URDF),
-    "materials of a scene's mesh": ("scene.toml", '[[obstacle]]\nfile = "shape.obj"\nxyz_m = [0, 0, 0]\n'),
     "mesh of a scene": ("scene.toml", '[[obstacle]]\nfile = "{secret}"\nxyz_m = [0, 0, 0]\n'),
 }
 
@@ -157,16 +159,47 @@ def test_no_file_names_another_to_be_read(way: str, guard: Guard, tmp_path: Path
     name, text = REACHING[way]
     path = tmp_path / "given" / name
     path.write_text(text.format(secret=secret))
-    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
-    # Its reader is no Python: it would wait for the pipe for ever.
-    os.mkfifo(path.with_name("pipe"))
-    pipe = "pipe" if path.suffix == ".urdf" else f"../elsewhere/{SECRET}"
-    path.with_name("shape.obj").write_text(f"mtllib {pipe}\n{corners}")
     with guard.watching(), pytest.raises(InputError) as caught:
         load_surroundings(path, 6) if path.suffix == ".toml" else arm_shapes(ArmModel.load(path))
     assert guard.done == []
     assert str(secret) not in guard.read
     assert "mine" not in str(caught.value)
+
+
+# How an .obj can name its materials so that its reader finds them; that ends lines otherwise than Python does.
+NAMING = {
+    "plainly": b"mtllib secret.mtl\n",
+    "behind a carriage return": b"# a\rmtllib secret.mtl\r\n",
+    "behind a form feed": b"# a\x0cmtllib secret.mtl\n",
+    "behind a zero": b"# a\x00mtllib secret.mtl\n",
+    "on the next line": b"mtllib \\\nsecret.mtl\n",
+    "in two parts": b"mtl\\\r\nlib sec\\\nret.mtl\n",
+    "in parts with words between": b"mtl\\\x0c of nobody\nlib secret.mtl\n",
+    "by backslashes": b"mtllib sub\\..\\secret.mtl\n",
+    "from above": b"mtllib ../given/secret.mtl\n",
+    "by its own name": b"mtllib nothing.mtl\n",
+}
+
+
+@pytest.mark.parametrize("reader", ["scene", "URDF"])
+@pytest.mark.parametrize("way", NAMING)
+def test_no_material_of_a_mesh_is_opened(way: str, reader: str, tmp_path: Path) -> None:
+    """Law: however an .obj names its materials, its reader below Python opens none, and the shape is read."""
+    given = tmp_path / "given"
+    given.mkdir()
+    for name in ("secret.mtl", "shape.mtl"):
+        (given / name).write_text("newmtl mine\n")
+    (given / "shape.obj").write_bytes(NAMING[way] + obj().encode())
+    (given / "arm.urdf").write_text(shaped((Path(data_path("urdf/tm5_900.urdf"))).read_text(), "shape.obj"))
+    seen = traps.Seen()
+    with traps.watching(given, seen):
+        if reader == "URDF":
+            assert len(ArmModel.load(str(given / "arm.urdf")).geometry.geometryObjects) == 1
+        else:
+            solid, _ = read_mesh(given / "shape.obj", np.ones(3), False)
+            assert len(solid.points) == len(CUBE)
+    assert "shape.obj" in seen.touched
+    assert not {"secret.mtl", "shape.mtl"} & set(seen.touched)
 
 
 CALL = 'subprocess.run([sys.executable, "-c", "import joblib, struct"]).returncode'

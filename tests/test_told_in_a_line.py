@@ -1,6 +1,7 @@
 """Inputs that ended in a traceback, took gigabytes, or told what nobody can read: each is told in a line now."""
 
 import errno
+import os
 import re
 import resource
 import subprocess
@@ -18,7 +19,7 @@ from ident import workers
 from ident.errors import InputError
 from ident.files import atomic_write, require_plain_header
 from ident.infer.guess import read_foreign
-from ident.infer.new_session import guess_session
+from ident.infer.new_session import guess_session, require_own_guess
 from ident.monitor.store import Store
 from ident.process import TEMPORARY
 from ident.recordings.load import load_session
@@ -63,11 +64,28 @@ def within_memory(script: str, *arguments: object) -> subprocess.CompletedProces
     return subprocess.run(line, capture_output=True, text=True, check=False, timeout=120)
 
 
-@pytest.mark.parametrize(("corners", "faces"), [(HUGE, 4), (4, HUGE), (10**9, 4), (4, 2**31), (10**4, 4)])
-def test_a_mesh_does_not_claim_more_than_it_holds(corners: int, faces: int, tmp_path: Path) -> None:
+DAE = """<?xml version="1.0"?><COLLADA version="1.4.1"><library_geometries><geometry id="g"><mesh><source id="p">
+<float_array id="a" count="{count}">0 0 0 1 0 0 0 1 0 0 0 1</float_array></source></mesh></geometry>
+</library_geometries></COLLADA>"""
+
+
+@pytest.mark.parametrize("coding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize("count", ["3999999999", " 3999999999\n", "0xF0000000", "&#51;999999999", "+3999999999", "3e9"])
+def test_a_count_is_read_as_its_reader_reads_it(count: str, coding: str, tmp_path: Path) -> None:
+    """Law: a .dae's counts are plain numbers, no larger than the file, however they and it are written."""
+    path = tmp_path / "shape.dae"
+    path.write_bytes(DAE.format(count=count).encode(coding))
+    with pytest.raises(InputError, match=r"more than its .* bytes can hold|a count that is no plain number"):
+        read_mesh(path, SCALE, hull=False)
+
+
+@pytest.mark.parametrize(("corners", "faces"), [(HUGE, 4), (4, HUGE), (10**9, 4), (4, 2**31), (10**6, 4)])
+@pytest.mark.parametrize("header", ["plain", "long"])
+def test_a_mesh_does_not_claim_more_than_it_holds(corners: int, faces: int, header: str, tmp_path: Path) -> None:
     """Law: its reader would make room for it before it looks."""
     path = tmp_path / "shape.ply"
-    path.write_text(PLY.format(corners=corners, faces=faces))
+    text = PLY.format(corners=corners, faces=faces)
+    path.write_text({"plain": text, "long": text.replace("element", f"comment {'x' * (1 << 17)}\nelement", 1)}[header])
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(InputError, match="more than its"):
         read_mesh(path, SCALE, hull=False)
@@ -244,3 +262,12 @@ def test_no_cell_of_a_text_table_is_a_formula(name: str, tmp_path: Path) -> None
     assert not (tmp_path / "run.csv").exists()
     write_recording(run, tmp_path / "run.parquet")
     require_plain_header(["a=1", "joint_1"], tmp_path)
+
+
+def test_settings_without_an_end_are_told(tmp_path: Path) -> None:
+    """Law: a session.toml of a terabyte is nobody's; it is neither read nor written over."""
+    path = tmp_path / "session.toml"
+    path.touch()
+    os.truncate(path, 1 << 40)
+    with pytest.raises(InputError, match="which no file of its kind is"):
+        require_own_guess(path)

@@ -18,6 +18,7 @@ from ident.monitor.bodies import estimate_bodies
 from ident.monitor.pages import write_pages
 from ident.monitor.ranges import Ranges, find_ranges
 from ident.monitor.watch import Watch, look
+from ident.outputs import real_path
 from ident.recordings.columns import match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
@@ -152,8 +153,8 @@ def watch(
     """
     chosen = WatchOptions.of("watch", {"robot": robot, **options})
     if robot is not None and load_robot(robot, ()) and Path(robot).is_file():
-        robot = str(Path(robot).resolve())  # other processes may stand in another folder
-    model = chosen.model and str(Path(chosen.model).resolve())
+        robot = str(real_path(robot))  # other processes may stand in another folder
+    model = chosen.model and str(real_path(chosen.model))
     if model is not None:
         HybridModel.given(model)
     chosen = replace(chosen, robot=robot, model=model)

@@ -40,6 +40,7 @@ from ident.files import atomic_write, write_record
 from ident.motion.motion import Motion
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.motion.stretches import within_band
+from ident.outputs import real_path
 from ident.recordings.recording import Session
 from ident.regression.decimation import moved_inertia
 from ident.results import Provenance
@@ -228,7 +229,7 @@ def run_blind(
         InputError: Options that make no sense, or another check in the folder.
     """
     seed = begin_check(options, options.settings)
-    out = options.out.resolve()
+    out = real_path(options.out)
     stamp = code_stamp()
     base = SimulationOptions(
         robot=options.robot, runs=options.runs, duration=options.duration, coarse=True

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError, RobotError, first_line
 from ident.export.identified import IdentifiedArm
 from ident.export.mjcf import CONSTRAINT_TIME, HARDNESS
-from ident.export.own_file import REMEDY, read_own_file
+from ident.export.own_file import REMEDY
 from ident.export.xml_places import EditedXml, Element, find_all
 from ident.files import atomic_write
 from ident.laws.acting import payload_parameters
@@ -33,7 +33,7 @@ from ident.model.bodies import is_consistent
 from ident.model.link_inertia import about_centre, moved, read_inertial
 from ident.robot.arm import ArmModel
 from ident.robot.tolerance import parameter_scale
-from ident.safe_read import declare_prefixes
+from ident.safe_read import AGAIN, CHANGED, declare_prefixes, read_bytes
 
 # How far an axis of the file may lie from the URDF's to be the same [m, rad].
 SAME_PLACE = 1e-4
@@ -68,17 +68,18 @@ class WrittenInto:
         }
 
 
-def write_into(path: Path, identified: IdentifiedArm) -> tuple[bytes, WrittenInto]:
+def write_into(path: Path, data: bytes, identified: IdentifiedArm) -> tuple[bytes, WrittenInto]:
     """A user's file with what was identified: its bytes, and what is in them.
 
     Args:
-        path: The user's URDF or MJCF; it is read only.
+        path: The user's URDF or MJCF; it is not opened again.
+        data: Its bytes, as `read_own_file` looked them through.
         identified: The arm, with losses that stand in for what the format has no words for.
 
     Raises:
         InputError: It is neither, or lacks a joint of the arm.
     """
-    edited = EditedXml(read_own_file(path), str(path))
+    edited = EditedXml(data, str(path))
     forms = {"robot": ("urdf", _edit_urdf), "mujoco": ("mjcf", _edit_mjcf)}
     if edited.root.tag not in forms:
         raise InputError(path, f"its root is <{edited.root.tag}>, not <robot> or <mujoco>", REMEDY)
@@ -94,13 +95,13 @@ def write_into(path: Path, identified: IdentifiedArm) -> tuple[bytes, WrittenInt
     return edited.edited(), written
 
 
-def is_mjcf(path: Path) -> bool:
-    """Whether a user's file is an MJCF, by its root.
+def is_mjcf(path: Path, data: bytes) -> bool:
+    """Whether a user's file, of which these are the bytes, is an MJCF, by its root.
 
     Raises:
-        InputError: It can't be read, or is no XML.
+        InputError: It is no XML.
     """
-    return EditedXml(read_own_file(path), str(path)).root.tag == "mujoco"
+    return EditedXml(data, str(path)).root.tag == "mujoco"
 
 
 def require_loadable(path: Path, text: bytes, written: WrittenInto) -> None:
@@ -111,27 +112,59 @@ def require_loadable(path: Path, text: bytes, written: WrittenInto) -> None:
     Raises:
         InputError: It does not load, or nothing can be written there.
     """
-    with suppress(_Tried), atomic_write(path) as temporary:
-        temporary.write_bytes(text)
-        try:
+    try:
+        with _beside(path, text) as temporary:
             if written.form == "mjcf":
                 _compile(temporary)
             else:
                 ArmModel.from_urdf(text.decode(), path)
-        except (RobotError, ValueError) as error:
-            what = f"with what was identified it does not load ({first_line(error)})"
-            raise InputError(path, what, "take robot.urdf and robot.xml of --out") from None
-        raise _Tried
+    except (RobotError, ValueError) as error:
+        what = f"with what was identified it does not load ({first_line(error)})"
+        raise InputError(path, what, "take robot.urdf and robot.xml of --out") from None
 
 
 class _Tried(Exception):
     """Ends the lending of a file that is not to be kept."""
 
 
-def save_into(path: Path, text: bytes) -> None:
-    """Puts the edited text in the place of the user's file, whole or not at all."""
+@contextmanager
+def _beside(path: Path, text: bytes) -> Iterator[Path]:
+    """Lends a file of a text beside a user's own, where meshes are found; nothing of it stays.
+
+    Raises:
+        InputError: Nothing can be written there.
+    """
+    with suppress(_Tried), atomic_write(path) as temporary:
+        temporary.write_bytes(text)
+        yield temporary
+        raise _Tried
+
+
+def require_as_read(path: Path, data: bytes) -> None:
+    """Passes if a user's file still is what was read.
+
+    What somebody wrote into it since must not be lost.
+
+    Raises:
+        InputError: It is not.
+    """
+    if read_bytes(path, REMEDY) != data:
+        raise InputError(path, f"{CHANGED}: nothing is written into it", AGAIN)
+
+
+def save_into(path: Path, data: bytes, text: bytes) -> None:
+    """Puts the edited text in the place of the user's file, whole or not at all.
+
+    Args:
+        path: The file.
+        data, text: Its bytes as they were read, and as they are edited.
+
+    Raises:
+        InputError: It is no longer what was read.
+    """
     with atomic_write(path) as temporary:
         temporary.write_bytes(text)
+        require_as_read(path, data)
 
 
 def match_joints(wanted: Sequence[str], there: Sequence[str], where: Path) -> dict[str, str]:
@@ -287,7 +320,8 @@ def _edit_mjcf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
     if not np.any(changes):
         return
     try:
-        model = _compile(written.path)
+        with _beside(written.path, edited.text) as temporary:
+            model = _compile(temporary)
     except ValueError as error:
         written.left.append(OTHER_LINKS.format(f"the file does not load ({first_line(error)})"))
         return

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ident.errors import InputError
-from ident.safe_read import LARGEST_TEXT, read_text, read_xml, require_regular
+from ident.safe_read import LARGEST_TEXT, decode, read_bytes, read_xml, require_regular
 
 REMEDY = "give your own URDF or MJCF"
 # Elements that read another file as a part of this one.
@@ -39,11 +39,11 @@ def read_own_file(path: Path) -> bytes:
         InputError: No plain file, no UTF-8, no XML, nested without end; or an MJCF that includes
             others, names what is no plain file, or multiplies beyond any scene.
     """
-    text = read_text(path, REMEDY)
-    root = read_xml(text, path, REMEDY, InputError)
+    data = read_bytes(path, REMEDY)
+    root = read_xml(decode(data, path, REMEDY), path, REMEDY, InputError)
     if root.tag == "mujoco":
         _require_bounded(root, path)
-    return path.read_bytes()
+    return data
 
 
 def _require_bounded(root: ET.Element, path: Path) -> None:

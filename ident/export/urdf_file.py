@@ -23,7 +23,7 @@ from ident.model.link_inertia import ball_of, child, moved, numbers, read_inerti
 from ident.robot.arm import ArmModel
 from ident.robot.rotations import matrix_to_rpy, rotation_about, rpy_to_matrix
 from ident.robot.urdf_elements import link_of, read_vector
-from ident.safe_read import declare_prefixes
+from ident.safe_read import declare_prefixes, read_text
 
 Element = ET.Element
 
@@ -95,7 +95,7 @@ def source_text(arm: ArmModel) -> str:
     """
     if arm.source is None or not arm.source.is_file():
         return arm.urdf
-    text = arm.source.read_text(encoding="utf-8")
+    text = read_text(arm.source, "put the file back as it was, or away", RobotError)
     as_locked = (arm.source, tuple(arm.locked_joints.items()), arm.tip)
     if _content_of(text, *as_locked) != _content_of(arm.urdf, *as_locked):
         what = "its joints, lengths or inertias are no longer those of the arm that was identified"

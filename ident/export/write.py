@@ -21,7 +21,7 @@ from ident.export.controllers import InFile, write_cpp, write_isaac, write_limit
 from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, state_arm, stood_in, usual_run
 from ident.export.friction_files import FEED_FORWARD, UR, check_feed_forward, write_feed_forward, write_ur
 from ident.export.identified import Diagnosed, IdentifiedArm
-from ident.export.into import is_mjcf, require_loadable, save_into, write_into
+from ident.export.into import is_mjcf, require_as_read, require_loadable, save_into, write_into
 from ident.export.learned import FILE as LEARNED
 from ident.export.learned import has_learned, write_learned
 from ident.export.loaded import FILE_OF, WrittenFile, load_module
@@ -29,6 +29,7 @@ from ident.export.newton import FILE as NEWTON
 from ident.export.newton import check_newton, write_newton
 from ident.export.onnx_model import FILE as ONNX
 from ident.export.onnx_model import compare_onnx, write_onnx
+from ident.export.own_file import read_own_file
 from ident.export.promotion import REMEDY, Contest, Promotion, contest_of_model, measure_distance, tool_of
 from ident.files import atomic_folder
 from ident.laws.motion import Losses
@@ -135,13 +136,16 @@ def write_patch(
         record |= arm.measured(module, bool(diagnosed.runs & runs_of(origin.sessions)), notes)
         record["provenance"] = origin.to_dict()
         if into is not None:
-            text, written = write_into(into, arm.stated("mjcf" if is_mjcf(into) else "urdf"))
+            own = read_own_file(into)
+            form = "mjcf" if is_mjcf(into, own) else "urdf"
+            text, written = write_into(into, own, arm.stated(form))
             require_loadable(into, text, written)
             record["into"] = written.to_dict()
-            (folder / f"before_{into.name}").write_bytes(into.read_bytes())
+            (folder / f"before_{into.name}").write_bytes(own)
+            require_as_read(into, own)
         arm.write("patch.json", as_json(record) + "\n")
     if into is not None:
-        save_into(into, text)
+        save_into(into, own, text)
     return record
 
 

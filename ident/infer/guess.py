@@ -15,6 +15,7 @@ from ident.recordings.load import TEXTS, is_dataset, open_run
 from ident.recordings.recording import Recording
 from ident.recordings.text import constant_texts
 from ident.records import Record
+from ident.safe_read import unchanged
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,12 @@ def read_foreign(path: Path) -> ForeignTable:
     Raises:
         RecordingError: It can't be read, or holds no numbers.
     """
+    with unchanged(path, RecordingError):
+        return _read_foreign(path)
+
+
+def _read_foreign(path: Path) -> ForeignTable:
+    """The same, of a file that stays as it is."""
     has_names = True
     rate = None
     if is_dataset(path):

@@ -38,7 +38,7 @@ from ident.recordings.load import METADATA, SUFFIXES, is_dataset, is_run
 from ident.recordings.session_toml import GUESSED, NAME
 from ident.results import Result
 from ident.robot.arm import ArmModel
-from ident.safe_read import toml_key
+from ident.safe_read import LARGEST_TOML, read_bytes, toml_key
 
 SCHEMA = "ident.new/1"
 HEAD = (
@@ -134,7 +134,7 @@ def require_own_guess(path: Path) -> None:
     require_plain(path)
     if not path.exists():
         return
-    text = path.read_text(encoding="utf-8", errors="replace")
+    text = read_bytes(path, ELSEWHERE, largest=LARGEST_TOML).decode("utf-8", "replace")
     head, seal, rest = text.partition(SEAL)
     digest, _, body = rest.partition("\n")
     if not head.startswith(HEAD):

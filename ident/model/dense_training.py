@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 
 from ident.arrays import Array, Float
 from ident.files import atomic_write
@@ -191,10 +191,13 @@ class Training:
             return
         before = copy.deepcopy((self.network.state_dict(), self.optimiser.state_dict()))
         try:
+            # Opened once: another run may put its own in the file's place.
             with safe_open(path, framework="pt") as stream:
                 metadata = stream.metadata() or {}
-            if metadata.get("fingerprint") == fingerprint:
-                self._take(load_file(path), int(metadata["epoch"]))
+                if metadata.get("fingerprint") == fingerprint:
+                    names = stream.keys()
+                    tensors = {name: stream.get_tensor(name) for name in names}
+                    self._take(tensors, int(metadata["epoch"]))
         except (
             OSError,
             SafetensorError,

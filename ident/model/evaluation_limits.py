@@ -22,7 +22,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.model.evaluation import SessionScore
-from ident.safe_read import read_toml
+from ident.safe_read import read_toml, require_finite
 
 VERIFICATION_SCHEMA = "ident.verification/1"
 # Figures whose bound is a largest value, and those whose bound is a least one.
@@ -101,21 +101,34 @@ def load_limits(path: Path, joints: tuple[str, ...], rungs: tuple[str, ...]) -> 
             raise InputError(where, "is no table", f"write [{figure}] and one line a joint")
         columns = joints if figure in LEAST else (*joints, "total")
         for joint, bound in table.items():
-            limits.append((figure, joint, _read_bound(f"{where}.{joint}", joint, bound, columns)))
+            number = _read_bound(f"{where}.{joint}", figure, joint, bound, columns)
+            limits.append((figure, joint, number))
     if not limits:
         raise InputError(path, "holds no limit", "give one, such as [torque_rmse_Nm] total = 2.0")
     return limits, rung
 
 
-def _read_bound(where: str, joint: str, bound: object, columns: tuple[str, ...]) -> float:
-    """The bound of a joint, or of the total.
+def _read_bound(
+    where: str, figure: str, joint: str, bound: object, columns: tuple[str, ...]
+) -> float:
+    """The bound of a figure of a joint, or of the total.
 
     Raises:
-        InputError: There is no such joint, or the bound is no finite number.
+        InputError: There is no such joint, or the bound is no finite number, or one that no model
+            can keep.
     """
     if joint not in columns:
         remedy = f"use one of: {', '.join(columns)}"
         raise InputError(where, "no such joint in the model", remedy)
-    if isinstance(bound, bool) or not isinstance(bound, int | float) or not math.isfinite(bound):
-        raise InputError(where, f"{bound!r} is no number", "give a finite number")
-    return float(bound)
+    try:
+        number = require_finite(bound, joint)
+    except ValueError as error:
+        raise InputError(where, str(error), "give a finite number") from None
+    # A bound that nothing can keep is a slip of the pen, not a gate that no model passes.
+    if figure in LARGEST and number < 0.0:
+        what = f"{number:g} is negative, which no {figure} is"
+        raise InputError(where, what, "give the largest value that passes")
+    if figure in LEAST and number > 1.0:
+        what = f"{number:g} is above 1, which no {figure} is"
+        raise InputError(where, what, "give the least value that passes, such as 0.98")
+    return number

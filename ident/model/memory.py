@@ -49,7 +49,7 @@ from ident.motion.motion import Motion
 from ident.motion.stretches import hold
 from ident.records import as_json
 from ident.robot.arm import ArmModel
-from ident.safe_read import read_json, require_regular
+from ident.safe_read import read_bytes, read_json
 
 # Ranges of the stop operators [rad], and times over which averages are taken [s].
 RANGES = (1e-3, 1e-2, 1e-1)
@@ -176,10 +176,9 @@ class JointMemory:
             same = tuple(record["ranges_rad"]) == RANGES and tuple(record["times_s"]) == TIMES
             if record["joints"] != joints or not same:
                 raise ValueError("it is of another arm or version")
-            require_regular(path, "fit the model again", ModelError)
-            from safetensors.numpy import load_file
+            from safetensors.numpy import load
 
-            arrays = load_file(path)
+            arrays = load(read_bytes(path, "fit the model again", ModelError))
             return cls(tuple(_read_trees(arrays, joint, joints) for joint in range(joints)))
         except ModelError:
             raise

@@ -39,7 +39,7 @@ from ident.motion.motion import Motion
 from ident.motion.stretches import hold
 from ident.records import as_json
 from ident.robot.arm import ArmModel
-from ident.safe_read import read_json, require_regular
+from ident.safe_read import read_bytes, read_json
 
 if TYPE_CHECKING:
     from ident.model.dense_training import DenseNet, Progress
@@ -161,11 +161,10 @@ class ResidualNet:
         mean = freeze(record["input_mean"])
         std = freeze(record["input_std"])
         scale = freeze(record["output_std"])
-        weights = folder / "residual.safetensors"
-        size = require_regular(weights, "fit the model again", ModelError)
-        from safetensors.numpy import load_file
+        weights = read_bytes(folder / "residual.safetensors", "fit the model again", ModelError)
+        from safetensors.numpy import load
 
-        arrays = load_file(weights)
+        arrays = load(weights)
         if not all(np.isfinite(values).all() for values in arrays.values()):
             raise ValueError("a weight is not finite")
         n = len(scale)
@@ -173,7 +172,7 @@ class ResidualNet:
         bounds: NetBounds | None = None
         inputs: tuple[int, ...]
         if options.preset == "paper":
-            _require_weights(options, mean.shape[-1], size)
+            _require_weights(options, mean.shape[-1], len(weights))
             from ident.model.dense_training import DenseNet  # torch is slow to load
 
             network = DenseNet.from_arrays(arrays, mean.shape[-1], n, options)

@@ -20,10 +20,11 @@ import pyarrow.parquet as pq
 
 from ident.errors import InputError
 from ident.files import atomic_write
-from ident.outputs import MARKER, is_begun
+from ident.outputs import MARKER, is_begun, real_path
 from ident.recordings.load import is_dataset, is_run
+from ident.recordings.parquet import require_in_proportion
 from ident.recordings.session_toml import NAME, load_session_file
-from ident.safe_read import require_regular, require_unpacked
+from ident.safe_read import open_regular
 
 # Kind of the store's folder, by its marker: it may lie within the watched folder and is passed over
 # there.
@@ -128,7 +129,7 @@ def find_sessions(folder: Path) -> list[FoundSession]:
     sessions = []
     for child in _folders(folder):
         if _is_session(child):
-            sessions.append(_look_at(as_text(folder.resolve().name), child, folder))
+            sessions.append(_look_at(as_text(real_path(folder).name), child, folder))
         else:
             sessions += [
                 _look_at(as_text(child.name), subfolder, folder)
@@ -237,10 +238,11 @@ class Store:
         complete: list[dict[str, Any]] = []
         for path in sorted((self.folder / kind).glob("*/*.parquet")):
             try:
-                size = require_regular(path, "a watch writes it again")
-                file = pq.ParquetFile(path)
-                require_unpacked(size, 64 * file.metadata.num_rows * len(SCHEMAS[kind]))
-                rows = file.read().to_pylist() if file.schema_arrow.equals(SCHEMAS[kind]) else []
+                with open_regular(path, "a watch writes it again") as stream:
+                    file = pq.ParquetFile(stream)
+                    require_in_proportion(stream)
+                    is_ours = file.schema_arrow.equals(SCHEMAS[kind])
+                    rows = file.read().to_pylist() if is_ours else []
             except (pa.ArrowException, OSError, ValueError, InputError):
                 continue
             for row in rows:

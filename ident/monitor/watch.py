@@ -34,7 +34,7 @@ from ident.monitor.store import (
     write_rows,
 )
 from ident.motion.motion import prepare
-from ident.outputs import begin_folder
+from ident.outputs import begin_folder, real_path
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import load_session_file
 from ident.results import Result
@@ -278,8 +278,8 @@ def look(
         InputError: The folder holds no session, the store's folder is not ours, the scheduler can't
             be reached.
     """
-    sessions = find_sessions(folder.resolve())
-    store = store.resolve()
+    sessions = find_sessions(real_path(folder))
+    store = real_path(store)
     begin_folder(store, STORE_KIND)
     files = Store(store)
     done = {f"{row['arm']}/{row['session']}": row["stamp"] for row in files.read(DONE)}

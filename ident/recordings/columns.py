@@ -16,7 +16,7 @@ from ident.arrays import Array, Float
 from ident.errors import RecordingError
 from ident.recordings.recording import CHANNELS, Recording, Session, TelemetryIssue
 from ident.recordings.session_toml import SessionFile
-from ident.safe_read import toml_key
+from ident.safe_read import FileState, toml_key
 
 TIME = "time"
 # What plotting tools call the time of a row.
@@ -299,7 +299,13 @@ def take_run(
         remedy = "add it, or sample_rate_hz = … (a constant rate) to session.toml"
         raise RecordingError(source, "missing column time", remedy)
     return Recording(
-        name=name, joints=joints, time=time, source=source, issues=(*seen, *issues), **channels
+        name=name,
+        joints=joints,
+        time=time,
+        source=source,
+        state=FileState.of(source),
+        issues=(*seen, *issues),
+        **channels,
     )
 
 

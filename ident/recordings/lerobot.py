@@ -30,7 +30,7 @@ from ident.recordings.load import DATASET
 from ident.recordings.parquet import column_numbers, load_columns
 from ident.recordings.recording import Recording, TelemetryIssue
 from ident.recordings.session_toml import ANGLE_UNITS, SessionFile
-from ident.safe_read import read_json
+from ident.safe_read import read_json, unchanged
 
 CHANNEL_OF = {
     "observation.state": "position",
@@ -81,7 +81,8 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
     labels = {name: _labels(feature) for name, feature in load_info(path)["features"].items()}
     notes: tuple[TelemetryIssue, ...] = ()
     for number, file in enumerate(data_files(path)):
-        columns = load_columns(file, labels)
+        with unchanged(file, RecordingError):
+            columns = load_columns(file, labels)
         own = (
             [name for name in columns if name.startswith("observation.state.")]
             if number == 0

@@ -21,7 +21,7 @@ from ident.recordings.columns import NamedColumns, take_run, unequal
 from ident.recordings.parquet import column_numbers, open_table
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.session_toml import SessionFile, settings_of
-from ident.safe_read import require_regular
+from ident.safe_read import require_regular, unchanged
 
 BAGS = (".mcap", ".db3", ".bag")
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
@@ -145,9 +145,9 @@ def load_recording(
     """
     path = Path(path)
     settings = session_file or SessionFile()
-    return take_run(
-        path.name if path.is_dir() else path.stem, open_run(path, settings, topic), settings, path
-    )
+    name = path.name if path.is_dir() else path.stem
+    with unchanged(path, RecordingError):
+        return take_run(name, open_run(path, settings, topic), settings, path)
 
 
 def open_run(path: Path, settings: SessionFile | None, topic: str = TOPIC) -> NamedColumns:
@@ -312,7 +312,9 @@ def read_frame(frame: Any, name: str = "frame", settings: SessionFile | None = N
     def load(chosen: Sequence[int]) -> list[Any]:
         return [column_numbers(table.column(index), names[index], name) for index in chosen]
 
-    return take_run(name, named_columns(names, load, path), settings, path).replace(source=None)
+    return take_run(name, named_columns(names, load, path), settings, path).replace(
+        source=None, state=None
+    )
 
 
 def gather_sources(

@@ -8,10 +8,12 @@ Source: Apache Parquet, parquet.thrift (numbers of the fields); Apache Thrift, c
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -20,18 +22,26 @@ from ident.arrays import Array, Float
 from ident.errors import RecordingError, first_line
 from ident.recordings.bad_cells import named_columns
 from ident.recordings.columns import NamedColumns
-from ident.safe_read import require_regular, require_unpacked
+from ident.safe_read import open_regular, require_unpacked
 
 if TYPE_CHECKING:
     import pyarrow.parquet as pq
 
 
-# Fields that lead to the number of values: of the file its row groups, of these the columns, of
-# these their facts.
+# Fields that lead to the number of values and to the pages: of the file its row groups, of these
+# the columns, of these their facts.
 ROW_GROUPS = 4
 COLUMNS = 1
 FACTS = 3
 VALUES = 5
+PACKED = 7
+DATA_PLACE = 9
+DICTIONARY_PLACE = 11
+# Of a page's header: what it unpacks to, and what it takes in the file.
+UNPACKED_PAGE = 2
+PACKED_PAGE = 3
+# The header of a page is far shorter.
+HEADER_BYTES = 1 << 16
 TRUE = 1
 FALSE = 2
 BYTE = 3
@@ -47,26 +57,84 @@ DEEPEST = 16
 ZONE = re.compile(r"(Z|[+-]\d\d:?\d\d)$")
 # A list longer than this is a picture or a cloud of points, no joints.
 MOST_PLACES = 64
+# The fields of a structure by their numbers.
+Fields = dict[int, Any]
 FAILURES = (pa.ArrowException, OSError, ValueError, UnicodeDecodeError)
 
 
-def count_values(path: Path) -> int:
-    """Numbers of all columns, those in lists each by itself.
+def require_in_proportion(stream: BinaryIO) -> None:
+    """Passes if an open file holds no more than its size lets expect, by its footer and its pages.
+
+    What the footer says of the number of values is not what is unpacked: Arrow unpacks a page
+    whole, as large as the page itself says, before it takes a value from it.
+
+    Raises:
+        ValueError: It unpacks to more; or the footer or a page's header is damaged.
+        OSError: The file can't be read.
+    """
+    footer = _read_footer(stream)
+    size = os.fstat(stream.fileno()).st_size
+    require_unpacked(size, 8 * _count(footer))
+    require_unpacked(size, _unpacked_pages(stream, footer))
+
+
+def count_values(stream: BinaryIO) -> int:
+    """Numbers of all columns of an open file, those in lists each by itself.
 
     Raises:
         ValueError: The footer is damaged.
         OSError: The file can't be read.
     """
-    with path.open("rb") as stream:
-        stream.seek(-8, 2)
-        length = int.from_bytes(stream.read(4), "little")
-        stream.seek(-8 - length, 2)
-        footer = _Footer(stream.read(length))
+    return _count(_read_footer(stream))
+
+
+def _read_footer(stream: BinaryIO) -> Fields:
+    stream.seek(-8, 2)
+    length = int.from_bytes(stream.read(4), "little")
+    stream.seek(-8 - length, 2)
     try:
-        groups = footer.struct(0)[ROW_GROUPS]
-        return sum(column[FACTS][VALUES] for group in groups for column in group[COLUMNS])
+        return _Footer(stream.read(length)).struct(0)
+    except (IndexError, TypeError) as error:
+        raise ValueError(f"its footer is damaged ({type(error).__name__})") from None
+
+
+def _count(footer: Fields) -> int:
+    try:
+        return sum(facts[VALUES] for facts in _all_facts(footer))
     except (IndexError, KeyError, TypeError) as error:
         raise ValueError(f"its footer is damaged ({type(error).__name__})") from None
+
+
+def _all_facts(footer: Fields) -> Iterator[Fields]:
+    """The facts of each column of each row group."""
+    for group in footer[ROW_GROUPS]:
+        for column in group[COLUMNS]:
+            yield column[FACTS]
+
+
+def _unpacked_pages(stream: BinaryIO, footer: Fields) -> int:
+    """What all pages say that they unpack to [bytes]."""
+    total = 0
+    try:
+        for facts in _all_facts(footer):
+            first = facts[DATA_PLACE]
+            dictionary = facts.get(DICTIONARY_PLACE, 0)
+            begin = dictionary if 0 < dictionary < first else first
+            place = begin
+            while place < begin + facts[PACKED]:
+                header, length = _page_header(stream, place)
+                total += header[UNPACKED_PAGE]
+                place += length + max(0, header[PACKED_PAGE])
+    except (IndexError, KeyError, TypeError) as error:
+        raise ValueError(f"a page of it is damaged ({type(error).__name__})") from None
+    return total
+
+
+def _page_header(stream: BinaryIO, place: int) -> tuple[Fields, int]:
+    """The header of a page, and its length [bytes]."""
+    stream.seek(place)
+    reader = _Footer(stream.read(HEADER_BYTES))
+    return reader.struct(0), reader.at
 
 
 class _Footer:
@@ -78,11 +146,11 @@ class _Footer:
         self.data = data
         self.at = 0
 
-    def struct(self, depth: int) -> dict[int, Any]:
+    def struct(self, depth: int) -> Fields:
         """The fields of a structure by their numbers."""
         if depth > DEEPEST:
             raise ValueError(f"its footer nests more than {DEEPEST} levels deep")
-        fields: dict[int, Any] = {}
+        fields: Fields = {}
         number = 0
         while head := self._byte():
             number = number + (head >> 4) if head >> 4 else self._integer()
@@ -175,8 +243,9 @@ def open_table(path: Path) -> NamedColumns:
     return named_columns(names, load, path, numbers)
 
 
-def open_parquet(path: Path) -> pq.ParquetFile:
-    """A Parquet file whose numbers are in proportion to its size: constants pack without end.
+@contextmanager
+def open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
+    """Opens a Parquet file whose numbers are in proportion to its size: constants pack without end.
 
     Raises:
         RecordingError: No plain file.
@@ -184,13 +253,14 @@ def open_parquet(path: Path) -> pq.ParquetFile:
     """
     import pyarrow.parquet as pq  # slow to load, and text tables need none
 
-    size = require_regular(path, "give a table", RecordingError)
-    # not read_table: that loads all of pyarrow's data sets, at half a second
-    file = pq.ParquetFile(path)
-    require_unpacked(size, 8 * count_values(path))
-    # A text that stands in a million cells stands once in the file, and is to stand once in memory.
-    texts = [field.name for field in file.schema_arrow if is_text(field.type)]
-    return pq.ParquetFile(path, read_dictionary=texts) if texts else file
+    with open_regular(path, "give a table", RecordingError) as stream:
+        # not read_table: that loads all of pyarrow's data sets, at half a second
+        file = pq.ParquetFile(stream)
+        require_in_proportion(stream)
+        # A text that stands in a million cells stands once in the file, and is to stand once in
+        # memory.
+        texts = [field.name for field in file.schema_arrow if is_text(field.type)]
+        yield pq.ParquetFile(stream, read_dictionary=texts) if texts else file
 
 
 def is_text(kind: pa.DataType) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int, freeze, in_a_line
 from ident.errors import RecordingError
 from ident.records import Record
+from ident.safe_read import FileState
 
 # Per-joint channels of a run, in the order of the native table's columns.
 CHANNELS = (
@@ -74,6 +75,7 @@ class Recording:
     current: Float[Array, "T n"] | None = None  # motor current [A], or None
     temperature: Float[Array, "T n"] | None = None  # joint temperature [degC], or None
     source: Path | None = None  # the file it came from
+    state: FileState | None = None  # of that file when it was read
     # what the reader found and mended (garbage rows, a truncated last row, …)
     issues: tuple[TelemetryIssue, ...] = ()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -91,7 +92,8 @@ def settings_of(path: Path, session_file: str | Path | None = None) -> SessionFi
     files = (
         [Path(session_file)]
         if session_file
-        else [place for place in places if place.exists() and not place.is_dir()]
+        # A dead link or a folder is told, not passed over: its settings would be missed.
+        else [place for place in places if os.path.lexists(place)]
     )
     return load_session_file(files[0]) if files else SessionFile()
 

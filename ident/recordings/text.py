@@ -20,6 +20,7 @@ from ident.recordings.bad_cells import MISSING, NUMBER, Cells, cut_short, drop_e
 from ident.recordings.columns import TIME, NamedColumns, Table
 from ident.recordings.parquet import column_numbers
 from ident.recordings.recording import TelemetryIssue
+from ident.safe_read import open_regular
 
 SNIFF_BYTES = 1 << 16
 COMMENTS = ("#", "%")
@@ -181,7 +182,7 @@ def sniff(path: Path) -> TextLayout:
     Raises:
         RecordingError: The file is empty or holds nothing but blank lines.
     """
-    with path.open("rb") as stream:
+    with open_regular(path, "give a table", RecordingError) as stream:
         head = stream.read(SNIFF_BYTES)
     lines = text_lines(head)
     if len(head) == SNIFF_BYTES and len(lines) > 1:
@@ -237,7 +238,7 @@ def ends_within_cell(path: Path, layout: TextLayout) -> bool:
     Seen by a missing line end and fewer decimals than all rows before: only tables of fixed
     decimals show it.
     """
-    with path.open("rb") as stream:
+    with open_regular(path, "give a table", RecordingError) as stream:
         stream.seek(0, 2)
         stream.seek(max(0, stream.tell() - SNIFF_BYTES))
         tail = stream.read()
@@ -261,7 +262,7 @@ def open_text(path: Path) -> NamedColumns:
     layout = sniff(path)
 
     def numbers() -> dict[str, Float[Array, " T"]]:
-        with path.open("rb") as stream:
+        with open_regular(path, "give a table", RecordingError) as stream:
             head = text_lines(stream.read(SNIFF_BYTES))[layout.first_line :][:LOOKED_AT]
         rows = [
             cells
@@ -298,7 +299,7 @@ def constant_texts(path: Path) -> dict[str, str]:
         RecordingError: The file is empty.
     """
     layout = sniff(path)
-    with path.open("rb") as stream:
+    with open_regular(path, "give a table", RecordingError) as stream:
         head = text_lines(stream.read(SNIFF_BYTES))[layout.first_line :][:LOOKED_AT]
     rows = [
         cells
@@ -317,9 +318,11 @@ def _read(path: Path, layout: TextLayout, chosen: Mapping[int, str]) -> Table:
     if not chosen:
         return {}, ()
     columns = None
-    data = pa.memory_map(str(path)).read_buffer() if layout.separator != " " else b""
+    with open_regular(path, "give a table", RecordingError) as stream:
+        # Not a map of the file: where somebody cuts it short meanwhile, that ends the process.
+        data = stream.read()
     if layout.separator == " ":  # runs of blanks are made one: Arrow knows single separators only
-        data = re.sub(rb" {2,}", b" ", path.read_bytes().replace(b"\t", b" "))
+        data = re.sub(rb" {2,}", b" ", data.replace(b"\t", b" "))
         data = re.sub(rb"^ +| +$", b"", data, flags=re.MULTILINE)
     for clock in CLOCKS if TIME in chosen.values() else CLOCKS[:1]:
         try:

@@ -2,30 +2,42 @@
 
 from __future__ import annotations
 
-import os
 import re
 import warnings
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from ident.errors import InputError, RobotError, first_line
+from ident.outputs import real_path
 from ident.robot.names import example_robots_folder
+from ident.safe_read import read_bytes, require_regular, unchanged
 
 # Larger mesh files are no collision geometry [bytes].
 LARGEST = 200_000_000
 READABLE = (".stl", ".obj", ".dae", ".ply")
 # What the header of a mesh says is in it: elements of a .ply, numbers of a .dae's arrays.
-ELEMENTS = re.compile(rb"(?m)^[ \t]*element[ \t]+\S+[ \t]+(\d+)")
-COUNTS = re.compile(rb"""\bcount\s*=\s*["'](\d+)["']""")
+ELEMENTS = re.compile(rb"(?:^|[\r\n])[ \t]*element[ \t]+\S+[ \t]+(\d+)")
+COUNTS = re.compile(rb"""\bcount\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+# How a .dae begins that is written in UTF-16, which its reader knows, too.
+WIDE = (b"\xff\xfe", b"\xfe\xff")
 HEADER_BYTES = 1 << 16
+PLY_END = b"end_header"
 # Bytes of a binary .stl before its triangles, and of one of them.
 STL_HEAD = 84
 STL_TRIANGLE = 50
 LONGEST_COUNT = 20
-# The files in which an .obj's materials stand, which its reader opens, too.
-MATERIALS = re.compile(rb"(?m)^\s*mtllib\s+(\S.*?)\s*$")
+# By which an .obj names files of materials, which its reader would open, and look for in many
+# places; a comment of the same length; and how one line goes on in the next.
+MATERIALS = b"mtllib"
+NO_MATERIALS = b"#tllib"
+COPY_PREFIX = "armgap-mesh-"
+CONTINUED = re.compile(rb"\\(?:\n|[\r\f\0][^\n]*\n)")
 
 
 def find_mesh(name: str, source: Path | None) -> Path | None:
@@ -35,7 +47,7 @@ def find_mesh(name: str, source: Path | None) -> Path | None:
     where no folder is called P, as `rest` beside the URDF and above it.
     """
     relative = Path(name.removeprefix("file://").removeprefix("package://"))
-    here = [] if source is None else list(source.resolve().parents)
+    here = [] if source is None else list(real_path(source).parents)
     if name.startswith("package://"):
         packages = example_robots_folder()
         rest = Path(*relative.parts[1:])
@@ -48,43 +60,63 @@ def find_mesh(name: str, source: Path | None) -> Path | None:
     return next((path for path in tried if path.is_file()), None)
 
 
-def require_mesh(path: Path, where: str | Path, place: str, error: type[InputError]) -> None:
-    """Raises for a file that is no mesh, too large, or has its reader open what is no plain file
-    beside it.
+@contextmanager
+def lent_mesh(path: Path, where: str | Path, place: str, error: type[InputError]) -> Iterator[Path]:
+    """Lends a mesh that was looked through to a reader that opens it by its name.
+
+    An .obj that names materials is lent as a copy without: a shape needs none, and its reader
+    would open other files.
+
+    Raises:
+        InputError: As `require_mesh`; or the file changes while it is read.
     """
+    with unchanged(path, error, where):
+        data = require_mesh(path, where, place, error)
+        text = CONTINUED.sub(b"", data) if path.suffix.lower() == ".obj" else b""
+        if MATERIALS not in text:
+            yield path
+            return
+        with TemporaryDirectory(prefix=COPY_PREFIX) as folder:
+            copy = Path(folder) / "mesh.obj"
+            copy.write_bytes(text.replace(MATERIALS, NO_MATERIALS))
+            yield copy
+
+
+def require_mesh(path: Path, where: str | Path, place: str, error: type[InputError]) -> bytes:
+    """The bytes of a mesh file; raises for a file that is none, or too large."""
     if path.suffix.lower() not in READABLE:
         raise error(
             where, f"{place}is no mesh that can be read", f"give one of: {', '.join(READABLE)}"
         )
-    if (size := path.stat().st_size) > LARGEST:
+    kind = path.suffix.lower()
+    size = require_regular(path, "mend or replace the mesh", error)
+    if size > LARGEST:
         raise error(where, f"{place}has {size / 1e6:.0f} MB", "give a simplified mesh")
-    require_honest_header(path, where, place, error)
-    if path.suffix.lower() == ".ply":
-        require_sound_ply(path, where, place, error)
-    for name in MATERIALS.findall(path.read_bytes()) if path.suffix.lower() == ".obj" else ():
-        material = (path.parent / os.fsdecode(name).lstrip("/")).resolve()
-        if material.exists() and not (
-            material.is_file() and material.is_relative_to(path.parent.resolve())
-        ):
-            what = f"{place}names {os.fsdecode(name)!r}, no plain file beside it"
-            raise error(where, what, "take the line mtllib out: a shape needs no materials")
+    data = read_bytes(path, "mend or replace the mesh", error, LARGEST)
+    require_honest_header(data, kind, where, place, error)
+    if kind == ".ply":
+        require_sound_ply(data, where, place, error)
+    return data
 
 
 def require_honest_header(
-    path: Path, where: str | Path, place: str, error: type[InputError]
+    data: bytes, kind: str, where: str | Path, place: str, error: type[InputError]
 ) -> None:
     """Raises for a mesh whose header speaks of more than its file can hold: its reader would make
     room for it.
     """
-    kind = path.suffix.lower()
-    size = path.stat().st_size
-    with path.open("rb") as stream:
-        head = stream.read() if kind == ".dae" else stream.read(HEADER_BYTES)
+    size = len(data)
+    head = data if kind == ".dae" else data[: max(HEADER_BYTES, data.find(PLY_END))]
     announced = 0
     if kind == ".ply":
         announced = max(map(_whole, ELEMENTS.findall(head)), default=0)
     elif kind == ".dae":
-        announced = max(map(_whole, COUNTS.findall(head)), default=0)
+        counts = _counts_of_dae(head)
+        # Its reader takes 0xFF and &#57; for numbers, too.
+        if not all(count.isdigit() for count in counts):
+            what = f"{place}has a count that is no plain number"
+            raise error(where, what, "mend or replace the mesh")
+        announced = max(map(_whole, counts), default=0)
     elif kind == ".stl" and not head.lstrip().startswith(b"solid") and len(head) >= STL_HEAD:
         announced = STL_TRIANGLE * int.from_bytes(head[STL_HEAD - 4 : STL_HEAD], "little")
     if announced > size:
@@ -92,7 +124,7 @@ def require_honest_header(
         raise error(where, what, "mend or replace the mesh")
 
 
-def require_sound_ply(path: Path, where: str | Path, place: str, error: type[InputError]) -> None:
+def require_sound_ply(data: bytes, where: str | Path, place: str, error: type[InputError]) -> None:
     """Raises for a .ply whose triangles name corners that are not there: its reader would read
     beyond them.
     """
@@ -101,7 +133,7 @@ def require_sound_ply(path: Path, where: str | Path, place: str, error: type[Inp
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            read = PlyData.read(str(path))
+            read = PlyData.read(BytesIO(data))
         corners = len(read["vertex"])
         faces = next(element for element in read.elements if element.name == "face")
         lists = [faces[name.name] for name in faces.properties if isinstance(name, PlyListProperty)]
@@ -116,6 +148,13 @@ def require_sound_ply(path: Path, where: str | Path, place: str, error: type[Inp
         raise error(where, what, "mend or replace the mesh")
 
 
+def _counts_of_dae(data: bytes) -> list[bytes]:
+    """What stands in its attributes `count`, as it stands there."""
+    if data.startswith(WIDE):
+        data = data.decode("utf-16", "replace").encode()
+    return [(double or single).strip() for double, single in COUNTS.findall(data)]
+
+
 def _whole(digits: bytes) -> int:
     """A count as its header writes it; of very many digits only so many as tell that it is too
     large.
@@ -123,14 +162,24 @@ def _whole(digits: bytes) -> int:
     return int(digits[:LONGEST_COUNT])
 
 
-def with_mesh_paths(urdf: str, tag: str, source: Path | None, where: str) -> str:
-    """The URDF with the meshes of one tag, `collision` or `visual`, named by their paths; the other
-    tag's are left out.
+def with_mesh_paths(
+    urdf: str, tag: str, source: Path | None, where: str, lent: ExitStack
+) -> tuple[str, dict[str, str]]:
+    """The URDF with the meshes of one tag, `collision` or `visual`, named by their paths, and the
+    file that each path stands for; the other tag's are left out.
+
+    Args:
+        urdf: The URDF.
+        tag: The tag.
+        source: File that it stands in.
+        where: The arm, for messages.
+        lent: Keeps the meshes as they were looked through until they are read.
 
     Raises:
         RobotError: A mesh is missing, or as `require_mesh`.
     """
     root = ET.fromstring(urdf)
+    files = {}
     other = "visual" if tag == "collision" else "collision"
     for link in root.findall("link"):
         for element in link.findall(other):
@@ -142,6 +191,7 @@ def with_mesh_paths(urdf: str, tag: str, source: Path | None, where: str) -> str
             if path is None:
                 remedy = "put the mesh files beside the URDF, under their package's name"
                 raise RobotError(where, f"{place} is not there", remedy)
-            require_mesh(path, where, f"{place} ", RobotError)
-            mesh.set("filename", str(path))
-    return ET.tostring(root, encoding="unicode")
+            mesh_file = lent.enter_context(lent_mesh(path, where, f"{place} ", RobotError))
+            mesh.set("filename", str(mesh_file))
+            files[str(mesh_file)] = str(path)
+    return ET.tostring(root, encoding="unicode"), files

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -199,12 +200,18 @@ def read_geometry(
         RobotError: A mesh that the URDF names is not there, or can't be read.
     """
     kinds = {"collision": pin.GeometryType.COLLISION, "visual": pin.GeometryType.VISUAL}
-    text = with_mesh_paths(urdf, tag, source, where)
-    try:
-        return pin.buildGeomFromUrdfString(model, text, kinds[tag], package_dirs=["/"])
-    except (ValueError, RuntimeError) as error:
-        lines = [line.removeprefix("message: ") for line in str(error).splitlines()]
-        telling = [line for line in lines if "resource" in line or "Mesh" in line]
-        reason = "".join([*telling, *lines][:1])
-        what = f"{tag} geometry can't be read ({reason})"
-        raise RobotError(where, what, "mend or replace the mesh, or give boxes") from None
+    with ExitStack() as lent:
+        text, files = with_mesh_paths(urdf, tag, source, where, lent)
+        try:
+            shapes = pin.buildGeomFromUrdfString(model, text, kinds[tag], package_dirs=["/"])
+        except (ValueError, RuntimeError) as error:
+            lines = [line.removeprefix("message: ") for line in str(error).splitlines()]
+            telling = [line for line in lines if "resource" in line or "Mesh" in line]
+            reason = "".join([*telling, *lines][:1])
+            for lent_file, file in files.items():
+                reason = reason.replace(lent_file, file)
+            what = f"{tag} geometry can't be read ({reason})"
+            raise RobotError(where, what, "mend or replace the mesh, or give boxes") from None
+        for shape in shapes.geometryObjects:
+            shape.meshPath = files.get(shape.meshPath, shape.meshPath)
+        return shapes

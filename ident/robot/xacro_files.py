@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import InputError, RobotError
+from ident.outputs import real_path
 from ident.robot.xacro_expressions import HarmfulExpression, Lookup, evaluate, require_plain
 from ident.safe_read import DEEPEST, read_text, read_xml, require_no_entities
 
@@ -96,7 +97,7 @@ class _Expansion:
         self.path = path
         self.xacro, self.walked = _package()
         # The package that it belongs to; without one, its folder, or the one above `urdf/`.
-        place = path.resolve()
+        place = real_path(path)
         beside = place.parent.parent if place.parent.name in BESIDE else place.parent
         self.own = next(
             (folder for folder in place.parents if (folder / "package.xml").is_file()), beside
@@ -202,10 +203,10 @@ class _Expansion:
 
     def read(self, name: str, largest: int) -> str:
         """The text of a file of the description or of an installed package."""
-        place = Path(name).resolve()
-        homes = (self.own, self.path.resolve().parent, *_installed())
+        place = real_path(name)
+        homes = (self.own, real_path(self.path).parent, *_installed())
         inside = any(place.is_relative_to(home) for home in homes)
-        if place != self.path.resolve() and (place.suffix.lower() not in INCLUDED or not inside):
+        if place != real_path(self.path) and (place.suffix.lower() not in INCLUDED or not inside):
             raise HarmfulExpression(
                 f"{name} is no part of the description: it lies outside of its package"
             )
@@ -235,7 +236,7 @@ class _Expansion:
         if not any(mark in path.name for mark in "*?["):
             yield str(path)
             return
-        if not path.parent.resolve().is_relative_to(self.own):
+        if not real_path(path.parent).is_relative_to(self.own):
             raise HarmfulExpression(f"{path} lies outside of its package")
         yield from sorted(map(str, path.parent.glob(path.name)))
 
@@ -275,7 +276,7 @@ def _typed(value: str) -> Any:
 def _installed() -> list[Path]:
     """The folders of installed packages."""
     return [
-        Path(folder).resolve() / below
+        real_path(folder) / below
         for name, below in INSTALLED.items()
         for folder in os.environ.get(name, "").split(os.pathsep)
         if folder

@@ -16,6 +16,7 @@ from ident.files import atomic_write, require_plain_header
 from ident.recordings.load import require_readable_size
 from ident.recordings.parquet import open_parquet
 from ident.robot.arm import ArmModel
+from ident.safe_read import open_regular
 from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled, ticks
 
 SUFFIXES = (".csv", ".parquet")
@@ -88,12 +89,20 @@ def _read_file(path: Path, arm: ArmModel) -> ReferenceMotion:
     return sampled(name, curve(ticks(whole)))
 
 
+def _read_table(path: Path) -> pa.Table:
+    if path.suffix == ".parquet":
+        with open_parquet(path) as file:
+            return file.read()
+    with open_regular(path, "give a .csv or .parquet file of commands", RecordingError) as stream:
+        return pacsv.read_csv(stream)
+
+
 def _read_columns(path: Path, arm: ArmModel) -> tuple[Float[Array, " T"], Float[Array, "T n"]]:
     """Times [s], and positions of all joints [rad]."""
     require_readable_size(path)
     wanted = ["time", *(f"{name}/position_command" for name in arm.joint_names)]
     try:
-        table = open_parquet(path).read() if path.suffix == ".parquet" else pacsv.read_csv(path)
+        table = _read_table(path)
     except (OSError, ValueError, pa.ArrowException) as error:  # a name that is not UTF-8, too
         what = f"can't be read ({first_line(error)})"
         raise RecordingError(path, what, "give a .csv or .parquet file of commands") from None

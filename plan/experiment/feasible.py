@@ -12,6 +12,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError, RobotError
+from ident.outputs import real_path
 from ident.robot.arm import ArmModel
 from ident.robot.names import find_urdf
 from ident.trajectories.motion_limits import MotionLimits, thin
@@ -151,7 +152,7 @@ def surroundings_of(arm: ArmModel, options: ExciteOptions) -> Surroundings:
     if (
         robot is not None
         and arm.source is not None
-        and find_urdf(robot).resolve() != arm.source.resolve()
+        and real_path(find_urdf(robot)) != real_path(arm.source)
     ):
         raise InputError(
             around.source, f"it is for {robot!r}, the robot is {arm.name!r}", "give its --robot"

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import itertools
+import math
 import struct
+from io import BufferedReader, BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError, first_line
-from ident.safe_read import require_regular, require_unpacked
+from ident.safe_read import read_bytes, require_unpacked
 from plan.geometry.solids import Solid
 
 # Of more points the near ones are put together: at this number a motion is planned in seconds.
@@ -113,10 +115,11 @@ def read_points(path: Path) -> Float[Array, "k 3"]:
         known = ", ".join(CLOUDS)
         raise InputError(path, "no point cloud that can be read", f"give one of: {known}")
     remedy = "give the path of a point cloud, from the scene file on"
-    size = require_regular(path, remedy, largest=LARGEST)
+    data = read_bytes(path, remedy, largest=LARGEST)
+    kind = path.suffix.lower()
     try:
-        require_unpacked(size, _announced(path))
-        table = np.asarray(_read_table(path), dtype=float)
+        require_unpacked(len(data), _announced(data, kind))
+        table = np.asarray(_read_table(data, kind), dtype=float)
     except Exception as error:  # each library raises its own, and memory may end
         what = f"the point cloud can't be read ({first_line(error)})"
         raise InputError(path, what, "mend or replace the file") from None
@@ -134,29 +137,29 @@ def read_points(path: Path) -> Float[Array, "k 3"]:
     return points
 
 
-def _announced(path: Path) -> int:
+def _announced(data: bytes, kind: str) -> int:
     """What the header of a .ply or .pcd says is in the file [bytes]; 0 for other kinds."""
-    last = HEADER_ENDS.get(path.suffix.lower())
+    last = HEADER_ENDS.get(kind)
     if last is None:
         return 0
     rows = 1
     total = 0
-    with path.open("rb") as file:
-        for line in itertools.islice(file, MOST_LINES):
-            word, *rest = line.split() or [b""]
-            if word == b"element":
-                rows = int(rest[1])
-            elif word == b"property":
-                total += NUMBER_BYTES * abs(rows)
-            elif word == b"COUNT":
-                total += COLUMN_BYTES * _sum_of_sizes(rest)
-            elif word in (b"POINTS", b"WIDTH"):
-                total += NUMBER_BYTES * _sum_of_sizes(rest)
-            elif word == last:
-                if rest == [b"binary_compressed"]:
-                    _, unpacked = struct.unpack("<II", file.read(8))
-                    total += unpacked
-                return total
+    file = BytesIO(data)
+    for line in itertools.islice(file, MOST_LINES):
+        word, *rest = line.split() or [b""]
+        if word == b"element":
+            rows = int(rest[1])
+        elif word == b"property":
+            total += NUMBER_BYTES * abs(rows)
+        elif word == b"COUNT":
+            total += COLUMN_BYTES * _sum_of_sizes(rest)
+        elif word in (b"POINTS", b"WIDTH"):
+            total += NUMBER_BYTES * _sum_of_sizes(rest)
+        elif word == last:
+            if rest == [b"binary_compressed"]:
+                _, unpacked = struct.unpack("<II", file.read(8))
+                total += unpacked
+            return total
     raise ValueError("a header without an end")
 
 
@@ -165,32 +168,44 @@ def _sum_of_sizes(words: list[bytes]) -> int:
     return sum(abs(int(word)) for word in words)
 
 
-def _read_table(path: Path) -> Array:
+def _read_table(data: bytes, kind: str) -> Array:
     """The coordinates in a file of one of the three kinds."""
-    kind = path.suffix.lower()
     if kind == ".ply":
-        return _read_ply(path)
-    if kind == ".pcd":
-        return _read_pcd(path)
-    array = np.load(path, mmap_mode="r", allow_pickle=False)
-    if array.dtype.kind not in "fiu":
-        raise ValueError(f"it holds {array.dtype}, no numbers")
-    return np.array(array, dtype=float)
+        return _read_ply(data)
+    return _read_pcd(data) if kind == ".pcd" else _read_npy(data)
 
 
-def _read_ply(path: Path) -> Float[Array, "k 3"]:
+def _read_npy(data: bytes) -> Float[Array, "..."]:
+    """The numbers of a .npy file.
+
+    Its header is believed once so many numbers follow: NumPy makes room for them before it reads.
+    """
+    stream = BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    is_old = version == (1, 0)
+    read = np.lib.format.read_array_header_1_0 if is_old else np.lib.format.read_array_header_2_0
+    shape, _, kind = read(stream)
+    if kind.kind not in "fiu":
+        raise ValueError(f"it holds {kind}, no numbers")
+    if math.prod(shape) * kind.itemsize > len(data):
+        raise ValueError(f"an array of shape {shape} in {len(data)} bytes")
+    stream.seek(0)
+    return np.array(np.load(stream, allow_pickle=False), dtype=float)
+
+
+def _read_ply(data: bytes) -> Float[Array, "k 3"]:
     """The coordinates of a .ply file's vertices."""
     from plyfile import PlyData  # few scenes have a cloud
 
-    vertices = PlyData.read(str(path))["vertex"]
+    vertices = PlyData.read(BytesIO(data))["vertex"]
     return np.column_stack([vertices[axis] for axis in AXES])
 
 
-def _read_pcd(path: Path) -> Float[Array, "k 3"]:
+def _read_pcd(data: bytes) -> Float[Array, "k 3"]:
     """The coordinates in a .pcd file."""
     from pypcd4 import PointCloud
 
-    cloud = PointCloud.from_path(path)
+    cloud = PointCloud.from_fileobj(BufferedReader(BytesIO(data)))
     points = np.asarray(cloud.numpy(AXES))
     if len(points) != cloud.metadata.points:
         raise ValueError(f"{len(points)} of {cloud.metadata.points} points are there")

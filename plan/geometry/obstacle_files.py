@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.errors import InputError
-from ident.robot.meshes import require_mesh
+from ident.robot.meshes import lent_mesh
 from plan.geometry.solids import Solid, hull_points, mesh_triangles
 
 # A surface of more triangles takes minutes to plan round; nobody needs so many to keep clear of a
@@ -42,8 +42,8 @@ def read_mesh(
     if not os.path.isfile(path):  # false of names that no file can have, too
         remedy = "give the path of an STL, OBJ or DAE file, from the scene file on"
         raise InputError(path, "no such mesh file", remedy)
-    require_mesh(path, path, "", InputError)
-    model = _load(path, scale)
+    with lent_mesh(path, path, "", InputError) as lent:  # Coal takes no open file
+        model = _load(lent, scale, path)
     points = np.array(model.vertices())
     triangles = mesh_triangles(model)
     if len(triangles) == 0 or not np.isfinite(points).all():
@@ -68,8 +68,8 @@ def read_mesh(
     return Solid.surface(points - middle, triangles), middle
 
 
-def _load(path: Path, scale: Float[Array, " 3"]) -> coal.BVHModelBase:
-    """A mesh as Coal reads it.
+def _load(path: Path, scale: Float[Array, " 3"], where: Path) -> coal.BVHModelBase:
+    """A mesh as Coal reads it; of a file that messages call by its own name.
 
     Raises:
         InputError: Coal can't read it.
@@ -80,8 +80,8 @@ def _load(path: Path, scale: Float[Array, " 3"]) -> coal.BVHModelBase:
     except (ValueError, RuntimeError) as error:
         lines = [line.removeprefix("message: ") for line in str(error).splitlines()]
         reason = next((line for line in lines if "resource" in line), "the reader refused it")
-        what = f"the mesh can't be read ({reason})"
-        raise InputError(path, what, "mend or replace the mesh") from None
+        what = f"the mesh can't be read ({reason.replace(str(path), str(where))})"
+        raise InputError(where, what, "mend or replace the mesh") from None
 
 
 def _middle(points: Float[Array, "k 3"]) -> Float[Array, " 3"]:

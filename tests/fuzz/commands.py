@@ -65,7 +65,7 @@ class Commands:
     """
 
     def __init__(self, kinds: list[Kind], corpus: Path, seed: int) -> None:
-        self.kinds = [kind for kind in kinds if kind.name in LINES]
+        self.kinds = [kind for kind in kinds if kind.name in LINES and kind.path.exists()]
         self.corpus, self.seed = corpus, seed
         self.counts = {kind.name: dict.fromkeys(OUTCOMES, 0) for kind in self.kinds}
         load_all()

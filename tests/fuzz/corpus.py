@@ -27,7 +27,23 @@ from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from ident.sessions import open_sessions
 from ident.simulation.request import Answer, TrueEffect, seal
-from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, WORLD, XACRO, obj, ply, stl
+from tests.fuzz.samples import (
+    APPLIED,
+    CALIBRATION,
+    CATALOGUE,
+    CUBE,
+    CYCLE,
+    LIMITS,
+    LINKS,
+    SCENE,
+    SESSION_TOML,
+    WORLD,
+    XACRO,
+    obj,
+    ply,
+    shaped,
+    stl,
+)
 from tests.ident.benchmark.made_up_board import write_board
 from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.foreign import write_bag
@@ -127,6 +143,10 @@ def _settings(folder: Path) -> None:
     (folder / "arm.xacro").write_text(XACRO)
     (folder / "links.xacro").write_text(LINKS)
     (folder / "limits.toml").write_text(LIMITS)
+    (folder / "applied").mkdir()
+    (folder / "applied/session.toml").write_text(APPLIED)
+    shutil.copy(folder / "run.parquet", folder / "applied/run.parquet")
+    (folder / "calibration.json").write_text(CALIBRATION)
     (folder / "world.toml").write_text(WORLD)
     (folder / "own_effect.py").write_text(CATALOGUE)
     _store(folder / "store")
@@ -156,6 +176,10 @@ def _scenes(folder: Path, arm: ArmModel) -> None:
     PointCloud.from_xyz_points(corners).save(folder / "scan.pcd")
     np.save(folder / "scan.npy", corners)
     (folder / "scene.toml").write_text(SCENE)
+    (folder / "cycle.toml").write_text(CYCLE)
+    (folder / "shaped").mkdir()
+    shutil.copy(folder / "cube.obj", folder / "shaped/link.obj")
+    (folder / "shaped/arm.urdf").write_text(shaped(Path(data_path("urdf/tm5_900.urdf")).read_text(), "link.obj"))
     pairs = '<disable_collisions link1="link_1" link2="link_2" reason="Adjacent"/>'
     (folder / "arm.srdf").write_text(f'<robot name="{arm.name}">{pairs}</robot>')
 

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from ident.robot.meshes import COPY_PREFIX
 
 RUNNING = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.startfile", "pty.spawn")
 NETWORK = ("socket.connect", "socket.bind", "socket.sendto", "urllib.Request")
@@ -32,6 +34,7 @@ class Guard:
         done: What was done that must not be, in words.
         read: Paths that were opened for reading.
         compiled: Texts that became code that can be run; an expression that is only parsed is none.
+        swap: A file, and what is done before it is opened for the second time; None for nothing.
     """
 
     def __init__(self) -> None:
@@ -39,6 +42,8 @@ class Guard:
         self.done: list[str] = []
         self.read: list[str] = []
         self.compiled: list[str] = []
+        self.swap: tuple[Path, Callable[[], object]] | None = None
+        self._opens = 0
         self._on = False
         sys.addaudithook(self._hear)  # for the life of the process: a hook can't be taken away
 
@@ -46,7 +51,7 @@ class Guard:
     def watching(self, *allowed: Path) -> Iterator[Guard]:
         """On for a block; what was noted before is forgotten."""
         self.allowed, self.done, self.read = tuple(path.resolve() for path in allowed), [], []
-        self.compiled, self._on = [], True
+        self.compiled, self._opens, self._on = [], 0, True
         try:
             yield self
         finally:
@@ -74,8 +79,19 @@ class Guard:
             return
         if not writes:
             self.read.append(os.fsdecode(path))
+            self._swap(os.fsdecode(path))
         elif not self._may(path):
             self.done.append(f"open for writing: {path!r}"[:300])
+
+    def _swap(self, path: str) -> None:
+        """Puts something else in a file's place where it has been looked at already."""
+        if self.swap is None or path != str(self.swap[0]):
+            return
+        self._opens += 1
+        if self._opens == 2:
+            self._on = False
+            self.swap[1]()
+            self._on = True
 
     def _may(self, path: str | bytes | Path) -> bool:
         self._on = False  # to look at a path is not what is watched
@@ -83,6 +99,6 @@ class Guard:
             place = Path(os.path.abspath(os.fsdecode(path)))
         finally:
             self._on = True
-        if any(part in CACHES for part in place.parts) or place == Path(os.devnull):
+        if any(part in CACHES or part.startswith(COPY_PREFIX) for part in place.parts) or place == Path(os.devnull):
             return True
         return any(place.is_relative_to(folder) for folder in self.allowed)

@@ -17,6 +17,7 @@ from ident.checks.report import TOO_LITTLE, TelemetryReport
 from ident.effects.catalogue import load_catalogue
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.into import require_loadable, write_into
+from ident.export.own_file import read_own_file
 from ident.model.evaluation_limits import load_limits
 from ident.model.hybrid import HybridModel
 from ident.model.net_options import NAME as CHECKPOINT
@@ -25,11 +26,13 @@ from ident.monitor.pages import arm_estimates, arm_sessions, arm_verdict
 from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, read_histories
 from ident.outputs import require_own_folder
+from ident.recordings.lerobot import read_calibration
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import load_session_file
 from ident.records import as_json
 from ident.robot.arm import ArmModel
+from ident.robot.pinocchio_model import read_geometry
 from ident.show.report.page import render_page
 from ident.simulation.request import ENVELOPE_NAME, open_envelope
 from ident.simulation.world import find_world
@@ -197,7 +200,7 @@ def recordings(folder: Path, arm: ArmModel) -> list[Kind]:
 
 def _skipped(path: Path) -> bool:
     """Whether an input is one of the many that are read and not inspected."""
-    return path.is_dir() or zlib.crc32(path.read_bytes()) % INSPECTED != 0
+    return not path.is_file() or zlib.crc32(path.read_bytes()) % INSPECTED != 0
 
 
 def check_loaded(report: TelemetryReport) -> None:
@@ -232,9 +235,17 @@ def settings(folder: Path, arm: ArmModel) -> list[Kind]:
     rungs = ("analytic", "loss", "net")
 
     def own(path: Path) -> object:
-        before = path.read_bytes()
+        before = path.read_bytes() if path.is_file() and not path.is_symlink() else b"{}"
         require_own_folder(path.parent, "model")
         return before
+
+    def applied(path: Path) -> TelemetryReport:
+        session = load_session(path.parent)
+        return TelemetryReport(session, (), arm) if _skipped(path) else inspect_sessions([session], arm)[0]
+
+    def check_calibration(ranges: dict[str, float]) -> None:
+        finite("a range", *ranges.values())
+        must(all(value > 0.0 for value in ranges.values()), "a range of nothing")
 
     def include(path: Path) -> ArmModel:
         return ArmModel.load(str(path.with_name("arm.xacro")))
@@ -264,10 +275,12 @@ def settings(folder: Path, arm: ArmModel) -> list[Kind]:
         # Expressions may take up to a second each before they are refused.
         Kind("xacro", folder / "arm.xacro", lambda path: ArmModel.load(str(path)), check_arm, 0.3),
         Kind("included xacro", folder / "links.xacro", include, check_arm, 0.5),
+        Kind("applied session.toml", folder / "applied/session.toml", applied, check_loaded),
+        Kind("calibration.json", folder / "calibration.json", read_calibration, check_calibration, 0.3),
         Kind("limits.toml", folder / "limits.toml", lambda path: load_limits(path, arm.joint_names, rungs)),
         Kind("world.toml", folder / "world.toml", find_world),
         Kind("catalogue", folder / "own_effect.py", load_catalogue, share=0.2),
-        Kind("marker", place / ".armgap.json", own, check_own, 0.5),
+        Kind("marker", place / ".armgap.json", own, check_own, 0.5, writes=True),
     ]
 
 
@@ -283,11 +296,18 @@ def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
     def around(path: Path) -> object:
         return load_surroundings(path, np.zeros(3, dtype=bool))
 
+    def shapes(path: Path) -> object:
+        arm = ArmModel.load(str(path))
+        return read_geometry(arm.model, arm.urdf, "collision", path, str(path))
+
     def check_mesh(found: Any) -> None:
         finite("the mesh", found[0].points, found[1])
 
     return [
         Kind("scene.toml", folder / "scene.toml", load_task, check_task),
+        Kind("cycle.toml", folder / "cycle.toml", load_task, check_task, 0.5),
+        Kind("shapes", folder / "shaped/arm.urdf", shapes, share=0.5),
+        Kind("an arm's mesh", folder / "shaped/link.obj", lambda path: shapes(path.with_name("arm.urdf")), share=0.3),
         Kind("surroundings", folder / "scene.toml", around, check_boxes, 0.5),
         Kind("srdf", folder / "arm.srdf", lambda path: read_disabled(path, arm), share=0.5),
         Kind("stl", folder / "cube.stl", mesh, check_mesh, 0.5),
@@ -345,7 +365,7 @@ def own_files(folder: Path, arm: ArmModel) -> list[Kind]:
     identified = IdentifiedArm.as_urdf(arm)
 
     def write(path: Path) -> object:
-        text, written = write_into(path, identified)
+        text, written = write_into(path, read_own_file(path), identified)
         require_loadable(path, text, written)
         return written
 

@@ -16,7 +16,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,9 @@ MOMENT_S = 0.3
 LOOKING_S = 0.05
 # A command may take so much processor time, and wait so long without any.
 SLOWEST_CPU_S, SLOWEST_S = 60, 300.0
+# Commands that wait for their user once they have taken their options, and for how long that is looked at [s].
+SERVERS = ("ident open",)
+WAITING_S = 5.0
 SKIPPED = ("help", "version", "install_completion", "show_completion")
 
 
@@ -172,7 +175,10 @@ def attempt(trial: Trial) -> tuple[str, str]:
             os.chdir(folder)
             signal.setitimer(signal.ITIMER_VIRTUAL, MOMENT_S)
 
-        ended = fork_command(trial.command.split()[0], list(trial.arguments), begin)
+        asleep = WAITING_S if trial.command in SERVERS else SLOWEST_S
+        ended = fork_command(trial.command.split()[0], list(trial.arguments), begin, asleep_s=asleep)
+        if trial.command in SERVERS and ended.status == -signal.SIGALRM:
+            ended = replace(ended, status=-signal.SIGVTALRM)
         return judge(ended, folder)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
@@ -200,6 +206,7 @@ def fork_command(
     arguments: list[str],
     begin: Callable[[], None],
     most_s: float = SLOWEST_CPU_S,
+    asleep_s: float = SLOWEST_S,
 ) -> Ended:
     """Runs `ident` or `plan` in a child whose libraries are loaded already.
 
@@ -208,12 +215,13 @@ def fork_command(
         arguments: Its arguments.
         begin: What the child does first.
         most_s: Time on the processor after which it is ended [s].
+        asleep_s: Time on the clock without any of that after which it is ended [s].
     """
     with tempfile.TemporaryFile() as errors:
         child = os.fork()
         if not child:
             _be_command(name, arguments, begin, errors.fileno(), int(most_s))
-        patience = Patience(child, 2.0 * most_s, SLOWEST_S)
+        patience = Patience(child, 2.0 * most_s, asleep_s)
         while True:
             ended, status = os.waitpid(child, os.WNOHANG)
             if ended:

@@ -22,6 +22,7 @@ from tests.fuzz.kinds import Kind, WrongError
 from tests.fuzz.patience import Patience
 from tests.fuzz.spoil import BY_KIND
 from tests.fuzz.tally import Tally
+from tests.fuzz.trapped import PUT
 
 OUTCOMES = ("read", "told", "traceback", "hang", "growth", "crash", "lines", "warning", "wrong", "touched", "done")
 GOOD = ("read", "told")
@@ -30,6 +31,8 @@ HANG_S, WAITING_S = 10, 60
 GROWTH_KB = 2_000_000
 # What has had so much of a processor on one input hangs below Python.
 MOST_S = 2.0 * HANG_S
+# Of the inputs: those where no plain file lies, and those that change while they are read.
+NOT_PLAIN, SWAPPED = 0.02, 0.04
 # Between two looks at a child, and between two times that counts are written down.
 LOOKING_S, WRITING_S = 0.2, 60.0
 # Inputs that one child reads: leaks of libraries stay small, and what was counted is written down in between.
@@ -87,15 +90,34 @@ class Readers:
         rng = np.random.default_rng([self.seed, number])
         index = int(np.searchsorted(self._chance, rng.random()))
         kind, original = self.kinds[index], self._originals[index]
-        kind.path.write_bytes(spoil(kind, original, rng))
+        self._put(kind, original, rng)
         before = self._snapshot(kind.path)
-        outcome, evidence = self._read(kind)
+        changes = kind.writes or self._guard.swap is not None
+        try:
+            outcome, evidence = self._read(kind)
+        finally:
+            self._guard.swap = None
         if outcome in GOOD and self._guard.done:
             outcome, evidence = "done", "\n".join(self._guard.done)
-        if outcome in GOOD and not kind.writes and (after := self._snapshot(kind.path)) != before:
+        if outcome in GOOD and not changes and (after := self._snapshot(kind.path)) != before:
             changed = sorted(set(before.items()) ^ set(after.items()))
             outcome, evidence = "touched", repr(changed)
         return index, outcome, evidence
+
+    def _put(self, kind: Kind, original: bytes, rng: np.random.Generator) -> None:
+        """Puts a spoilt file in the good one's place; or what is no plain file, or one that changes."""
+        spoilt = spoil(kind, original, rng)
+        chance = rng.random()
+        if kind.writes or chance > NOT_PLAIN + SWAPPED:
+            kind.path.write_bytes(spoilt)
+        elif chance < NOT_PLAIN:
+            kind.path.unlink()
+            PUT[int(rng.integers(len(PUT)))](kind.path)
+        else:
+            first, second = (original, spoilt) if rng.random() < 0.5 else (spoilt, original)
+            kind.path.write_bytes(first)
+            in_place = bool(rng.random() < 0.5)
+            self._guard.swap = (kind.path, lambda: replace(kind.path, second, in_place))
 
     def _read(self, kind: Kind) -> tuple[str, str]:
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -143,7 +165,7 @@ class Readers:
                 self._shared[-1] += 1
                 index, outcome, evidence = self.one(number)
                 self._note(index, number, outcome, evidence)
-                self.kinds[index].path.write_bytes(self._originals[index])
+                self._put_back(index)
                 self._shared[-2] += 1
         except BaseException:
             traceback.print_exc()
@@ -174,7 +196,7 @@ class Readers:
             index = int(np.searchsorted(self._chance, np.random.default_rng([self.seed, number]).random()))
             outcome = "hang" if os.WTERMSIG(status) == signal.SIGKILL else "crash"
             self._note(index, number, outcome, f"signal {os.WTERMSIG(status)}")
-            self.kinds[index].path.write_bytes(self._originals[index])
+            self._put_back(index)
             self._shared[-2] += 1
         elif os.WEXITSTATUS(status):
             raise SystemExit("the fuzzer itself failed")
@@ -190,9 +212,19 @@ class Readers:
         self._told.add(known)
         self.keep.mkdir(parents=True, exist_ok=True)
         name = f"{kind.name.replace('/', '_')}_{self.seed}_{number}"
-        shutil.copy(kind.path, self.keep / f"{name}{kind.path.suffix}")
+        if kind.path.is_file() and not kind.path.is_symlink():
+            shutil.copy(kind.path, self.keep / f"{name}{kind.path.suffix}")
         (self.keep / f"{name}.txt").write_text(evidence, encoding="utf-8", errors="backslashreplace")
         print(f"{kind.name} {outcome} ({self.seed}, {number}): {last!r}", flush=True)
+
+    def _put_back(self, index: int) -> None:
+        """The good file, whatever lies in its place."""
+        path = self.kinds[index].path
+        if path.is_dir() and not path.is_symlink():
+            path.rmdir()
+        else:
+            path.unlink(missing_ok=True)
+        path.write_bytes(self._originals[index])
 
     def _snapshot(self, but: Path) -> Snapshot:
         """Sizes and times of all files beside one."""
@@ -202,6 +234,16 @@ class Readers:
                 status = entry.stat(follow_symlinks=False)
                 found[entry.name] = (status.st_size if entry.is_file() else 0, status.st_mtime_ns)
         return found
+
+
+def replace(path: Path, data: bytes, in_place: bool) -> None:
+    """Another content of a file: written into it, or a file of its own in its place."""
+    if in_place:
+        path.write_bytes(data)
+        return
+    beside = path.with_name(f".{path.name}.new")
+    beside.write_bytes(data)
+    beside.replace(path)
 
 
 def spoil(kind: Kind, data: bytes, rng: np.random.Generator) -> bytes:

@@ -1,5 +1,7 @@
 """Small good files, as text."""
 
+import re
+
 SESSION_TOML = """robot = "tm5-900"
 sample_rate_hz = 50.0
 [payload]
@@ -52,6 +54,71 @@ shape = "sphere"
 radius_m = 0.03
 xyz_m = [0, 0, 0.05]
 touches = ["link_6"]
+"""
+CYCLE = """robot = "tm5-900"
+srdf = "arm.srdf"
+[task]
+start_deg = [50, 0, -120, 0, 60, 0]
+goal_pose = { xyz_m = [0.3, -0.3, 0.5], quaternion_xyzw = [0, 1, 0, 0], frame = "link_6" }
+at_most_s = 4.0
+standby_W = 20.0
+via_points_deg = [[60, 5, -110, 0, 60, 0], [70, 10, -100, 0, 60, 0]]
+times_s = [1.0, 2.0]
+[limits]
+makers = false
+[tool]
+frame = "link_6"
+speed_m_s = 0.5
+straight = true
+within_m = 0.002
+within_deg = 1.0
+[[tool.cone]]
+axis = [0, 0, 1]
+towards = [0, 0, -1]
+allowed_deg = 20.0
+[[pass]]
+xyz_m = [0.3, -0.2, 0.5]
+within_m = 0.002
+[[leg]]
+deg = [65, 15, -105, 0, 60, 0]
+dwell_s = 0.2
+does = "grip"
+[[leg]]
+any_deg = [[65, 15, -105, 0, 60, 0], [60, 10, -105, 0, 60, 0]]
+[payload]
+mass_kg = 0.5
+link = "link_6"
+[[attached]]
+shape = "box"
+size_m = [0.02, 0.02, 0.02]
+xyz_m = [0, 0, 0.05]
+link = "link_6"
+[[obstacle]]
+cloud = "scan.pcd"
+radius_m = 0.01
+"""
+# Settings that are applied to a recording.
+APPLIED = """robot = "tm5-900"
+effort_kind = "joint_torque"
+angle_unit = "rad"
+time_unit = "s"
+gravity_mps2 = [0.0, 0.0, -9.81]
+[payload]
+mass_kg = 1.0
+com_m = [0, 0, 0.1]
+[effort_sign]
+joint_1 = -1
+[direction]
+joint_3 = -1
+[zero_rad]
+joint_4 = 0.1
+[unit]
+joint_5 = "deg"
+"""
+CALIBRATION = """{
+  "joint_1": {"id": 1, "drive_mode": 0, "homing_offset": -14, "range_min": 1015, "range_max": 3128},
+  "joint_2": {"id": 2, "drive_mode": 0, "homing_offset": 133, "range_min": 900, "range_max": 3100}
+}
 """
 LIMITS = """rung = "loss"
 [torque_rmse_Nm]
@@ -139,3 +206,10 @@ def ply() -> str:
 def obj() -> str:
     corners = [f"v {x} {y} {z}" for x, y, z in CUBE]
     return "\n".join([*corners, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES), ""])
+
+
+def shaped(urdf: str, mesh: str) -> str:
+    """A URDF whose first link has a mesh beside it as its shape, and no other link one."""
+    urdf = re.sub(r"(?s)<(collision|visual)\b.*?</\1>", "", urdf)
+    shape = f'<collision><geometry><mesh filename="{mesh}" scale="0.1 0.1 0.1"/></geometry></collision>'
+    return urdf.replace("</link>", f"{shape}</link>", 1)

@@ -25,6 +25,44 @@ FILE_NAMES = ["%2e%2e%2frun.db3", "../run.db3", "..", ".", "/etc/passwd", "a?b.d
 FILE_NAMES += ["%2e%2e%2f%2e%2e%2fetc%2fpasswd", "x.db3?mode=rwc", "file:run.db3", "\x00.db3", "run.db3/", "a" * 300]
 SCHEMA_NAME = re.compile(rb"(?:ident|plan|armgap)\.\w+/\d+")
 SCHEMA_NAMES = ["ident.diagnosis/2", "ident.diagnosis/0", "ident.model/99", "plan.result/1", "ident.fit/1", "none", "1"]
+# What TOML writes otherwise than JSON, and what it must not.
+TOML_VALUES = ["nan", "-nan", "+inf", "1e400", "-1e-400", "1e308", "0x7fffffffffffffff", "9223372036854775808", "1_000"]
+TOML_VALUES += ["1979-05-27T07:32:00Z", "07:32:00", "[[1], [2]]", "[1, 'a']", "{}", "{a = 1, a = 2}", "[{}]", "true"]
+TOML_VALUES += ['"\\u0000"', '"\\ud800"', "'''\n'''", "[" * 100 + "]" * 100, "1.0e", "0b2", '""', "[]", "-0.0"]
+# Names of joints and links, and letters that make others of them: composed otherwise, unseen, turned round, two-wide.
+NAME = re.compile(rb"(?:joint|link|effort|position|base)\w*")
+LETTERS = [
+    "\u0301",
+    "\u200b",
+    "\u202e",
+    "\uff11",
+    "\u00a0",
+    "\u212a",
+    "\ufeff",
+    "\U0001f916",
+    "\\",
+    "\x7f",
+    "/",
+    "%",
+    "\r",
+]
+# The value of an attribute or a setting, whole.
+ATTRIBUTE = re.compile(rb'="([^"<>]*)"')
+SETTING = re.compile(rb"(?m)^\w+ = (.*)$")
+# Values that a parser takes, and nobody can mean.
+PLAIN = [
+    "0",
+    "-1",
+    "1",
+    "1e6",
+    "1e-12",
+    "-1e9",
+    "1e30",
+    "3.141592653589793",
+    "6.283185307179586",
+    "180",
+    "57.29577951308232",
+]
 EXPRESSION = re.compile(rb"\$\{[^}]*\}|\$\([^)]*\)")
 # Nobody's description needs any of these; `touch RUN` and the files that are named show what was done.
 EXPRESSIONS = ["__import__('os').system('touch RUN')", "[x for x in ().__class__.__bases__[0].__subclasses__()]"]
@@ -162,6 +200,21 @@ def change_archive(data: bytes, rng: Rng) -> bytes:
     if rng.random() < 0.3:
         return _lie_about_shape(packed.getvalue())
     return packed.getvalue()
+
+
+def lie_in_footer(data: bytes, rng: Rng) -> bytes:
+    """The footer of a Parquet file speaks of another number of values, or of bytes, than there are."""
+    length = int.from_bytes(data[-8:-4], "little")
+    begin = len(data) - 8 - length
+    places = [k for k in range(max(0, begin), len(data) - 9) if data[k] & 128 and not data[k + 1] & 128]
+    if begin < 0 or not places:
+        return flip_bytes(data, rng)
+    changed = bytearray(data)
+    for _ in range(int(rng.integers(1, 4))):
+        at = places[int(rng.integers(len(places)))]
+        changed[at] = 128 | int(rng.integers(128))
+        changed[at + 1] = int(rng.integers(128))
+    return bytes(changed)
 
 
 def change_table(data: bytes, rng: Rng) -> bytes:
@@ -359,22 +412,136 @@ def change_schema(data: bytes, rng: Rng) -> bytes:
     return data[: one.start()] + kind + data[one.end() :]
 
 
+def change_toml(data: bytes, rng: Rng) -> bytes:
+    """A line of a TOML text stands twice, or holds a date, a table, a number beyond all numbers, or a key of keys."""
+    lines = data.split(b"\n")
+    at = int(rng.integers(len(lines)))
+    key = lines[at].split(b"=")[0].strip() or b"key"
+    added = str(rng.choice(TOML_VALUES)).encode()
+    ways = (lines[at], key + b" = " + added, key + b".x = " + added, b"[" + key + b"]", b"[[" + key + b"]]")
+    ways += (b".".join([key] * 80) + b" = 1",)
+    if rng.random() < 0.5:
+        lines.insert(at, ways[int(rng.integers(len(ways)))])
+    else:
+        lines[at] = key + b" = " + added
+    return b"\n".join(lines)
+
+
+def change_whole(pattern: re.Pattern[bytes]) -> Spoil:
+    """A spoil: a value is another one as a whole, so that the text stays what its readers can parse."""
+
+    def change(data: bytes, rng: Rng) -> bytes:
+        found = list(pattern.finditer(data))
+        if not found:
+            return data
+        one = found[int(rng.integers(len(found)))]
+        values = (str(rng.choice(NUMBERS)), str(rng.choice(PLAIN)), f"{rng.normal() * 10.0 ** rng.integers(-9, 10):g}")
+        value = values[int(rng.integers(len(values)))]
+        words = one.group(1).split()
+        if len(words) > 1 and rng.random() < 0.7:  # one number of several
+            words[int(rng.integers(len(words)))] = value.encode()
+            value = b" ".join(words).decode()
+        return data[: one.start(1)] + value.encode() + data[one.end(1) :]
+
+    return change
+
+
+def change_letters(data: bytes, rng: Rng) -> bytes:
+    """A name becomes one that looks the same, or one that is no name: other alphabets, marks that nobody sees."""
+    found = list(NAME.finditer(data))
+    if not found:
+        return data
+    one = found[int(rng.integers(len(found)))]
+    name = one.group().decode()
+    at = int(rng.integers(len(name)))
+    letter = str(rng.choice(LETTERS))
+    forms = (name[:at] + letter + name[at:], name[:at] + letter + name[at + 1 :], name.upper(), name + " ", letter)
+    new = forms[int(rng.integers(len(forms)))].encode()
+    if rng.random() < 0.5:  # everywhere
+        return data.replace(one.group(), new)
+    return data[: one.start()] + new + data[one.end() :]
+
+
+change_attribute = change_whole(ATTRIBUTE)
+change_setting = change_whole(SETTING)
+MARKUP = (change_attribute, change_attribute, change_attribute, change_letters)
+SETTINGS = (change_toml, change_toml, change_setting, change_setting, change_letters)
 BYTES: tuple[Spoil, ...] = (cut_short, flip_bytes, repeat_part, insert_noise, nothing_left)
 BY_KIND: dict[str, tuple[Spoil, ...]] = {
-    "csv": (open_quote, change_cells, change_cells, change_cells, change_rows, change_rows, *BYTES),
+    "csv": (change_letters, open_quote, change_cells, change_cells, change_cells, change_rows, change_rows, *BYTES),
     "txt": (open_quote, change_words, change_words, change_rows, *BYTES),
     "npz": (change_archive, change_archive, change_archive, lengthen, *BYTES),
-    "parquet": (change_table, change_table, change_table, lengthen, *BYTES),
+    "parquet": (change_table, change_table, change_table, lie_in_footer, lengthen, *BYTES),
     "mcap": (lengthen, lengthen, *BYTES),
     "db3": (lengthen, *BYTES),
     "bag": (lengthen, *BYTES),
     "yaml": (change_file_name, change_file_name, change_words, change_words, change_rows, *BYTES),
-    "toml": (change_schema, change_values, change_values, change_values, change_rows, change_words, nest, *BYTES),
-    "urdf": (change_values, change_values, change_values, change_rows, change_chain, nest, *BYTES),
-    "xacro": (change_expression, change_expression, change_tag, change_tag, change_values, change_chain, nest, *BYTES),
-    "xml": (change_values, change_values, change_words, change_chain, nest, *BYTES),
-    "srdf": (change_values, change_values, change_words, nest, *BYTES),
-    "json": (change_schema, change_json, change_json, change_json, change_json, nest, *BYTES),
+    "toml": (
+        change_toml,
+        change_toml,
+        change_setting,
+        change_setting,
+        change_letters,
+        change_schema,
+        change_values,
+        change_values,
+        change_values,
+        change_rows,
+        change_words,
+        nest,
+        *BYTES,
+    ),
+    "urdf": (
+        change_attribute,
+        change_attribute,
+        change_attribute,
+        change_letters,
+        change_values,
+        change_values,
+        change_values,
+        change_rows,
+        change_chain,
+        nest,
+        *BYTES,
+    ),
+    "xacro": (
+        change_attribute,
+        change_attribute,
+        change_attribute,
+        change_letters,
+        change_expression,
+        change_expression,
+        change_tag,
+        change_tag,
+        change_values,
+        change_chain,
+        nest,
+        *BYTES,
+    ),
+    "xml": (
+        change_attribute,
+        change_attribute,
+        change_attribute,
+        change_letters,
+        change_values,
+        change_values,
+        change_words,
+        change_chain,
+        nest,
+        *BYTES,
+    ),
+    "srdf": (
+        change_attribute,
+        change_attribute,
+        change_attribute,
+        change_letters,
+        change_values,
+        change_values,
+        change_words,
+        nest,
+        *BYTES,
+    ),
+    "json": (change_letters, change_schema, change_json, change_json, change_json, change_json, nest, *BYTES),
     "safetensors": (change_header, change_header, change_header, *BYTES),
     "npy": (change_words, lengthen, *BYTES),
     "ply": (change_count, change_count, change_words, change_words, change_rows, lengthen, *BYTES),

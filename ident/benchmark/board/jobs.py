@@ -12,6 +12,7 @@ from ident.benchmark.board.report import BoardReport, entry_folders, score_board
 from ident.benchmark.board.sealing import digest_of
 from ident.command_options import BoardOptions
 from ident.errors import InputError, plural
+from ident.outputs import real_path
 from ident.results import Provenance
 
 JOBS = ("make", "answer", "seal", "score")
@@ -85,7 +86,7 @@ def _make(folder: Path, aside: Path, options: BoardOptions, progress: Progress) 
 
 def _answer(folder: Path, out: Path, options: BoardOptions, say: Say) -> BoardReport:
     board = Board.load(folder)
-    if out.resolve().is_relative_to(folder.resolve()):
+    if real_path(out).is_relative_to(real_path(folder)):
         raise InputError(out, "it lies in the board's folder", "choose another folder for answers")
     count = answer_board(board, out, options.limit, say)
     lines = (f"{plural(count, 'session')} answered, in {out}",)

@@ -48,6 +48,7 @@ from ident.benchmark.corpus_worlds import MIX
 from ident.command_options import LARGEST_SEED
 from ident.errors import InputError
 from ident.files import atomic_folder, write_record
+from ident.outputs import real_path
 from ident.simulation.real.cases import KINDS
 
 BOARD_KIND, KEPT_KIND = "board", "board answers"
@@ -96,7 +97,7 @@ def make_board(
         InputError: No usable recordings, unknown worlds, folders that can't be written, or a board
             in which a file tells a truth.
     """
-    if aside.resolve().is_relative_to(folder.resolve()):
+    if real_path(aside).is_relative_to(real_path(folder)):
         raise InputError(aside, "it lies in the board's folder", "keep the answers somewhere else")
     chosen = secrets.randbelow(LARGEST_SEED) if seed is None else seed
     makers = _makers(cases, chosen, recordings, worlds, oracle)

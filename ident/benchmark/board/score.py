@@ -20,7 +20,7 @@ from ident.benchmark.board.sealing import digest_of
 from ident.benchmark.scoring import Score, is_inside, mean, share
 from ident.errors import InputError
 from ident.outputs import sha256_of
-from ident.safe_read import LARGEST_FIGURE, LARGEST_TEXT, require_regular
+from ident.safe_read import LARGEST_FIGURE, LARGEST_TEXT, require_regular, unchanged
 
 # What is held less probable counts as this much: no board of some hundred sessions can tell less.
 LEAST_PROBABILITY = 1e-3
@@ -160,9 +160,10 @@ def recorded_torque(board: Board, opened: Kept, session: str) -> Float[Array, "T
     path = opened.unseen_file(session)
     remedy = "give the folder that the maker kept of this board, as it was"
     require_regular(path, remedy, largest=LARGEST_TEXT)
-    if sha256_of(path) != opened.answers[session]["unseen_sha256"]:
-        raise InputError(path, "it is not the torque that was sealed", remedy)
-    columns = read_columns(path, "give the folder that the maker kept")
+    with unchanged(path):
+        if sha256_of(path) != opened.answers[session]["unseen_sha256"]:
+            raise InputError(path, "it is not the torque that was sealed", remedy)
+        columns = read_columns(path, "give the folder that the maker kept")
     return joint_columns(columns, board.sessions[session]["joints"], "effort", path)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,6 +12,7 @@ import pytest
 
 from ident.checks.report import REPORTED_BY_A_FIT, TelemetryReport, overrule
 from ident.model.hybrid import HybridModel
+from ident.process import USER
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.names import data_path
 from tests.ident.cli.conftest import E1, ONE_RUN, ROBOT, Run, assert_refused, assert_untouched
@@ -243,3 +245,31 @@ def test_who_has_no_home_and_no_name_is_served(code: str, tmp_path: Path) -> Non
         check=False,
     )
     assert (done.returncode, "Traceback" in done.stderr, "HOME" in done.stderr) == (0, False, False), done.stderr
+
+
+# Where a link that turns in a circle stands in for a folder or a file that a command takes.
+CIRCLES = {
+    "watched folder": "watch {loop} --robot tm5-900 --store {new} --once",
+    "store": "watch {cell} --robot tm5-900 --store {loop} --once",
+    "robot": "watch {cell} --robot {loop} --store {new} --once",
+    "board": "board make {loop} --cases 1 --seed 1",
+    "kept answers": "board make {new} --kept {loop} --cases 1 --seed 1",
+    "check": "blind --cases 1 --out {loop}",
+    "session's settings": "inspect {cell}/monday --robot tm5-900",
+}
+
+
+@pytest.mark.parametrize("place", CIRCLES)
+def test_links_that_turn_in_a_circle_are_told(place: str, run: Run, tmp_path: Path) -> None:
+    """Law: wherever such a link stands it is told in a line: it is no file, no folder, and nothing to pass over."""
+    loop, monday = tmp_path / "loop", tmp_path / "cell/monday"
+    loop.symlink_to(loop)
+    monday.mkdir(parents=True)
+    shutil.copy(ONE_RUN, monday / "run.parquet")
+    (monday / "session.toml").symlink_to("session.toml")
+    line = CIRCLES[place].format(loop=loop, cell=tmp_path / "cell", new=tmp_path / "new")
+    ended = run(*line.split())
+    assert ended.status == USER
+    assert len(ended.err.strip().splitlines()) == 1
+    assert ("session.toml" if place == "session's settings" else "loop") in ended.err
+    assert loop.is_symlink()

@@ -35,6 +35,29 @@ def parquet(path: Path) -> Path:
     return path / "run.parquet"
 
 
+def lying_parquet(path: Path) -> Path:
+    """A page of two million values, of which the footer says that they are ten."""
+    file = path / "run.parquet"
+    names = ("time", "a/position", "a/effort")
+    columns = pa.table({name: pa.array(np.zeros(ROWS)) for name in names})
+    page = {"use_dictionary": False, "data_page_size": 1 << 30, "max_rows_per_page": ROWS, "row_group_size": ROWS}
+    pq.write_table(columns, file, write_statistics=False, store_schema=False, compression="zstd", **page)
+    data = file.read_bytes()
+    length = int.from_bytes(data[-8:-4], "little")
+    begin = len(data) - 8 - length
+    said = data[begin:-8].replace(varint(ROWS, 4), varint(10, 4))
+    file.write_bytes(data[:begin] + said + data[-8:])
+    assert pq.ParquetFile(file).metadata.num_rows == 10
+    return file
+
+
+def varint(number: int, length: int) -> bytes:
+    """A whole number as Thrift's compact protocol writes it, in so many bytes."""
+    number <<= 1
+    digits = [number >> 7 * place & 127 for place in range(length)]
+    return bytes([*(digit | 128 for digit in digits[:-1]), digits[-1]])
+
+
 def commands(path: Path) -> Path:
     return parquet(path).rename(path / "commands.parquet")
 
@@ -71,7 +94,7 @@ def columns(path: Path) -> Path:
     return path / "scan.pcd"
 
 
-@pytest.mark.parametrize("write", [parquet, commands, data_set, archive, ply, pcd, columns])
+@pytest.mark.parametrize("write", [parquet, lying_parquet, commands, data_set, archive, ply, pcd, columns])
 def test_what_unpacks_out_of_proportion_is_refused(
     write: Callable[[Path], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,7 @@
 
 import json
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -144,15 +145,15 @@ def test_values_are_counted_as_arrow_counts_them(tmp_path: Path) -> None:
     path = tmp_path / "table.parquet"
     pq.write_table(table, path, row_group_size=7)
     groups = [pq.ParquetFile(path).metadata.row_group(i) for i in range(72)]
-    assert count_values(path) == sum(one.column(j).num_values for one in groups for j in range(4))
+    with path.open("rb") as stream:
+        assert count_values(stream) == sum(one.column(j).num_values for one in groups for j in range(4))
     good, rng = path.read_bytes(), np.random.default_rng(0)
     length = int.from_bytes(good[-8:-4], "little")
     for _ in range(100):
         damaged = bytearray(good)
         damaged[-8 - int(rng.integers(1, length))] = int(rng.integers(256))
-        path.write_bytes(damaged)
         with suppress(ValueError):
-            assert isinstance(count_values(path), int)
+            assert isinstance(count_values(BytesIO(damaged)), int)
 
 
 def test_lerobot_features_without_names_are_mapped_by_place(run: Recording, tmp_path: Path) -> None:

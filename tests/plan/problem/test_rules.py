@@ -148,6 +148,7 @@ CHANGED = [
     (GOAL, f"{GOAL}\ngoals_deg = [[1, 2, 3]]", "both goal_deg and goals_deg"),
     (GOAL, f"{GOAL}\ngoal_pose = {{xyz_m = [0.3, 0, 0.4]}}", "both goal_deg and goal_pose"),
     ("duration_s = 0.65", "duration_s = -1", "task.duration_s is -1"),
+    ("duration_s = 0.65", "duration_s = 0", "task.duration_s is 0, not a number above zero"),
     ("duration_s = 0.65", 'duration_s = "soon"', "task.duration_s is 'soon'"),
     ("via_points = 2", "via_points = 0", "task.via_points is 0"),
     ("via_points = 2", "wrist_deg = [0, 0]", "3 joints stand still"),
