@@ -23,6 +23,7 @@ from ident.checks.channels import check_clipping, check_commands, drop_stuck, dr
 from ident.checks.clock import (
     check_clock,
     check_rate,
+    check_stated_rate,
     is_clock_wrong,
     mend_clock_jumps,
     mend_jitter,
@@ -273,6 +274,7 @@ def check_rows(session: Session, arm: ArmModel | None) -> tuple[Session, list[Te
         mend_spikes,
         lambda found: mend_wraps(found, arm),
         check_run_clocks,
+        check_stated_rate,
         mend_time_base,
         mend_jitter,
         drop_stuck,
