@@ -50,7 +50,7 @@ from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.information import check_information
 from ident.checks.lateness import check_lateness
 from ident.checks.odd_runs import check_odd_runs
-from ident.checks.report import TelemetryReport, as_mounted
+from ident.checks.report import TelemetryReport, as_mounted, require_same_mount
 from ident.checks.run_clocks import check_run_clocks
 from ident.checks.urdf_faults import check_bodies_of_urdf
 from ident.recordings.columns import match_joints
@@ -170,11 +170,16 @@ def _inspect_each(
     """A report of each session, or part of one, and a last one without runs.
 
     What they lack together or hold twice.
+
+    Raises:
+        RecordingError: Two of them are said to be mounted otherwise.
     """
     tallies = (Amount(settings.excitation), Repeats())
     gains = Gains()
     last = None
     for session in sessions:
+        if arm is not None and last is not None:
+            require_same_mount(arm, last.session, session)
         # The checks' matrices are small: threads of the linear algebra only get into each other's
         # way.
         with threadpool_limits(limits=1, user_api="blas"):
