@@ -24,6 +24,7 @@ from ident.recordings.recording import Session
 from ident.recordings.session_toml import NAME
 from ident.results import Provenance, stamp_sessions
 from ident.robot.arm import ArmModel
+from ident.servos.goal_checks import check_log, require_own_goals
 from ident.servos.servo_fit import ServoArm, fit_servos, load_goals, runs_of
 from ident.servos.told_runs import told_runs
 from ident.sessions import Robot, Sources, load_robot, open_sessions
@@ -93,7 +94,9 @@ def servo(
         InputError: Recordings or robot can't be used, or no goal is logged.
     """
     given: Sequence[Goals] = [sessions] if isinstance(sessions, str | Path | Session) else sessions
-    loaded = [load_goals(path) for path in given]
+    checked = [check_log(load_goals(path)) for path in given]
+    loaded = [session for session, _ in checked]
+    issues = tuple(issue for _, told in checked for issue in told)
     arm = None if robot is None else load_robot(robot, ())
     if arm is not None:
         matched = [match_joints(session, arm.joint_names)[0] for session in loaded]
@@ -110,6 +113,7 @@ def servo(
                 str(session.path or session.name), what, "give sessions of one arm together"
             )
     goals = runs_of(loaded, cutoff)
+    require_own_goals(goals, str(loaded[0].path or loaded[0].name))
     servos = fit_servos(goals, arm)
     name = arm.name if arm is not None else loaded[0].name
     settings = {"robot": None if arm is None else arm.name, "cutoff_hz": cutoff}
@@ -121,7 +125,8 @@ def servo(
 
         rolled = roll_out_servos(loaded, arm)
         write_servos(Path(out), rolled, [session.name for session in loaded])
-    return ServoArm(name, servos, rolled, told_runs(goals, arm, servos)).with_provenance(origin)
+    curves = told_runs(goals, arm, servos)
+    return ServoArm(name, servos, rolled, issues, curves).with_provenance(origin)
 
 
 def watch(
