@@ -160,7 +160,7 @@ class Choice:
         tried = [number for number in self.selection.laws if number >= self.given]
         if tried:
             named = ", ".join(map(self._describe_law, tried))
-            lines.append(f"laws that runs left out ask for: {named}")
+            lines.append(f"laws that parts left out ask for: {named}")
         return lines
 
     def _describe_costs(self) -> list[str]:
@@ -173,7 +173,7 @@ class Choice:
                 continue
             worst = int(np.argmax(errors.rmse - best.rmse))
             joint = self.sums.nominal.joint_names[worst]
-            line = f"{COSTS[kind]} {cost:.2g} N m on runs left out, most at {joint}"
+            line = f"{COSTS[kind]} {cost:.2g} N m on parts left out, most at {joint}"
             if kind == "consistent":
                 line += ": a drive gain or a mass of the URDF may be off there"
             lines.append(line)

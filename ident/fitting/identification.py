@@ -403,13 +403,14 @@ def describe(identified: Identified) -> list[str]:
     condition = identified.inertia.condition_number
     off = 100 * identified.urdf_share
     joints = zip(identified.loss.joints, 100 * identified.estimate.spread, strict=True)
-    spreads = ", ".join(f"{name} {spread:.1f}" for name, spread in joints)
-    changes = f"friction changes from run to run by (%): {spreads}"
+    spreads = ", ".join(f"{name} {spread:.2g} %" for name, spread in joints)
+    changes = f"friction changes from one stretch to another by: {spreads}"
     if np.ptp(identified.estimate.spread) == 0.0:
         changes = "one run does not tell how much friction changes from run to run"
     lines = [
         f"condition number of the motions: {condition:.0f} (optimised motion: 10 to 60)",
-        f"link inertias are about {off:.0f} % off the URDF's, of each link's scale",
+        f"link inertias are about {off:.0f} % of each link's scale off the URDF's, by these "
+        "recordings",
         changes,
     ]
     if identified.tied:

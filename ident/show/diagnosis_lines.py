@@ -99,10 +99,12 @@ def untold_issues(record: Mapping[str, Any], headline: str) -> list[Mapping[str,
 
 def _print_findings(console: Console, record: Mapping[str, Any], details: bool) -> None:
     """Each name with how sure it is and what it closes; what to do about those after the first."""
-    runs, first = int(record["session"]["runs"]), first_action(record).removesuffix(".")
+    runs = int(record["session"]["runs"])
+    first = first_action(record).removesuffix(".")
+    unseen = "on unseen runs" if runs > 1 else "on unseen parts"
     for number, finding in enumerate(in_order_of_joints(record), start=1):
         lead = f"{number}. "
-        say(console, describe_name(finding, record, "on unseen runs"), lead, " " * len(lead))
+        say(console, describe_name(finding, record, unseen), lead, " " * len(lead))
         if details:
             text = in_units_of(finding["joints"], record, describe_long(finding, runs), finding["effect"])
             say(console, text, "   ")

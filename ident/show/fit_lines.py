@@ -103,7 +103,7 @@ def describe_choices(result: FitResults) -> list[str]:
     lines = [line for line in result.choice.describe() if not line.startswith(TOLD_BY_FIGURES)]
     coupled = model.provenance.get("coupled_by_choice", [])
     for first, second in zip(coupled[::2], coupled[1::2], strict=True):
-        lines.append(f"{first} and {second} turn each other, say runs left out (--coupling none: leave it)")
+        lines.append(f"{first} and {second} turn each other, say parts left out (--coupling none: leave it)")
     left_out = model.provenance["named_left_out"]
     lines += [f"left out of what the diagnosis names: {cause}" for cause in left_out]
     if model.net is not None and model.net.gate:
