@@ -224,7 +224,8 @@ def _first_names(listed: Sequence[Finding], most: Most, record: Mapping[str, Any
     lead = leading_joint(record)[0]
     names = []
     for finding in listed[: most.names]:
-        if is_likely(finding) and _is_at_the_end(finding, record):
+        likely = is_likely(finding, BODIES if finding["effect"] in OF_THE_ARM else ())
+        if likely and _is_at_the_end(finding, record):
             names.append(MASS_AT_THE_END[_adds_mass(finding)])
         else:
             names.append(called(finding, lead, most.tied, most.brief))
@@ -556,6 +557,8 @@ def order_of(finding: Finding, record: Mapping[str, Any]) -> str:
         what = "settle the factor above first; what is left of it with all masses tuned"
         return f"{what}: {action}"
     if action and _is_at_the_end(finding, record):
+        if finding["effect"] in OF_THE_ARM:  # nothing else than what the check has weighed
+            return str(_issues(record, BODY)[0]["remedy"])
         return f"{AT_THE_END[_adds_mass(finding)]}, {action}"
     if is_likely(finding) or not action or len(names) < 2:
         return action
@@ -593,12 +596,14 @@ def _with_joint_names(text: str, record: Mapping[str, Any]) -> str:
 
 
 def _is_at_the_end(finding: Finding, record: Mapping[str, Any]) -> bool:
-    """Whether a link's mass is what the check of the recordings has found at the arm's end."""
-    if finding["effect"] not in BODIES or "mass_change_kg" not in finding.get("parameters", {}):
+    """Whether a mass is what the check of the recordings has found at the arm's end."""
+    if finding["effect"] not in BODIES or _mass_of(finding) is None:
         return False
     checked: set[str] = set()
     for issue in _issues(record, BODY):
         checked.update(issue["joints"])
+    if checked and finding["effect"] in OF_THE_ARM:
+        return is_likely(finding, BODIES)
     places = set(finding["joints"])
     places.update(place["joint"] for place in finding.get("elsewhere", ()))
     may_be_carried = not BODIES.isdisjoint(finding.get("class", ())[1:])
@@ -606,8 +611,16 @@ def _is_at_the_end(finding: Finding, record: Mapping[str, Any]) -> bool:
 
 
 def _adds_mass(finding: Finding) -> bool:
-    """Whether a link weighs more than its URDF has it."""
-    return bool(finding["parameters"]["mass_change_kg"]["value"] > 0.0)
+    """Whether a body weighs more than the URDF has it."""
+    mass = _mass_of(finding)
+    return mass is not None and mass > 0.0
+
+
+def _mass_of(finding: Finding) -> float | None:
+    """What a body weighs beyond the URDF [kg]; None of what is no mass."""
+    parameters = finding.get("parameters", {})
+    known = [parameters[key]["value"] for key in ("mass_change_kg", "mass_kg") if key in parameters]
+    return float(known[0]) if known else None
 
 
 def _next_motion(record: Mapping[str, Any]) -> str:
