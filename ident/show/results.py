@@ -103,11 +103,12 @@ def print_evaluation(console: Console, result: Any) -> None:
 
 
 def describe_evaluation(evaluation: Evaluation) -> str:
-    """What the whole model errs by, and what its first rung does, all joints together."""
+    """What the whole model errs by, and what the URDF does as a simulator loads it, all joints together."""
     score = evaluation.pooled
+    urdf = score.rungs.index("urdf") if "urdf" in score.rungs else 0
     runs = plural(len(score.runs), "run")
     whole = f"{evaluation.model} is off by {describe_error(score, -1)} on {runs} of {score.name}"
-    told = f"{whole}; the {rung_name(score.rungs[0])} alone by {describe_error(score, 0)}."
+    told = f"{whole}; the {rung_name(score.rungs[urdf])} alone by {describe_error(score, urdf)}."
     return f"{told} {describe_fitted(evaluation)}".rstrip()
 
 
