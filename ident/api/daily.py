@@ -25,6 +25,7 @@ from ident.recordings.recording import Session
 from ident.recordings.session_toml import NAME
 from ident.results import Provenance, stamp_sessions
 from ident.robot.arm import ArmModel
+from ident.servos.goal_checks import check_log, require_own_goals
 from ident.servos.servo_fit import ServoArm, fit_servos, load_goals, runs_of
 from ident.servos.told_runs import told_runs
 from ident.sessions import Robot, Sources, load_robot, open_sessions
@@ -94,7 +95,9 @@ def servo(
         InputError: Recordings or robot can't be used, or no goal is logged.
     """
     given: Sequence[Goals] = [sessions] if isinstance(sessions, str | Path | Session) else sessions
-    loaded = [load_goals(path) for path in given]
+    checked = [check_log(load_goals(path)) for path in given]
+    loaded = [session for session, _ in checked]
+    issues = tuple(issue for _, told in checked for issue in told)
     arm = None if robot is None else load_robot(robot, ())
     if arm is not None:
         matched = [match_joints(session, arm.joint_names)[0] for session in loaded]
@@ -111,6 +114,7 @@ def servo(
                 str(session.path or session.name), what, "give sessions of one arm together"
             )
     goals = runs_of(loaded, cutoff)
+    require_own_goals(goals, str(loaded[0].path or loaded[0].name))
     servos = fit_servos(goals, arm)
     name = arm.name if arm is not None else loaded[0].name
     settings = {"robot": None if arm is None else arm.name, "cutoff_hz": cutoff}
@@ -124,7 +128,8 @@ def servo(
         write_servos(Path(out), rolled, [session.name for session in loaded])
     hold = max(run.hold for run in goals)
     curves = told_runs(goals, arm, servos)
-    return ServoArm(name, servos, rolled, curves, hold).with_provenance(origin)
+    fitted = ServoArm(name, servos, rolled, issues, curves, hold)
+    return fitted.with_provenance(origin)
 
 
 def watch(

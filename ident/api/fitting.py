@@ -108,7 +108,9 @@ def _carry(diagnosed: Diagnosed, arm: ArmModel, laws: NamedLaws) -> NamedLaws:
             continue
         place = -1 if change.joint < 0 else arm.joint_names.index(change.joints[0])
         if change.effect in KNOWN:
-            carried.append(CarriedEffect(change.effect, place, change.values))
+            sizes = change.parameters.items()
+            ends = {name: (size.low, size.high) for name, size in sizes if size.low < size.high}
+            carried.append(CarriedEffect(change.effect, place, change.values, ends))
         else:
             left_out.append(f"{change.effect} of {', '.join(change.joints)}: no model carries it")
     remaining = tuple(text for text in laws.left_out if "carries friction alone" not in text)

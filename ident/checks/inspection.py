@@ -25,12 +25,18 @@ from ident.checks.information import check_information
 from ident.checks.lateness import check_lateness
 from ident.checks.odd_runs import check_odd_runs
 from ident.checks.ratings import check_placeholders, check_rating
-from ident.checks.report import TelemetryReport, as_mounted
+from ident.checks.report import TelemetryReport, as_mounted, require_same_mount
 from ident.checks.run_clocks import check_run_clocks
 from ident.checks.sampling import check_rate, mend_jitter
 from ident.checks.scales import check_scales
 from ident.checks.spikes import mend_absurd, mend_channel_spikes, mend_spikes
-from ident.checks.time_base import check_clock, is_clock_wrong, mend_time_base, mend_time_unit
+from ident.checks.time_base import (
+    check_clock,
+    check_stated_rate,
+    is_clock_wrong,
+    mend_time_base,
+    mend_time_unit,
+)
 from ident.checks.urdf_faults import check_bodies_of_urdf
 from ident.checks.velocity import mend_velocity
 from ident.checks.wraps import mend_wraps, split_at_jumps
@@ -151,11 +157,16 @@ def _inspect_each(
     """A report of each session, or part of one, and a last one without runs.
 
     What they lack together or hold twice.
+
+    Raises:
+        RecordingError: Two of them are said to be mounted otherwise.
     """
     tallies = (Amount(settings.excitation), Repeats())
     gains = Gains()
     last = None
     for session in sessions:
+        if arm is not None and last is not None:
+            require_same_mount(arm, last.session, session)
         # The checks' matrices are small: threads of the linear algebra only get into each other's
         # way.
         with threadpool_limits(limits=1, user_api="blas"):
@@ -255,6 +266,7 @@ def check_rows(session: Session, arm: ArmModel | None) -> tuple[Session, list[Te
         mend_spikes,
         lambda found: mend_wraps(found, arm),
         check_run_clocks,
+        check_stated_rate,
         mend_time_base,
         mend_jitter,
         drop_stuck,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import string
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,6 +22,8 @@ SCHEMA = "ident.telemetry/1"
 ORDER: tuple[Severity, ...] = ("fatal", "warning", "note")
 # The issue of joints whose torque is off by a factor.
 MISREAD = "torque_scale"
+# Rounding of a direction that is given by three numbers.
+ROUNDED = 1e-6
 # What a recording may be used under, but not without a word.
 DOUBTFUL = (MISREAD, "guessed_gains", "mounting")
 # These say that there is too little to learn from, not that what is there is wrong: harmless in an
@@ -181,6 +184,34 @@ class Inspection(Result):
 def as_mounted(arm: ArmModel, session: Session) -> ArmModel:
     """The arm under the gravity that a session has been found, or said, to be recorded under."""
     return arm if session.gravity is None else arm.with_gravity(np.array(session.gravity))
+
+
+def require_same_mount(arm: ArmModel, first: Session, session: Session) -> None:
+    """Passes if a later session says nothing of its mount, or what the first one's is.
+
+    Args:
+        arm: The arm as the first session is mounted.
+        first, session: The first session, and a later one that is used together with it.
+
+    Raises:
+        RecordingError: Two session files, or one and the URDF, say different mounts.
+    """
+    if session.gravity is None:
+        return
+    mounted = np.asarray(arm.model.gravity.linear, dtype=float)
+    stated = np.array(session.gravity)
+    turned = float(np.linalg.norm(np.cross(mounted, stated)))
+    same = turned <= ROUNDED * float(np.linalg.norm(mounted) * np.linalg.norm(stated))
+    if same and float(mounted @ stated) > 0.0:
+        return
+    source = "as its URDF has it" if first.gravity is None else "by its session.toml"
+    here, there = (json.dumps(np.round(values, 3).tolist()) for values in (stated, mounted))
+    what = f"gravity_mps2 = {here}, but {there} in {first.name}, {source}"
+    remedy = (
+        "sessions of one mount go together: write the same line into both; where the base was "
+        "moved, leave the line out of the later one and `ident compare` looks for the tilt"
+    )
+    raise RecordingError(session.path or session.name, what, remedy)
 
 
 def issue_of(

@@ -10,7 +10,7 @@ import numpy as np
 from ident.checks.effort import States, collect_states, fit_signed
 from ident.checks.filtered_run import CLOCK as LIMIT
 from ident.checks.filtered_run import clock_factor, compare_velocities
-from ident.checks.report import issue_of
+from ident.checks.report import Findings, issue_of
 from ident.checks.sampling import usual_interval
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
@@ -35,6 +35,30 @@ def mend_time_unit(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     runs = [run.replace(time=(run.time - start) * unit) for run in session.runs]
     issue = issue_of("whole_ticks", session, unit=name, interval=interval)
     return session.replace(runs=runs), [issue]
+
+
+def check_stated_rate(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Holds the rate that session.toml states against the time column, which is what is used.
+
+    A column in another unit of time is told by `mend_time_base`.
+    """
+    contradicted = Findings(session)
+    stated = None
+    for run in session.runs:
+        if run.stated_rate_hz is None or len(run) < LIMIT.shortest_piece:
+            continue
+        stated = run.stated_rate_hz
+        rate = 1.0 / run.sample_interval if run.sample_interval > 0.0 else np.inf
+        if run.sample_interval > LIMIT.slowest_interval_s:
+            continue
+        if abs(stated / rate - 1.0) > LIMIT.clock_off:
+            contradicted.note(run, f"{rate:.4g} Hz")
+    if stated is None:
+        return session, []
+    if contradicted.reported:
+        return session, contradicted.issues("rate_contradicted", stated=stated)
+    rate = 1.0 / usual_interval(session)
+    return session, [issue_of("rate_beside_time", session, stated=stated, rate=rate)]
 
 
 def _rate_of_clock(session: Session) -> float | None:

@@ -94,6 +94,7 @@ def fit(
         Path | None,
         typer.Option("--with", help="JSON of a diagnosis: what it names is part of the model."),
     ] = None,
+    html: Html = None,
     json_file: JsonFile = None,
 ) -> None:
     """Fits rigid body + losses + residual net; with a diagnosis, the laws that it names too."""
@@ -110,11 +111,19 @@ def fit(
         results = fit_hybrid(
             opened, options=options, checkpoint=checkpoint, named=named, recordings=sessions
         )
+
+    def write_page() -> None:
+        if html is not None:
+            from ident.show.report.fit_page import write_fit_report
+
+            write_fit_report(html, results, opened.motions, opened.issues)
+
     hand_over(
         results,
         json_file,
         lambda: results.model.save(out),
-        places={"model (its URDF: `ident export`)": out},
+        write_page,
+        places={"page": html, "model (its URDF: `ident export`)": out},
     )
     if checkpoint.exists():
         from ident.model.net_options import remove_checkpoint

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from functools import partial
 from pathlib import Path
@@ -53,10 +54,10 @@ def new(
     from ident.api.daily import new as guess
 
     hand_over(guessed := guess(session, robot, rate=rate), json_file)
-    then = "inspect" if guessed.has_effort else "servo"
-    console.print(
-        f"written to {guessed.file}: look through it, then `ident {then}`", soft_wrap=True
-    )
+    then = ["ident", "inspect" if guessed.has_effort else "servo", str(session)]
+    then += [] if robot is None else ["--robot", robot]
+    words = f"written to {guessed.file}: look through it, then `{shlex.join(then)}`"
+    console.print(words, soft_wrap=True)
 
 
 @command

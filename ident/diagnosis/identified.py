@@ -16,7 +16,6 @@ Covariances are block sandwiches, as those of effects (`regression.run_spread`).
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -36,11 +35,9 @@ from ident.regression.design import LOSS_PARAMETERS, Group
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection
 from ident.regression.run_spread import robust_covariance
-from ident.robot.arm import ArmModel
+from ident.robot.stated_friction import COULOMB, VISCOUS, stated_friction
 
 ARMATURE = "armature_kgm2"
-VISCOUS = "viscous_Nms_rad"
-COULOMB = "coulomb_Nm"
 OFFSET = "offset_Nm"
 GAIN = "torque_gain"
 # Keys of a joint's losses, in the order of the baseline's columns.
@@ -50,8 +47,6 @@ READINGS = {
     OFFSET: ("torque_offset", "offset_Nm", 0.0),
     GAIN: ("torque_gain_error", "gain", 1.0),
 }
-# What a URDF says of a joint's friction: attributes of its <dynamics>.
-STATED = {VISCOUS: "damping", COULOMB: "friction"}
 
 
 @dataclass(frozen=True)
@@ -163,24 +158,6 @@ def identify(solved: Solved) -> IdentifiedNumbers:
     urdf, rigid = _nominal_errors(solved)
     links = {name: _link_figures(solved, k, name) for k, name in enumerate(solved.links)}
     return IdentifiedNumbers(joints, links, urdf, rigid)
-
-
-def stated_friction(arm: ArmModel) -> dict[str, dict[str, float]]:
-    """What the URDF's `<dynamics>` say of each joint, empty where they say nothing.
-
-    Returns:
-        By joint: `viscous_Nms_rad` and `coulomb_Nm`, each where it is stated.
-    """
-    found: dict[str, dict[str, float]] = {joint: {} for joint in arm.joint_names}
-    for element in ET.fromstring(arm.urdf).iter("joint"):
-        dynamics = element.find("dynamics")
-        name = element.get("name", "")
-        if dynamics is None or name not in found:
-            continue
-        for key, attribute in STATED.items():
-            if dynamics.get(attribute) is not None:
-                found[name][key] = float(dynamics.get(attribute, "nan"))
-    return found
 
 
 def _loss_figures(solved: Solved) -> dict[str, dict[str, Figure]]:

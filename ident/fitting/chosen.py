@@ -19,12 +19,12 @@ from ident.model.loss import TRANSITION_GRID
 AS_GOOD = 0.005
 # What a kind of inertias is, and what it costs, in words.
 WORDS = {
-    "consistent": "bodies that could exist",
+    "consistent": "near the URDF's, of bodies that can exist",
     "base": "base parameters as the recordings have them",
     "nominal": "the URDF's",
 }
 COSTS = {
-    "consistent": "bodies that could exist cost",
+    "consistent": "bodies that can exist cost",
     "base": "base parameters as they come cost",
     "nominal": "the URDF's inertias cost",
 }
@@ -151,17 +151,16 @@ class Choice:
 
     def describe(self) -> list[str]:
         """In words: what each constraint costs on runs left out, and what was chosen."""
-        inertias = f"inertias: {WORDS[self.kind]}"
+        inertias = f"link inertias: {WORDS[self.kind]}"
         if self.kind != "nominal":
-            inertias += (
-                f"; the URDF's are believed to {100 * self.share:.0f} % of each link's scale"
-            )
+            share = f"{100 * self.share:.0f} % of each link's scale"
+            inertias += f"; the URDF's numbers are believed to {share}"
         offsets = "one a joint, as the table has them" if self.offset else "none"
         lines = [*self._describe_costs(), inertias, f"constant torques: {offsets}"]
         tried = [number for number in self.selection.laws if number >= self.given]
         if tried:
             named = ", ".join(map(self._describe_law, tried))
-            lines.append(f"laws that runs left out ask for: {named}")
+            lines.append(f"laws that parts left out ask for: {named}")
         return lines
 
     def _describe_costs(self) -> list[str]:
@@ -174,7 +173,7 @@ class Choice:
                 continue
             worst = int(np.argmax(errors.rmse - best.rmse))
             joint = self.sums.nominal.joint_names[worst]
-            line = f"{COSTS[kind]} {cost:.3g} N m on runs left out, most at {joint}"
+            line = f"{COSTS[kind]} {cost:.2g} N m on parts left out, most at {joint}"
             if kind == "consistent":
                 line += ": a drive gain or a mass of the URDF may be off there"
             lines.append(line)

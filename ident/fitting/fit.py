@@ -25,6 +25,7 @@ from ident.fitting.coupling import (
 )
 from ident.fitting.fit_sums import FitSums
 from ident.fitting.identification import Identified, identify
+from ident.fitting.identified_numbers import identified_numbers
 from ident.fitting.named_laws import NamedLaws
 from ident.fitting.training_range import find_training_range
 from ident.laws.carried import NamedLaw, named_torque
@@ -73,7 +74,12 @@ class FitResults(Result):
     def to_dict(self) -> dict[str, Any]:
         """The model's record."""
         origin = {**self.model.provenance, **self.provenance.to_dict()}
-        return {**self.model.record(), "schema": FIT_SCHEMA, "provenance": origin}
+        return {
+            **self.model.record(),
+            "schema": FIT_SCHEMA,
+            "identified": identified_numbers(self.model),
+            "provenance": origin,
+        }
 
 
 @dataclass(frozen=True, eq=False)

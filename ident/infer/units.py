@@ -308,9 +308,9 @@ def torque_settings(
     # One reason for all joints that are sure to point the right way, one for each other joint.
     if upright := [joint for joint, (sign, _, clear) in fits.items() if clear and sign > 0]:
         share = 100.0 * min(fits[joint][1] for joint in upright)
-        why = (
-            f"gravity, inertia and friction explain at least {share:.0f} % of {', '.join(upright)}"
-        )
+        of_all = len(upright) == len(fits) > 1
+        whose = "each joint" if of_all else ", ".join(upright)
+        why = f"gravity, inertia and friction explain at least {share:.0f} % of {whose}"
         reasons.append(Reason("effort_sign", "+1", why))
     for joint, (sign, explained, clear) in fits.items():
         share = 100.0 * max(explained, 0.0)

@@ -160,8 +160,10 @@ class NamedLaw:
         kind = self.kind
         unit = kind.units[min(index, len(kind.units) - 1)]
         label = f"{kind.labels[index]} " if index < len(kind.labels) else ""
-        shown = 0.0 if abs(value) <= ZERO_SHARE * (high - low) else value
-        least = max(low, 0.0) if index in kind.nonnegative else low
+        vanishing = ZERO_SHARE * (high - low)
+        shown = 0.0 if abs(value) <= vanishing else value
+        least = 0.0 if abs(low) <= vanishing else low
+        least = max(least, 0.0) if index in kind.nonnegative else least
         return f"{label}{shown:.3g} {unit} [{least:.3g}, {high:.3g}]"
 
 

@@ -10,7 +10,7 @@ whenever torque is asked for.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,8 @@ class CarriedEffect:
     effect: str  # its id, one of `ident.laws.acting.KNOWN`
     joint: int  # its joint's number from zero; -1 for the whole arm
     parameters: Mapping[str, float]
+    # Ends of the 95 % intervals that whoever found it gave, by parameter.
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.effect not in KNOWN:
@@ -46,7 +48,11 @@ class CarriedEffect:
 
     def to_dict(self) -> dict[str, object]:
         """For model.toml."""
-        return {"effect": self.effect, "joint": self.joint, "parameters": dict(self.parameters)}
+        record: dict[str, object] = {"effect": self.effect, "joint": self.joint}
+        record["parameters"] = dict(self.parameters)
+        if self.intervals:
+            record["intervals"] = {name: list(ends) for name, ends in self.intervals.items()}
+        return record
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any], joints: int) -> CarriedEffect:
@@ -58,13 +64,11 @@ class CarriedEffect:
         joint = record["joint"]
         if not isinstance(joint, int) or not -1 <= joint < joints:
             raise ValueError(f"{record['effect']} is of joint {joint!r}, which the arm has not")
-        return cls(str(record["effect"]), joint, dict(record["parameters"]))
-
-    def describe(self, joints: Sequence[str]) -> str:
-        """In words."""
-        place = "the arm" if self.joint < 0 else joints[self.joint]
-        values = ", ".join(f"{name} {value:.3g}" for name, value in self.parameters.items())
-        return f"{place}: {self.effect} carried with {values}"
+        ends = {
+            name: (float(low), float(high))
+            for name, (low, high) in record.get("intervals", {}).items()
+        }
+        return cls(str(record["effect"]), joint, dict(record["parameters"]), ends)
 
 
 def describe_arm(arm: ArmModel) -> Arm:

@@ -21,6 +21,8 @@ from ident.safe_read import FileState, toml_key
 TIME = "time"
 # What plotting tools call the time of a row.
 TIME_ALIASES = ("__time",)
+# Names that say time, but are read as time only where [columns] says so.
+UNMAPPED_CLOCKS = ("timestamp", "t", "time_s")
 ANGLES = ("position", "velocity", "acceleration", "position_command", "velocity_command")
 TORQUES = ("effort", "effort_command", "current")
 
@@ -295,6 +297,7 @@ def take_run(
         )
     elif session_file.sample_rate_hz is not None:
         time = np.arange(len(channels["effort"])) / session_file.sample_rate_hz
+        issues = [*issues, *_unread_clocks(columns.names, session_file, name)]
     else:
         remedy = "add it, or sample_rate_hz = … (a constant rate) to session.toml"
         raise RecordingError(source, "missing column time", remedy)
@@ -304,9 +307,23 @@ def take_run(
         time=time,
         source=source,
         state=FileState.of(source),
+        stated_rate_hz=session_file.sample_rate_hz if TIME in sound else None,
         issues=(*seen, *issues),
         **channels,
     )
+
+
+def _unread_clocks(
+    names: Sequence[str], session_file: SessionFile, run: str
+) -> list[TelemetryIssue]:
+    """That a rate stands in the place of a column that looks like time, if there is one."""
+    clocks = [name for name in names if name in (*TIME_ALIASES, *UNMAPPED_CLOCKS)]
+    if not clocks:
+        return []
+    rate = f"sample_rate_hz = {session_file.sample_rate_hz:g}"
+    evidence = f"{run}: {rate} is used, the column {clocks[0]} is not"
+    remedy = f"none needed; to use the column, remove sample_rate_hz or map {clocks[0]} to time"
+    return [TelemetryIssue("stated_rate", (), "note", evidence, remedy)]
 
 
 def _in_stated_order(

@@ -76,6 +76,8 @@ class Recording:
     temperature: Float[Array, "T n"] | None = None  # joint temperature [degC], or None
     source: Path | None = None  # the file it came from
     state: FileState | None = None  # of that file when it was read
+    # The rate that session.toml states although the table has its own time [Hz], or None.
+    stated_rate_hz: float | None = None
     # what the reader found and mended (garbage rows, a truncated last row, …)
     issues: tuple[TelemetryIssue, ...] = ()
 

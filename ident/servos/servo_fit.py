@@ -24,7 +24,7 @@ from ident.errors import RecordingError, join_words, plural
 from ident.motion.motion import Motion, prepare_run, session_noise
 from ident.motion.settings import USUAL_MOTION
 from ident.recordings.load import load_session
-from ident.recordings.recording import Recording, Session
+from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.records import read_group
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -67,8 +67,12 @@ def load_goals(path: str | Path | Session) -> Session:
     session = session.replace(runs=tuple(runs))
     for run in runs:
         if run.position_command is None:
-            what = f"{run.name} has no goal: no column <joint>/position_command of every joint"
-            raise RecordingError(where, what, "log the goal that each servo is given, or map it in [columns]")
+            lacking = [issue.joints for issue in run.issues if "position_command" in issue.evidence]
+            joint = next((joints[0] for joints in lacking if joints), run.joints[0])
+            what = f"{run.name} logs no goal of {joint}: there is no column {joint}/position_command"
+            remedy = "log the goal of every joint; where it is called otherwise, map it in session.toml: "
+            remedy += f'[columns] "its name" = "{joint}/position_command"'
+            raise RecordingError(where, what, remedy)
         # A goal that is the position itself was written by a logger that had none.
         travel = np.ptp(run.position, axis=0)
         same = np.abs(run.position_command - run.position).max(axis=0) <= LIMIT.same * np.maximum(travel, 1e-9)
@@ -106,7 +110,8 @@ def runs_of(sessions: Sequence[Session], cutoff: float | None = None) -> tuple[G
     for session in sessions:
         long = [run for run in session.runs if run.duration >= least and len(run) >= LIMIT.least_samples]
         if not long:
-            what = f"no run lasts {least:g} s and {LIMIT.least_samples} samples"
+            longest = max((run.duration for run in session.runs), default=0.0)
+            what = f"its longest run lasts {longest:.2g} s: {least:g} s and {LIMIT.least_samples:g} samples are needed"
             raise RecordingError(str(session.path or session.name), what, "record longer motions")
         # Noise of positions is found as for other arms; the measured position stands where they have the torque.
         as_log = [run.replace(effort=run.position) for run in long]
@@ -171,9 +176,9 @@ def _fit_joint(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int,
     losses = np.stack([_held_out(rows) for rows in table])
     best = int(np.argmin(losses.sum(axis=1)))
     reach = float(stdtrit(pieces - 1, 1.0 - 0.5 * LIMIT.false / tests))
-    near = np.array([_no_worse(losses[k], losses[best]) for k in range(len(delays))])
+    near = np.array([no_worse(losses[k], losses[best]) for k in range(len(delays))])
     low, high = float(delays[near].min()), float(delays[near].max())
-    sure = not _no_worse(losses[0], losses[best], reach)
+    sure = not no_worse(losses[0], losses[best], reach)
     rows = table[best if sure else 0]
     # The grid's neighbours too: the truth lies between its points.
     open_ = np.flatnonzero(np.convolve(near, np.ones(3), mode="same") > 0.0)
@@ -237,7 +242,7 @@ def _held_out(rows: Rows, without: int | None = None) -> Float[Array, " P"]:
     return np.bincount(index, left**2, minlength=len(names))
 
 
-def _no_worse(one: Float[Array, " P"], best: Float[Array, " P"], reach: float | None = None) -> bool:
+def no_worse(one: Float[Array, " P"], best: Float[Array, " P"], reach: float | None = None) -> bool:
     """Whether an error on pieces is not surely larger than another, piece against piece."""
     apart = one - best
     count = len(apart)
@@ -259,7 +264,7 @@ def _linear(rows: Rows, near: Sequence[Rows], reach: float) -> tuple[Figures, di
     figures: Figures = {}
     untold: dict[str, str] = {}
     for k, name in enumerate(COLUMNS[: len(beta)]):
-        needed = not _no_worse(_held_out(rows, k), whole, reach)
+        needed = not no_worse(_held_out(rows, k), whole, reach)
         positive = name == "zero_rad" or beta[k] > 0.0
         if needed and positive and abs(beta[k]) > reach * std[k] and low[k] * high[k] > 0.0:
             figures[name] = float(beta[k]), float(low[k]), float(high[k])
@@ -316,6 +321,7 @@ class ServoArm(Result):
     robot: str  # its name, or of the session where nobody knows it
     joints: tuple[ServoJoint, ...]  # what is reported of each
     rolled: tuple[RolledOut, ...] = ()  # models that roll out, where they were asked for
+    telemetry: tuple[TelemetryIssue, ...] = ()  # what was seen of the log's clock
     curves: tuple[ToldRun, ...] = ()  # goals, positions and what the figures say of them, for a page
     hold_s: float = 0.0  # how long a goal is held in the log
 
@@ -334,12 +340,17 @@ class ServoArm(Result):
             }
         for model in self.rolled:
             joints[model.joint]["roll_out"] = model.to_dict()
-        provenance = self.provenance.to_dict()
-        return {"schema": SCHEMA, "robot": self.robot, "joints": joints, "provenance": provenance}
+        return {
+            "schema": SCHEMA,
+            "robot": self.robot,
+            "telemetry": [issue.to_dict() for issue in self.telemetry],
+            "joints": joints,
+            "provenance": self.provenance.to_dict(),
+        }
 
     def summary(self) -> str:
         """A few lines a joint."""
-        lines = []
+        lines = [f"{issue.severity}: {issue.evidence}; {issue.remedy}" for issue in self.telemetry]
         for one in self.joints:
             known = f"{1e3 * one.rms_after:.4g} mrad of it are not explained"
             error = f"off its goal by {1e3 * one.rms_before:.4g} mrad rms; {known}"

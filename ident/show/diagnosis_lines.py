@@ -47,6 +47,8 @@ from ident.show.report.words import (
 from ident.show.terminal import REST, describe_limits, describe_name, group_silent
 from ident.units import TORQUE
 
+# What an interval of a diagnosis is.
+GIVEN_URDF = "± 95 % if the URDF's other numbers are right"
 # What a model is whose error has a column.
 MEANINGS = {"tuned": "tuned: with your arm's numbers above", "named": "named: with the named effects, too"}
 
@@ -97,10 +99,12 @@ def untold_issues(record: Mapping[str, Any], headline: str) -> list[Mapping[str,
 
 def _print_findings(console: Console, record: Mapping[str, Any], details: bool) -> None:
     """Each name with how sure it is and what it closes; what to do about those after the first."""
-    runs, first = int(record["session"]["runs"]), first_action(record).removesuffix(".")
+    runs = int(record["session"]["runs"])
+    first = first_action(record).removesuffix(".")
+    unseen = "on unseen runs" if runs > 1 else "on unseen parts"
     for number, finding in enumerate(in_order_of_joints(record), start=1):
         lead = f"{number}. "
-        say(console, describe_name(finding, record, "on unseen runs"), lead, " " * len(lead))
+        say(console, describe_name(finding, record, unseen), lead, " " * len(lead))
         if details:
             text = in_units_of(finding["joints"], record, describe_long(finding, runs), finding["effect"])
             say(console, text, "   ")
@@ -128,17 +132,24 @@ def _print_numbers(console: Console, record: Mapping[str, Any]) -> None:
         say(console, f"{line}.", "  ", "    ")
 
 
-def print_numbers(console: Console, record: Mapping[str, Any]) -> None:
-    """The table of what the URDF says of each joint and what was found."""
+def print_numbers(console: Console, record: Mapping[str, Any], interval: str = GIVEN_URDF) -> None:
+    """The table of what the URDF says of each joint and what was found.
+
+    Args:
+        console, record: Where, and the result.
+        interval: What its intervals are.
+    """
     rows = table_of(record)
     if rows:
-        lines = _number_lines(record, rows, tolerant=True)
+        lines = _number_lines(record, rows, interval, tolerant=True)
         if max(map(len, lines)) > text_width(console):
-            lines = _number_lines(record, rows, tolerant=False)
+            lines = _number_lines(record, rows, interval, tolerant=False)
         console.print("\n".join(lines), soft_wrap=True, highlight=False)
 
 
-def _number_lines(record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], tolerant: bool) -> list[str]:
+def _number_lines(
+    record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], interval: str, tolerant: bool
+) -> list[str]:
     """Of each joint damping, dry friction and rotor: what the URDF says → what was found."""
     table = [["", *(f"{name} [{units_in(record, key)}]" for key, (name, _) in LOSSES.items())]]
     wider = False
@@ -153,7 +164,7 @@ def _number_lines(record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], 
             wider = wider or bool(more)
             cells.append(f"{number.nominal} → {number.value}{more}")
         table.append(cells)
-    title = ["", "Your URDF → your arm, ± 95 % if the URDF's other numbers are right"]
+    title = ["", f"Your URDF → your arm, {interval}"]
     title += ["(in brackets: if they are as far off as URDFs are)"] * wider
     title += ["(of your arm: without what the named effects add)"] * bool(record.get("findings"))
     title += [f"({meaning})" for meaning in describe_marks(record)]

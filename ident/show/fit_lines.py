@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from ident.fitting.identification import describe
+from ident.model.carried import CarriedEffect
 from ident.model.hybrid import HybridModel
+from ident.model.net_gate import describe_gate
 from ident.show.console import columns
-from ident.show.report.words import percent, significant
+from ident.show.report.numbers import with_error
+from ident.show.report.words import (
+    effect_name,
+    parameter_name,
+    percent,
+    significant,
+)
+
+if TYPE_CHECKING:
+    from ident.fitting.fit import FitResults
 
 NEXT = (
     "Next: `ident evaluate MODEL SESSION…` tries it on recordings that it has not seen, "
     "`ident diagnose SESSION… --model MODEL` names what is left, "
     "`ident export MODEL --out DIR` writes it for a simulator."
 )
+# Begins the line of a choice whose figures stand elsewhere.
+TOLD_BY_FIGURES = "constant torques: one a joint"
 UNSEEN = "parts of the recordings that the fit did not see"
 
 
@@ -67,3 +82,56 @@ def foretold_lines(model: HybridModel) -> list[str]:
     """The error of each joint as a table."""
     rows = [joint.cells for joint in foretold_of(model)]
     return columns([("joint", "error, rms", "torque, rms", "share"), *rows], "lrrr") if rows else []
+
+
+def describe_offsets(model: HybridModel) -> list[str]:
+    """The constant torque of each joint in a line; none where none was fitted."""
+    figures = [figure for figure in model.figures if figure.name == "offset"]
+    sizes = [f"{figure.joint} {with_error(vars(figure))} {figure.unit}" for figure in figures]
+    return [f"constant torques: {', '.join(sizes)}"] if sizes else []
+
+
+def describe_data(result: FitResults) -> list[str]:
+    """What the recordings tell of the arm and what they don't, a line each."""
+    named = {law.describe(result.identified.loss.joints) for law in result.identified.named}
+    return [line for line in describe(result.identified) if line not in named]
+
+
+def describe_choices(result: FitResults) -> list[str]:
+    """What was chosen and what it costs, and what was left out, a line each."""
+    model = result.model
+    lines = [line for line in result.choice.describe() if not line.startswith(TOLD_BY_FIGURES)]
+    coupled = model.provenance.get("coupled_by_choice", [])
+    for first, second in zip(coupled[::2], coupled[1::2], strict=True):
+        lines.append(f"{first} and {second} turn each other, say parts left out (--coupling none: leave it)")
+    left_out = model.provenance["named_left_out"]
+    lines += [f"left out of what the diagnosis names: {cause}" for cause in left_out]
+    if model.net is not None and model.net.gate:
+        lines.append(describe_gate(model.net.gate, model.joint_names))
+        if model.memory is not None:
+            lines.append(describe_gate(model.memory.gate, model.joint_names, "memory of the last second"))
+    return lines
+
+
+def describe_laws(model: HybridModel) -> list[str]:
+    """Laws beside plain friction with their figures, and effects that are carried, a line each."""
+    return [*(law.describe(model.joint_names) for law in model.named), *describe_carried(model)]
+
+
+def describe_carried(model: HybridModel) -> list[str]:
+    """Effects that a model has as they were found before, a line each."""
+    return [_carried_in_words(effect, model.joint_names) for effect in model.carried]
+
+
+def _carried_in_words(effect: CarriedEffect, joints: tuple[str, ...]) -> str:
+    """Place, name and sizes of a carried effect, with the intervals that whoever found it gave."""
+    place = "the whole arm" if effect.joint < 0 else joints[effect.joint]
+    sizes = []
+    for key, value in effect.parameters.items():
+        name, unit = parameter_name(key)
+        low, high = effect.intervals.get(key, (None, None))
+        known = low is not None and high is not None
+        interval = f" [{significant(low, 3)}, {significant(high, 3)}]" if known else ""
+        sizes.append(f"{name} {significant(value, 3)} {unit}".rstrip() + interval)
+    origin = "intervals are the diagnosis' own, 95 %" if effect.intervals else "without an interval"
+    return f"{place}: {effect_name(effect.effect)}, {', '.join(sizes)}; carried as it was found ({origin})"

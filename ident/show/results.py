@@ -103,11 +103,12 @@ def print_evaluation(console: Console, result: Any) -> None:
 
 
 def describe_evaluation(evaluation: Evaluation) -> str:
-    """What the whole model errs by, and what its first rung does, all joints together."""
+    """What the whole model errs by, and what the URDF does as a simulator loads it, all joints together."""
     score = evaluation.pooled
+    urdf = score.rungs.index("urdf") if "urdf" in score.rungs else 0
     runs = plural(len(score.runs), "run")
     whole = f"{evaluation.model} is off by {describe_error(score, -1)} on {runs} of {score.name}"
-    told = f"{whole}; the {rung_name(score.rungs[0])} alone by {describe_error(score, 0)}."
+    told = f"{whole}; the {rung_name(score.rungs[urdf])} alone by {describe_error(score, urdf)}."
     return f"{told} {describe_fitted(evaluation)}".rstrip()
 
 
@@ -137,35 +138,24 @@ def draw_evaluation(result: Evaluation) -> Figure:
 
 def print_fit(console: Console, result: FitResults) -> None:
     """What the fit errs by on what it did not see, what was identified, what was left out, and what comes next."""
-    from ident.show.fit_lines import NEXT, describe_foretold, foretold_lines
+    from ident.show.diagnosis_lines import print_numbers
+    from ident.show.fit_lines import NEXT, describe_foretold, describe_offsets, foretold_lines
 
     say(console, describe_foretold(result.model), style="bold")
-    console.print("\n".join([*foretold_lines(result.model), ""]), soft_wrap=True, highlight=False)
-    say_lines(console, result.loss.summary())
-    for line in describe_fit(result):
+    console.print("\n".join(foretold_lines(result.model)), soft_wrap=True, highlight=False)
+    record = {"joints": result.model.joint_names, "identified": result.to_dict()["identified"]}
+    print_numbers(console, record, "± 95 %, with the URDF's tolerance where its inertias count")
+    console.print()
+    for line in [*describe_offsets(result.model), *describe_fit(result)]:
         say(console, with_units(line), hanging="  ")
     say(console, NEXT, hanging="  ")
 
 
 def describe_fit(result: FitResults) -> list[str]:
     """What was identified beside the losses, chosen and carried, and what was left out, a line each."""
-    from ident.fitting.identification import describe
+    from ident.show.fit_lines import describe_choices, describe_data, describe_laws
 
-    lines = [*describe(result.identified), *result.choice.describe()]
-    lines += [law.describe(result.model.joint_names) for law in result.model.carried]
-    coupled = result.model.provenance.get("coupled_by_choice", [])
-    for first, second in zip(coupled[::2], coupled[1::2], strict=True):
-        lines.append(f"{first} and {second} turn each other, say runs left out (--coupling none: leave it)")
-    left_out = result.model.provenance["named_left_out"]
-    lines += [f"left out of what the diagnosis names: {cause}" for cause in left_out]
-    if result.model.net is not None and result.model.net.gate:
-        from ident.model.net_gate import describe_gate
-
-        lines.append(describe_gate(result.model.net.gate, result.model.joint_names))
-        if result.model.memory is not None:
-            gate, joints = result.model.memory.gate, result.model.joint_names
-            lines.append(describe_gate(gate, joints, "memory of the last second"))
-    return lines
+    return [*describe_data(result), *describe_choices(result), *describe_laws(result.model)]
 
 
 def draw_fit(result: FitResults) -> Figure:

@@ -240,10 +240,11 @@ def describe_known(record: Record) -> str:
     """Which loads and which mount of the base were taken as known, in a sentence or two."""
     loads = [_load_of(record[name]) for name in ("before", "after")]
     carried = f"{loads[0]} before, {loads[1]} after" if loads[0] != loads[1] else f"{loads[0]} before and after"
-    mounts = [_mount_of(record[name]) for name in ("before", "after")]
-    told = f"Taken as known: payload {carried}; the base {mounts[0]}."
-    if mounts[0] != mounts[1]:
-        told += f" After, the base is said to be {mounts[1]}: that is not used."
+    mount = record["before"]["gravity_mps2"]
+    later = record["after"]["gravity_mps2"]
+    told = f"Taken as known: payload {carried}; the base {_mount_of(mount)}."
+    if later is not None and later != mount:
+        told += f" After, torque is read {_mount_of(later)}: that is not used."
     return told
 
 
@@ -255,9 +256,8 @@ def _load_of(side: Record) -> str:
     return f"{' to '.join(f'{load:.4g}' for load in dict.fromkeys([loads[0], loads[-1]]))} kg"
 
 
-def _mount_of(side: Record) -> str:
-    """How one set's base is mounted."""
-    gravity = side.get("gravity_mps2")
+def _mount_of(gravity: Sequence[float] | None) -> str:
+    """How a base is mounted [m/s²]."""
     if gravity is None:
         return "as the URDF has it"
     return f"under gravity along [{', '.join(fixed(value, 2) for value in gravity)}] m/s²"

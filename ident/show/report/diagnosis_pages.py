@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 MOST_SENTENCES = 5
 TRACES = (
-    "Torque as it was measured and as three models have it, on runs that the tuned models were not "
+    "Torque as it was measured and as three models have it, on parts that the tuned models were not "
     "fitted to. Below: what each model is off by. Where a joint rests or turns round no model is "
     "judged."
 )

@@ -96,13 +96,16 @@ class Most(NamedTuple):
     tied: int  # of a name that is less likely than not, those that it may be
     rest: bool = False  # whether it says what the names leave
     others: bool = True  # whether it names the joints, but the first, that read a factor
+    # Whether sizes that stand in a table below, and places beside the leading joint, are left to it.
+    brief: bool = False
 
 
 # From a whole line to the shortest.
 FEWER = (
     *(Most(names, MOST_NAMED, rest=True) for names in range(MOST_NAMED, 0, -1)),
     *(Most(1, tied) for tied in range(MOST_NAMED, 0, -1)),
-    Most(1, 1, others=False),
+    Most(1, 1, brief=True),
+    Most(1, 1, others=False, brief=True),
 )
 
 
@@ -139,7 +142,7 @@ def _headline_of(record: Mapping[str, Any], most: Most) -> str:
     if scale and first:
         elsewhere = f"{scale['reading']}{scale['others']}: the body may be why."
     elif scale and misread:
-        gap = f" ({size})" if record.get("where") else ""
+        gap = f" ({size})" if record.get("where") and not most.brief else ""
         lead = f"{scale['reading']}{gap}{scale['others']}."
     elif scale:
         elsewhere = f"{scale['reading']}{scale['others']}."
@@ -191,18 +194,19 @@ def _verdict_words(
     rest = _largest_rest(record) if most.rest else ""
     named = _first_names(listed, most, record)
     words = pattern.format(has=has, named=named, size=size, rest=rest)
-    return _words_without_gap(words, record, misread) if key == "no_gap" else words
+    return _words_without_gap(words, record, misread, most.brief) if key == "no_gap" else words
 
 
-def _words_without_gap(words: str, record: Mapping[str, Any], misread: bool) -> str:
+def _words_without_gap(words: str, record: Mapping[str, Any], misread: bool, brief: bool) -> str:
     """The verdict where nothing is left once numbers of the URDF are right.
 
     Args:
         words: The verdict of an arm whose numbers are right.
         record: The diagnosis.
         misread: Whether the leading joint's torque is off by a factor, which is said before.
+        brief: Whether one number of the URDF's is to be enough.
     """
-    wrong = describe_numbers(record)
+    wrong = describe_numbers(record, brief)
     joint, share = likeliest_doubt(record)
     doubt = f" With {percent(share)} an unnamed cause is left at {joint}." if joint else ""
     if not wrong:
@@ -220,10 +224,11 @@ def _first_names(listed: Sequence[Finding], most: Most, record: Mapping[str, Any
     lead = leading_joint(record)[0]
     names = []
     for finding in listed[: most.names]:
-        if is_likely(finding) and _is_at_the_end(finding, record):
+        likely = is_likely(finding, BODIES if finding["effect"] in OF_THE_ARM else ())
+        if likely and _is_at_the_end(finding, record):
             names.append(MASS_AT_THE_END[_adds_mass(finding)])
         else:
-            names.append(called(finding, lead, most.tied))
+            names.append(called(finding, lead, most.tied, most.brief))
     joined = "; ".join(names) if " and " in "".join(names) else join_words(names)
     left = len(listed) - most.names
     return f"{joined}, and {left} more" if left > 0 else joined
@@ -268,7 +273,7 @@ def _largest_rest(record: Mapping[str, Any]) -> str:
     return f"; most of the rest is at {worst}, {size} beyond noise"
 
 
-def called(finding: Finding, lead: str = "", most_tied: int = MOST_TIED) -> str:
+def called(finding: Finding, lead: str = "", most_tied: int = MOST_TIED, brief: bool = False) -> str:
     """A name with its joints; of one less likely than not those of its class, and how likely they
     are.
 
@@ -276,8 +281,11 @@ def called(finding: Finding, lead: str = "", most_tied: int = MOST_TIED) -> str:
         finding: The name.
         lead: The joint that is said first.
         most_tied: How many of its class are said at most.
+        brief: Whether one of the joints where it is felt is enough.
     """
     joints = sorted(finding["joints"], key=lambda joint: joint != lead)
+    if brief and finding["effect"] in OF_THE_ARM:
+        joints = joints[:1]
     words = name_with_rivals(finding, most_tied) + place_words(finding["effect"], joints)
     if is_likely(finding):
         return words
@@ -549,6 +557,8 @@ def order_of(finding: Finding, record: Mapping[str, Any]) -> str:
         what = "settle the factor above first; what is left of it with all masses tuned"
         return f"{what}: {action}"
     if action and _is_at_the_end(finding, record):
+        if finding["effect"] in OF_THE_ARM:  # nothing else than what the check has weighed
+            return str(_issues(record, BODY)[0]["remedy"])
         return f"{AT_THE_END[_adds_mass(finding)]}, {action}"
     if is_likely(finding) or not action or len(names) < 2:
         return action
@@ -586,12 +596,14 @@ def _with_joint_names(text: str, record: Mapping[str, Any]) -> str:
 
 
 def _is_at_the_end(finding: Finding, record: Mapping[str, Any]) -> bool:
-    """Whether a link's mass is what the check of the recordings has found at the arm's end."""
-    if finding["effect"] not in BODIES or "mass_change_kg" not in finding.get("parameters", {}):
+    """Whether a mass is what the check of the recordings has found at the arm's end."""
+    if finding["effect"] not in BODIES or _mass_of(finding) is None:
         return False
     checked: set[str] = set()
     for issue in _issues(record, BODY):
         checked.update(issue["joints"])
+    if checked and finding["effect"] in OF_THE_ARM:
+        return is_likely(finding, BODIES)
     places = set(finding["joints"])
     places.update(place["joint"] for place in finding.get("elsewhere", ()))
     may_be_carried = not BODIES.isdisjoint(finding.get("class", ())[1:])
@@ -599,8 +611,16 @@ def _is_at_the_end(finding: Finding, record: Mapping[str, Any]) -> bool:
 
 
 def _adds_mass(finding: Finding) -> bool:
-    """Whether a link weighs more than its URDF has it."""
-    return bool(finding["parameters"]["mass_change_kg"]["value"] > 0.0)
+    """Whether a body weighs more than the URDF has it."""
+    mass = _mass_of(finding)
+    return mass is not None and mass > 0.0
+
+
+def _mass_of(finding: Finding) -> float | None:
+    """What a body weighs beyond the URDF [kg]; None of what is no mass."""
+    parameters = finding.get("parameters", {})
+    known = [parameters[key]["value"] for key in ("mass_change_kg", "mass_kg") if key in parameters]
+    return float(known[0]) if known else None
 
 
 def _next_motion(record: Mapping[str, Any]) -> str:

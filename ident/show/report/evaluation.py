@@ -247,8 +247,15 @@ def describe_steps(score: SessionScore) -> str:
     energy = score.energy_mean[:, -1]
     torque = score.rmse_mean[:, -1]
     urdf = urdf_rung(score)
+    subjects = SUBJECTS
+    later = list(range(urdf + 1, len(score.rungs)))
+    if "urdf" in score.rungs:
+        # Without any friction fitted inertias are no step from a URDF that states some.
+        later = [k for k in later if score.rungs[k] != "inertia"]
+        if "inertia" in score.rungs:
+            subjects = {**SUBJECTS, "loss": "fitted inertias and friction"}
     shown = [urdf]
-    for k in range(urdf + 1, len(score.rungs)):
+    for k in later:
         last = shown[-1]
         less_torque = torque[k] <= UNTOLD * torque[last]
         if less_torque or abs(energy[k]) <= UNTOLD * abs(energy[last]):
@@ -258,10 +265,11 @@ def describe_steps(score: SessionScore) -> str:
         return f"The energy error of a run is {start} J, and no rung changes that much."
     steps: list[str] = []
     for k in shown[1:]:
-        subject = SUBJECTS.get(score.rungs[k], score.rungs[k])
+        subject = subjects.get(score.rungs[k], score.rungs[k])
         words = f"{subject} to {_joule(energy[k])} J"
         if not steps:
-            brings = f"{sentence(subject)} brings the energy error of a run from {start}"
+            verb = "bring" if " and " in subject else "brings"
+            brings = f"{sentence(subject)} {verb} the energy error of a run from {start}"
             words = f"{brings} to {_joule(energy[k])} J"
         steps.append(words)
     errors = " → ".join(fixed(torque[k], 2) for k in shown)
@@ -292,6 +300,7 @@ def ladder_section(source: ReportInput) -> Section:
     values = {
         "main": main,
         "reductions": reductions(main.pooled),
+        "states_friction": "urdf" in main.pooled.rungs,
         "sessions": [(None, score) for score in sessions],
         "others": [(evaluation.model, evaluation.pooled) for evaluation in others],
         "pool_name": pool_name,
@@ -300,13 +309,19 @@ def ladder_section(source: ReportInput) -> Section:
 
 
 def reductions(score: SessionScore) -> list[str]:
-    """How much of the energy and torque error each rung takes away from the one below it."""
+    """How much of the energy and torque error each rung takes away from the one below it.
+
+    The friction that a URDF states is in no rung above it: fitted inertias stand on the rigid body.
+    """
     energy = np.abs(score.energy_mean[:, -1])
     torque = score.rmse_mean[:, -1]
     lines = []
     for k in range(1, len(score.rungs)):
-        less_energy = f"energy error {_describe_change(energy[k - 1], energy[k])}"
-        less_torque = f"torque error {_describe_change(torque[k - 1], torque[k])}"
+        below = k - 1
+        if score.rungs[below] == "urdf":
+            below = 0
+        less_energy = f"energy error {_describe_change(energy[below], energy[k])}"
+        less_torque = f"torque error {_describe_change(torque[below], torque[k])}"
         lines.append(glue(f"{rung_name(score.rungs[k])}: {less_energy}, {less_torque}"))
     return lines
 

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.fitting.identification import pair_in_words
 from ident.model.evaluation import Evaluation, RunTrace, SessionScore
 from ident.model.hybrid import HybridModel
 from ident.model.loss import NAMES
-from ident.show.fit_lines import describe_foretold, foretold_of
+from ident.show.fit_lines import describe_carried, describe_foretold, foretold_of
 from ident.show.palette import MEASURED, model_colour, rung_colours, rung_name
 from ident.show.report.evaluation import ReportInput, pool_name
 from ident.show.report.figures import WIDE, binned, envelope, make_panel, thin, to_svg
@@ -328,32 +329,47 @@ def _edges(values: Float[Array, " k"], bins: int = BINS) -> Float[Array, " b"]:
 
 def parameters_section(source: ReportInput) -> Section:
     """Loss parameters with their 95 % intervals: one picture each, joints in rows, models side by side."""
-    model = source.model
-    known = {figure.name for fitted in source.models for figure in fitted.figures}
-    shown = [name for name in NAMES if name in known]
+    names = [evaluation.model for evaluation in source.evaluations]
+    values = parameters_values(source.models, names, source.main)
+    return Section("parameters", "What was fitted", "parameters.html", values)
+
+
+def parameters_values(
+    models: Sequence[HybridModel], names: Sequence[str], main: int, losses: bool = True
+) -> dict[str, Any]:
+    """What the template of parameters gets.
+
+    Args:
+        models, names: Fitted models, and what each is called.
+        main: Which of them the page speaks of first.
+        losses: Whether losses and the error on unseen parts are to be shown, too.
+    """
+    model = models[main]
+    known = {figure.name for fitted in models for figure in fitted.figures}
+    shown = [name for name in NAMES if name in known] if losses else []
     units = {figure.name: figure.unit for figure in reversed(model.figures)}
-    models = [evaluation.model for evaluation in source.evaluations]
     links: Iterable[Any] = ()
     if model.inertia != "nominal":
         links = zip(model.nominal.links, *before_and_after(model), strict=True)
-    values = {
-        "models": [(name, model_colour(k)) for k, name in enumerate(models)],
-        "pictures": [draw_figures(source.models, name) for name in shown],
-        "model": source.evaluation.model,
+    named = [with_units(law.describe(model.joint_names)) for law in model.named]
+    return {
+        "models": [(name, model_colour(k)) for k, name in enumerate(names)],
+        "pictures": [draw_figures(models, name) for name in shown],
+        "model": names[main],
         "columns": [(WORDS[name], units.get(name, "")) for name in shown],
         "figures": {(figure.joint, figure.name): figure for figure in model.figures},
         "shown": shown,
         "inertia": describe_inertia(model),
         "links": links,
         "fitted": model,
-        "tied": [" with ".join(pair["figures"]) for pair in model.provenance.get("tied", [])],
-        "named": [with_units(law.describe(model.joint_names)) for law in model.named],
-        "foretold": describe_foretold(model),
-        "foretold_rows": [joint.cells for joint in foretold_of(model)],
+        "tied": [pair_in_words(*pair["figures"]) for pair in model.provenance.get("tied", [])],
+        "named": named,
+        "carried": describe_carried(model),
+        "foretold": describe_foretold(model) if losses else "",
+        "foretold_rows": [joint.cells for joint in foretold_of(model)] if losses else [],
         "left_out": model.provenance.get("named_left_out", []),
         "net": net_rows(model),
     }
-    return Section("parameters", "What was fitted", "parameters.html", values)
 
 
 def draw_figures(models: Sequence[HybridModel], name: str) -> dict[str, Any]:

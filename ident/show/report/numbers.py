@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ident.effects.catalogue import CATALOGUE
-from ident.errors import join_words
+from ident.errors import join_words, plural
 from ident.show.report.words import DASH, fixed, sentence, significant
 from ident.units import DAMPING, INERTIA, TORQUE, unit_for
 
@@ -225,14 +225,19 @@ def plain(value: float | None) -> str:
     return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
 
 
-def describe_numbers(record: Mapping[str, Any]) -> str:
-    """What is wrong with the URDF's friction, in a sentence; empty where nothing is that matters."""
+def describe_numbers(record: Mapping[str, Any], brief: bool = False) -> str:
+    """What is wrong with the URDF's friction, in a sentence; empty where nothing is that matters.
+
+    Args:
+        record: The diagnosis.
+        brief: Whether the number that matters most is all that is given in full.
+    """
     wrong = [number for number in numbers_of(record) if number.key in STATED and number.matters]
     if not wrong:
         return ""
     stated = [number for number in wrong if number.figure["nominal"]]
     worst = max(wrong, key=lambda number: number.figure["change_rms_Nm"])
-    there = [number for number in wrong if number.joint == worst.joint]
+    there = [worst] if brief else [number for number in wrong if number.joint == worst.joint]
     if not stated:
         sizes = join_words([f"{number.name} {number.value} {number.unit}" for number in there])
         return f"Your URDF states no friction; {worst.joint} has {sizes}."
@@ -244,6 +249,8 @@ def describe_numbers(record: Mapping[str, Any]) -> str:
         return f"Friction is {factor} times what your URDF says {where}: {example}."
     example = f"{worst.joint} has {join_words(parts)}"
     others = len(wrong) - len(there)
+    if brief and others:
+        return f"Your URDF's friction is off: {example}, and {plural(others, 'more number')}."
     more = f" So {'is one more number' if others == 1 else f'are {others} more numbers'}." if others else ""
     return f"Your URDF's friction is off: {example}.{more}"
 

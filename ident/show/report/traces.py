@@ -16,10 +16,10 @@ from markupsafe import Markup
 from ident.arrays import Array, Float
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.residuals import RunResidual
-from ident.diagnosis.identified import COULOMB, VISCOUS, stated_friction
 from ident.diagnosis.next_experiment import joints_shown
 from ident.records import as_json
 from ident.robot.arm import ArmModel
+from ident.robot.stated_friction import COULOMB, VISCOUS, stated_friction
 from ident.show.palette import FLEXIBLE, MEASURED, NAMED, TUNED
 from ident.show.report.figures import WIDE, make_panel, thin, to_svg
 from ident.units import TORQUE, unit_for
@@ -34,6 +34,8 @@ CURVES = {
     "URDF": ("your URDF, as a simulator loads it", FLEXIBLE),
     "tuned": ("with your arm's numbers", TUNED),
     "named": ("with the named effects, too", NAMED),
+    "fitted": ("the fitted model", TUNED),
+    "net": ("with its net, too", NAMED),
     "goal": ("the goal", FLEXIBLE),
     "told": ("where these figures put it", TUNED),
 }

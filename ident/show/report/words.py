@@ -174,7 +174,7 @@ def with_units(text: str) -> str:
     keys = "|".join(sorted(OF_KEYS, key=len, reverse=True))
     number = r"(?P<number>(?: below| above)? -?\d[\d.e+-]*)?"
     words = re.sub(rf"\b(?P<key>mu|[a-z]\w*(?:{keys}))\b{number}", worded, text)
-    return re.sub(r"(?<= )-(?=\d)", MINUS, words)
+    return re.sub(r"(?<=[ (\[])-(?=\d)", MINUS, words)
 
 
 def sentence(text: str) -> str:

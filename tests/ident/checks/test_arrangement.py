@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from ident.checks.arrangement import check_bodies
 from ident.checks.inspection import inspect_alone as found
-from ident.checks.report import REPORTED_BY_A_FIT, overrule
+from ident.checks.inspection import inspect_sessions
+from ident.checks.report import REPORTED_BY_A_FIT, as_mounted, overrule, require_same_mount
 from ident.command_options import FitOptions
 from ident.errors import RecordingError
 from ident.fitting.fit import fit_hybrid
@@ -24,6 +25,7 @@ from tests.ident.checks.real_arms import REAL, load_real
 from tests.ident.made_up import joint, link, made_session, urdf
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
+Vector = tuple[float, float, float] | None
 
 
 def require_mounts(session: Session, arm: ArmModel) -> None:
@@ -131,6 +133,35 @@ def test_a_model_of_an_arm_on_a_wall_keeps_its_gravity(session: Session, arm: Ar
     loaded = HybridModel.load(tmp_path / "model")
     np.testing.assert_allclose(loaded.arm.model.gravity.linear, wall.arm.model.gravity.linear)
     assert angle_between(np.array(wall.arm.model.gravity.linear), GRAVITY) < 3.0
+
+
+STANDING = (0.0, 0.0, -9.81)
+HANGING = (0.0, 0.0, 9.81)
+
+
+@pytest.mark.parametrize(
+    ("first", "later", "refused"),
+    [
+        (None, STANDING, False),
+        (STANDING, (0.0, 0.0, -9.80665), False),
+        (STANDING, None, False),
+        (None, HANGING, True),
+        (STANDING, HANGING, True),
+        (STANDING, (0.1, 0.0, -9.81), True),
+    ],
+)
+def test_sessions_that_are_used_together_have_one_mount(
+    first: Vector, later: Vector, refused: bool, session: Session, arm: ArmModel
+) -> None:
+    """Law: a later session that says another mount than the first, or than the URDF, is refused in one line that
+    names both; one that says nothing is mounted as the first.
+    """
+    sessions = [session.replace(gravity=first), session.replace(name="later", path=None, gravity=later)]
+    if not refused:
+        require_same_mount(as_mounted(arm, sessions[0]), *sessions)
+        return
+    with pytest.raises(RecordingError, match=rf"later.*gravity_mps2 = .*{session.name}"):
+        inspect_sessions(sessions, arm)
 
 
 @pytest.mark.parametrize("robot", ["tm5-900", "panda", "ur10", "z1"])

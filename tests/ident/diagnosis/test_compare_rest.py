@@ -246,7 +246,8 @@ def side(*loads: float, gravity: list[float] | None = None) -> dict[str, Any]:
         (side(0.0), side(2.6), "payload none before, 2.6 kg after; the base"),
         (side(0.0, 2.6), side(2.6), "payload 0 to 2.6 kg before, 2.6 kg after; the base"),
         (side(gravity=[9.81, 0.0, 0.0]), side(gravity=[9.81, 0.0, 0.0]), "under gravity along [9.81, 0.00, 0.00]"),
-        (side(), side(gravity=[9.81, 0.0, 0.0]), "said to be under gravity along [9.81, 0.00, 0.00] m/s²: that is not"),
+        (side(gravity=[9.81, 0.0, 0.0]), side(), "the base under gravity along [9.81, 0.00, 0.00] m/s²."),
+        (side(), side(gravity=[9.81, 0.0, 0.0]), "read under gravity along [9.81, 0.00, 0.00] m/s²: that is not"),
     ],
 )
 def test_what_was_taken_as_known_is_said(before: dict[str, Any], after: dict[str, Any], told: str) -> None:

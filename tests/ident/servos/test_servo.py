@@ -101,9 +101,9 @@ def test_a_dead_band_is_told_with_what_would_look_the_same(arm: ArmModel) -> Non
 def test_goals_that_are_none_are_refused(arm: ArmModel) -> None:
     run = record(Servo(), 1)
     for wrong, what in (
-        (replace(run, position_command=None), "has no goal"),
+        (replace(run, position_command=None), "logs no goal of"),
         (replace(run, position_command=run.position), "is its position, sample for sample"),
-        (run.at(slice(0, 25)), "no run lasts"),
+        (run.at(slice(0, 25)), "its longest run lasts"),
     ):
         with pytest.raises(InputError, match=what):
             servo(Session("lever", (wrong,)), arm)

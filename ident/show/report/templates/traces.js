@@ -30,7 +30,10 @@
   const ticks = (low, high, count) => {
     const rough = (high - low) / count;
     const power = 10 ** Math.floor(Math.log10(rough));
-    const step = [1, 2, 5, 10].map((one) => one * power).find((one) => one >= rough);
+    const fits = (step) => Math.floor(high / step + 1e-9) - Math.ceil(low / step - 1e-9) + 1;
+    const steps = [10, 5, 2, 1, 0.5, 0.2].map((one) => one * power);
+    // The widest with enough ticks within the range, however it lies.
+    const step = steps.find((one) => one <= 2 * rough && fits(one) >= Math.min(3, count)) || rough;
     const found = [];
     for (let at = Math.ceil(low / step) * step; at <= high + 1e-9 * step; at += step) found.push(at);
     const places = Math.max(0, -Math.floor(Math.log10(step)));

@@ -289,3 +289,35 @@ def test_a_joint_that_an_effect_counts_goes_by_its_name() -> None:
     record = acted_on("joint_coupling", 0.97) | {"joints": ["elbow", "wrist"]}
     record["findings"][0]["action"] = "compensate elbow while joint number 2 moves"
     assert order_of(record["findings"][0], record) == "compensate elbow while wrist moves"
+
+
+@pytest.mark.parametrize(("both", "told"), [(0.63, True), (0.4, False)])
+def test_a_load_that_the_check_has_weighed_is_said_as_it_has_it(both: float, told: bool) -> None:
+    """Law: load or last link, which nobody can part, are one mass at the end if likely together; the order is the
+    check's, which has the mass.
+    """
+    remedy = "weigh it and write `payload = {mass_kg = 0.6}`"
+    body = {"issue": "body_differs", "joints": ["elbow"], "severity": "warning", "evidence": "…", "remedy": remedy}
+    record = acted_on("payload", 0.45, body)
+    tied = {"class": ["payload", "link_inertial_error"], "class_probability": both}
+    record["findings"] = [record["findings"][0] | tied | {"parameters": {"mass_kg": {"value": 0.5}}}]
+    assert ("more mass at the arm's end than the URDF has" in diagnosis_headline(record)) is told
+    assert (order_of(record["findings"][0], record) == remedy) is told
+
+
+def test_a_first_line_that_is_too_long_leaves_sizes_to_the_table() -> None:
+    """Law: of several wrong numbers of a URDF the one that matters most is said, and how many more there are."""
+    joints = [f"a_long_joint_name_{number}" for number in range(5)]
+    figure = {"nominal": 1.0, "value": 1.4, "low": 1.39, "high": 1.41, "low_with_urdf": 1.38, "high_with_urdf": 1.42}
+    numbers = {
+        key: {**figure, "value": 1.4 + 0.1 * k, "high_with_urdf": 1.6, "change_rms_Nm": 2.0 - k}
+        for k, key in enumerate(("coulomb_Nm", "viscous_Nms_rad"))
+    }
+    record = acted_on("payload", 0.9) | {"verdict": "no_gap", "findings": [], "joints": joints, "where": []}
+    record["identified"] = dict.fromkeys(joints, numbers)
+    record["gap"] = {joint: {"rms_Nm": 0.1, "noise_floor_Nm": 0.1} for joint in joints}
+    record["leftover"] = {joints[0]: 0.4}
+    line = diagnosis_headline(record)
+    assert len(line) <= LONGEST_HEADLINE
+    assert "and 9 more numbers" in line
+    assert "with 40 % an unnamed cause" in line

@@ -8,7 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ident.model.net_gate import JointGate
-from ident.show.report.evaluation import ReportInput, describe_steps, headline, worse_joints
+from ident.show.report.evaluation import (
+    ReportInput,
+    describe_steps,
+    headline,
+    reductions,
+    worse_joints,
+)
 from ident.show.report.evaluation_figures import parameters_section
 from ident.show.report.figures import make_panel, thin, to_svg
 from ident.show.report.page import render_page
@@ -47,6 +53,22 @@ def test_rungs_that_change_nothing_are_not_told(source: ReportInput) -> None:
     score = source.evaluation.pooled
     assert "Friction brings the energy error of a run from" in describe_steps(score)
     assert "no rung changes that much" in describe_steps(scaled(score, 0.97))
+
+
+def test_inertias_are_no_step_from_a_urdf_that_states_friction(source: ReportInput) -> None:
+    """Law: fitted inertias hold no friction; beside a URDF that has some they are told together with the fitted one."""
+    score = source.evaluation.pooled
+    rungs = ("analytic", "urdf", "inertia", "loss")
+    sizes = {
+        name: np.stack([getattr(score, name)[0]] * 4) for name in ("energy_error", "squares", "rest_squares", "r2")
+    }
+    for name, factors in (("energy_error", (-1.0, 0.5, -1.1, 0.1)), ("squares", (1.0, 0.5, 0.4, 0.01))):
+        sizes[name] = sizes[name] * np.array(factors)[:, None, None]
+    stated = replace(score, rungs=rungs, **sizes)
+    text = describe_steps(stated)
+    assert text.startswith("Fitted inertias and friction bring")
+    assert text.count("→") == 1
+    assert "+ inertia: energy error +10" in reductions(stated)[1].replace("\u00a0", " ")
 
 
 def test_joint_made_worse_is_told(source: ReportInput) -> None:

@@ -1,0 +1,158 @@
+"""Whether a log of goals and positions is fit for use: its clock, its units, and whose goals they are.
+
+A position follows its goal late and not wholly, but it follows that of its own joint, in the same unit
+and direction. Each position is held against every goal, as it stands and as it would be in another unit
+or direction; where another reading leaves surely less, the log is refused with that reading.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from ident.arrays import Array, Float
+from ident.checks.angles import mend_degrees
+from ident.checks.clock import (
+    check_stated_rate,
+    mend_clock_jumps,
+    mend_jitter,
+    mend_order,
+    mend_time_base,
+    mend_time_unit,
+    split_at_gaps,
+)
+from ident.errors import RecordingError
+from ident.recordings.recording import Session, TelemetryIssue
+from ident.servos.servo_fit import LIMIT, GoalRun, no_worse
+
+STEPS = (
+    mend_order,
+    mend_clock_jumps,
+    mend_time_unit,
+    check_stated_rate,
+    mend_time_base,
+    mend_jitter,
+    lambda session: mend_degrees(session, None),
+    split_at_gaps,
+)
+COUNTS = 4096.0 / (2.0 * math.pi)
+# What a goal may be multiplied by to be in the unit and direction of the position, and what that means.
+READINGS = {
+    1.0: "",
+    -1.0: "turned round",
+    math.radians(1.0): "read as degrees, the position as radians",
+    math.degrees(1.0): "read as radians, the position as degrees",
+    1.0 / COUNTS: "read as counts of a turn in 4096, the position as radians",
+    COUNTS: "read as radians, the position as counts of a turn in 4096",
+}
+# Delays of goals that are tried [s].
+DELAYS = np.linspace(0.0, LIMIT.longest_delay, 6)
+TWO_TURNS = 4.0 * math.pi
+COUNTS_REMEDY = (
+    "write `counts_per_turn = 4096` (as many as the servo has) at the top of session.toml, or "
+    '`angle_unit = "deg"` where it logs degrees'
+)
+SAME_UNIT = "log goal and position in one unit and direction, and each goal under its own joint"
+
+
+def check_log(session: Session) -> tuple[Session, tuple[TelemetryIssue, ...]]:
+    """A session of goals and positions with its clock mended, and what was seen.
+
+    Raises:
+        RecordingError: Its clock or its unit is wrong.
+    """
+    where = str(session.path or session.name)
+    issues: list[TelemetryIssue] = []
+    # Checks of the clock look at efforts, too: the position stands there.
+    session = session.replace(runs=tuple(run.replace(effort=run.position) for run in session.runs))
+    for step in STEPS:
+        session, told = step(session)
+        issues += told
+        fatal = next((issue for issue in told if issue.severity == "fatal"), None)
+        if fatal is not None:
+            remedy = COUNTS_REMEDY if _in_counts(fatal, session) else fatal.remedy
+            raise RecordingError(where, fatal.evidence.removeprefix(f"{session.name}: "), remedy)
+    return session, tuple(issues)
+
+
+def _in_counts(issue: TelemetryIssue, session: Session) -> bool:
+    """Whether angles that are no radians go too far for degrees of joints within two turns."""
+    farthest = max(float(np.abs(run.position).max()) for run in session.runs)
+    # The session of an issue has been read as degrees already.
+    return issue.issue == "units_degrees" and farthest > TWO_TURNS
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A position as it follows a goal."""
+
+    goal: int  # number of the joint whose goal it is
+    factor: float  # what the goal is multiplied by, one of `READINGS`
+    losses: Float[Array, " P"]  # squared error of each piece
+
+
+def require_own_goals(runs: Sequence[GoalRun], where: str) -> None:
+    """Passes if no position follows another goal, or another unit or direction of its own, surely better.
+
+    Args:
+        runs: Runs of a position-only arm.
+        where: The recordings, for the message.
+
+    Raises:
+        RecordingError: One does.
+    """
+    joints = runs[0].motion.joints
+    tests = len(joints) ** 2 * len(READINGS)
+    for j, joint in enumerate(joints):
+        if _travel(runs, lambda run, j=j: run.motion.q[:, j]) < LIMIT.least_travel:
+            continue
+        own = _read(runs, j, j, 1.0)
+        pieces = len(own.losses)
+        if pieces < LIMIT.least_pieces:
+            continue
+        reach = float(stdtrit(pieces - 1, 1.0 - 0.5 * LIMIT.false / tests))
+        best = min(_other_readings(runs, j), key=lambda reading: float(reading.losses.sum()), default=own)
+        if no_worse(own.losses, best.losses, reach):
+            continue
+        words = READINGS[best.factor]
+        goal = "its own goal" if best.goal == j else f"the goal of {joints[best.goal]}"
+        read = f", {words}," if words else ""
+        better = math.sqrt(own.losses.sum() / max(best.losses.sum(), 1e-300))
+        what = f"the position of {joint} follows {goal}{read} {better:.0f} times better than its goal as it stands"
+        raise RecordingError(where, what, SAME_UNIT)
+
+
+def _other_readings(runs: Sequence[GoalRun], j: int) -> Iterator[Reading]:
+    """The goals of all joints that move, in every unit and direction, but a joint's own as it stands."""
+    for k in range(len(runs[0].motion.joints)):
+        if _travel(runs, lambda run, k=k: run.goal[:, k]) <= 0.0:
+            continue
+        for factor in READINGS:
+            if k != j or factor != 1.0:
+                yield _read(runs, j, k, factor)
+
+
+def _travel(runs: Sequence[GoalRun], values: Callable[[GoalRun], Array]) -> float:
+    """How far something goes in the run in which it goes farthest."""
+    return max(float(np.ptp(values(run))) for run in runs)
+
+
+def _read(runs: Sequence[GoalRun], j: int, k: int, factor: float) -> Reading:
+    """A position by a goal times a factor, with an offset of its own in each run, at the best delay."""
+    best = None
+    for delay in DELAYS:
+        losses = []
+        for run in runs:
+            motion = run.motion
+            error = motion.tau_filtered[:, j] - factor * motion.filtered(run.goal_at(k, float(delay)))
+            piece = ((motion.time[motion.coarse] - motion.time[0]) // LIMIT.piece_s).astype(int)
+            losses.append(np.bincount(piece, (error - error.mean()) ** 2))
+        reading = Reading(k, factor, np.concatenate(losses))
+        if best is None or reading.losses.sum() < best.losses.sum():
+            best = reading
+    assert best is not None
+    return best
