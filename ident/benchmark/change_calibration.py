@@ -27,7 +27,7 @@ import tomli_w
 from ident.arrays import Array, Bool, Float
 from ident.benchmark.law_shares import Miss, Widths, fit_widths
 from ident.benchmark.logistic import Logistic, fit_logistic, log_score
-from ident.benchmark.real_check import holds
+from ident.benchmark.real_rows import holds
 from ident.benchmark.tempering import Choice, fit_temper
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.errors import InputError

@@ -1,4 +1,4 @@
-"""What to record next: rules of thumb from the findings; `plan excite` computes the motion itself."""
+"""What to record next, by rules of thumb; `plan excite` computes the motion itself."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ NOT_OF_MOTION = (
 # Words in reasons that a longer recording of any motion removes, and the advice to record more.
 SHORT = "the session lasts"
 MORE = "more"
-# Length of a recording after a change of set-up, for which any motion over many poses will do [min].
+# Length of a recording after a change of set-up, for which any motion over many poses will do
+# [min].
 SETUP_MINUTES = 4.0
 # A name with a probability from here on is likelier than not.
 LIKELY = 0.5
@@ -85,7 +86,9 @@ def joints_shown(finding: Record) -> set[str]:
     return {*finding["joints"], *heldout.get("rms_before_Nm", ())}
 
 
-def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: str) -> dict[str, Any]:
+def _for_tied(
+    effects: list[str], joint: str, known: Sequence[Effect], robot: str
+) -> dict[str, Any]:
     """Advice for effects that are not distinguished: a change of set-up where one helps, else a
     motion.
     """
@@ -96,7 +99,9 @@ def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: st
     return _advise(effects, family_for(effects, known), joint, robot)
 
 
-def _for_unseen(entries: Sequence[Record], known: Sequence[Effect], robot: str) -> dict[str, Any] | None:
+def _for_unseen(
+    entries: Sequence[Record], known: Sequence[Effect], robot: str
+) -> dict[str, Any] | None:
     """Advice for untestable effects: the kind of motion that shows most of them, at the joint that
     lacks it most; None where no motion shows any.
     """

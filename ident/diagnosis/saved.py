@@ -1,4 +1,4 @@
-"""A diagnosis read from its file: the same attributes as the diagnosis itself, made of its record."""
+"""A diagnosis read from its file: the diagnosis's own attributes, made of its record."""
 
 from __future__ import annotations
 
@@ -57,8 +57,13 @@ class SavedGain:
 
 def interval_of(record: Mapping[str, Any]) -> Interval:
     """An interval of a record; further keys are passed over."""
-    names = [one.name for one in fields(Interval)]
-    return Interval(**{name: record[name] for name in names if name in record})
+    return Interval(**_known_keys(record, Interval))
+
+
+def _known_keys(record: Mapping[str, Any], kind: type[Interval | Place]) -> dict[str, Any]:
+    """The entries of a record that are fields of a class."""
+    names = [entry.name for entry in fields(kind)]
+    return {name: record[name] for name in names if name in record}
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +111,11 @@ class SavedParts:
     @cached_property
     def where(self) -> tuple[Place, ...]:
         """The cells of the map in which the gap stands out, in the record's order."""
-        names = [one.name for one in fields(Place)]
-        usual: dict[str, Any] = {"share_of_time": 0.0, "energy_J": None}
-        rows = ({**usual, **row} for row in self.record["where"])
-        return tuple(Place(**{name: row[name] for name in names if name in row}) for row in rows)
+        places = []
+        for row in self.record["where"]:
+            whole = {"share_of_time": 0.0, "energy_J": None, **row}
+            places.append(Place(**_known_keys(whole, Place)))
+        return tuple(places)
 
     @cached_property
     def findings(self) -> tuple[SavedFinding, ...]:
