@@ -131,9 +131,8 @@ class Pairs:
         arm = []
         case_of = []
         for case, row in self.rows():
-            near = [
-                rival for rival in row["rivals"] if temper * rival["deficit"] <= np.log(CLASS_ODDS)
-            ]
+            most = np.log(CLASS_ODDS)
+            near = [rival for rival in row["rivals"] if temper * rival["deficit"] <= most]
             finding = as_finding(row, near)
             features.append([row["features"][name] for name in SIGNS])
             right.append(any(holds(finding, effect) for effect in self.answers[case]["effects"]))
@@ -144,10 +143,9 @@ class Pairs:
 
 def _misses(row: Row, truth: Mapping[str, Any], arm: str) -> list[Miss]:
     """Errors of one change's parameters."""
-    intervals = {
-        name: one for name, one in row["parameters"].items() if one.get("value") is not None
-    }
-    sizes = sizes_of({name: one["value"] for name, one in intervals.items()})
+    parameters = row["parameters"].items()
+    intervals = {name: each for name, each in parameters if each.get("value") is not None}
+    sizes = sizes_of({name: interval["value"] for name, interval in intervals.items()})
     misses = []
     for name, interval in intervals.items():
         true = truth.get(name)
@@ -209,8 +207,8 @@ def store(cases: Path) -> None:
         record = compare_pair(
             [folder / "before", folder / "after"], folder / "after" / "robot.urdf"
         )
-        with atomic_write(path) as part:
-            part.write_text(as_json(record, None) + "\n", encoding="utf-8")
+        with atomic_write(path) as scratch:
+            scratch.write_text(as_json(record, None) + "\n", encoding="utf-8")
         print(folder.name, len(record["rows"]), flush=True)
 
 
@@ -327,8 +325,8 @@ def write(fitted: Fitted, rows: Rows, out: Path) -> None:
         },
         "feature": terms,
     }
-    with atomic_write(out) as part:
-        part.write_text(tomli_w.dumps(record), encoding="utf-8")
+    with atomic_write(out) as scratch:
+        scratch.write_text(tomli_w.dumps(record), encoding="utf-8")
 
 
 def main() -> None:

@@ -139,12 +139,11 @@ class Table:
         """Whether other sessions of a real arm, in which other things were put, have a name as
         well.
         """
-        others = [
-            other
-            for other, names in named.items()
-            if other != case and any(overlap(name, one) for one in names)
-        ]
-        return len(others) >= AGAIN
+        others = 0
+        for other, names in named.items():
+            if other != case and any(overlap(name, known) for known in names):
+                others += 1
+        return others >= AGAIN
 
     def labels(self, known_names: Bool[Array, " N"]) -> Array:
         """Right, wrong or unknown of each row.

@@ -77,8 +77,8 @@ def examine(task: ExamineTask) -> str:
 def write_result(path: Path, record: dict[str, Any]) -> None:
     """Writes a record as JSON allows it: what is no number becomes null."""
 
-    with atomic_write(path) as part:
-        part.write_text(as_json(record, None) + "\n", encoding="utf-8")
+    with atomic_write(path) as scratch:
+        scratch.write_text(as_json(record, None) + "\n", encoding="utf-8")
 
 
 def _name(group: Group, joints: Sequence[str]) -> tuple[str, str]:
@@ -139,20 +139,22 @@ def forward_by_bic(evidence: Evidence, prior: Prior) -> list[Group]:
     units of its noise.
     """
     samples = float(sum(evidence.weights.sum(axis=0)))
-    gram = np.zeros((evidence.layout.size + 1, evidence.layout.size + 1))
-    for local, sums, level in zip(
-        evidence.layout.local, evidence.plain, evidence.whitening.level, strict=True
-    ):
+    layout = evidence.layout
+    gram = np.zeros((layout.size + 1, layout.size + 1))
+    levels = evidence.whitening.level
+    for local, sums, level in zip(layout.local, evidence.plain, levels, strict=True):
         gram[np.ix_(local, local)] += sums.over() / max(float(level), 1e-9) ** 2
     chosen: list[Group] = []
     while len(chosen) < MOST_BY_BIC:
+        taken = {group.key for group in chosen}
         projection = project(gram, evidence, prior, chosen)
         variance = max(projection.misfit / samples, 1e-12)
         best = None
         most = 0.0
         for group in evidence.layout.groups:
-            fall = projection.gain(group)[0] / variance - len(group.columns) * np.log(samples)
-            if fall > most and group.key not in {one.key for one in chosen}:
+            gain, *_ = projection.gain(group)
+            fall = gain / variance - len(group.columns) * np.log(samples)
+            if fall > most and group.key not in taken:
                 best = group
                 most = fall
         if best is None:

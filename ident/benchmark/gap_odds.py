@@ -85,9 +85,8 @@ def _labelled(
     rows = []
     for row in joints:
         here = [truth for truth in entry.truth if _may_stand(truth, row["joint"])]
-        missed = [truth for truth in here if not any(_says(name, truth) for name in named)]
-        visible = [truth for truth in missed if _size(truth) >= SEEN_FROM]
-        if visible:
+        missed = [truth for truth in here if not _is_said(truth, named)]
+        if any(_size(truth) >= SEEN_FROM for truth in missed):
             rows.append((row["features"], True))
         elif entry.group not in ("real", "kept") and not missed and not _anywhere(entry):
             rows.append((row["features"], False))
@@ -95,14 +94,17 @@ def _labelled(
 
 
 def _may_stand(truth: Truth, joint: str) -> bool:
+    """Whether a true cause may be named at a joint."""
     return joint in (truth.may_stand_at or truth.joints)
 
 
-def _says(name: Name, truth: Truth) -> bool:
-    return matching(name, [truth]) is not None
+def _is_said(truth: Truth, names: Sequence[Name]) -> bool:
+    """Whether any of some names is that of a true cause."""
+    return any(matching(name, [truth]) is not None for name in names)
 
 
 def _size(truth: Truth) -> float:
+    """The size that was asked for; of one that was not, a visible one."""
     return truth.asked if truth.asked is not None else SEEN_FROM
 
 

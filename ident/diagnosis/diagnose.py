@@ -16,7 +16,7 @@ from ident.diagnosis.gap.gap_map import Place, View, map_gap
 from ident.diagnosis.gap.improvement import energy_spread
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.heldout_gain import measure_shrink, slides
-from ident.diagnosis.identified import IdentifiedNumbers, Solved, identify
+from ident.diagnosis.identified import IdentifiedNumbers, SolvedSession, identify
 from ident.diagnosis.remaining import (
     FIXED_URDF_FACTOR,
     Models,
@@ -232,7 +232,7 @@ def _identify(
     tuned = project(gram, evidence, prior, groups)
     given = prior.tightened(FIXED_URDF_FACTOR * prior.error.scale)
     return identify(
-        Solved(
+        SolvedSession(
             baseline=baseline,
             session=session,
             evidence=evidence,

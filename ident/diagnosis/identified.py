@@ -130,7 +130,7 @@ class IdentifiedNumbers:
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
+class SolvedSession:
     """What the figures are computed from.
 
     Attributes:
@@ -158,7 +158,7 @@ class Solved:
     inflation: float
 
 
-def identify(solved: Solved) -> IdentifiedNumbers:
+def identify(solved: SolvedSession) -> IdentifiedNumbers:
     """All figures of a solved session."""
     arm = solved.baseline.nominal
     losses = _loss_figures(solved)
@@ -190,7 +190,7 @@ def stated_friction(arm: ArmModel) -> dict[str, dict[str, float]]:
     return stated
 
 
-def _loss_figures(solved: Solved) -> dict[str, dict[str, Figure]]:
+def _loss_figures(solved: SolvedSession) -> dict[str, dict[str, Figure]]:
     """Rotor inertia, viscous and Coulomb friction of every joint."""
     evidence = solved.evidence
     rank = evidence.layout.rank
@@ -245,7 +245,7 @@ def _torque_of_a_unit(series: Sequence[RunResidual]) -> Float[Array, "3 n"]:
     return np.sqrt(squares / np.maximum(counts, 1.0))
 
 
-def _reading_figure(solved: Solved, joint: int, key: str) -> Figure:
+def _reading_figure(solved: SolvedSession, joint: int, key: str) -> Figure:
     """Gain or offset of a joint's torque reading, with the torque that its error makes."""
     figure = _find_reading(solved, joint, key)
     if figure.value is None:
@@ -262,7 +262,7 @@ def _torque_rms(series: Sequence[RunResidual], joint: int) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def _find_reading(solved: Solved, joint: int, key: str) -> Figure:
+def _find_reading(solved: SolvedSession, joint: int, key: str) -> Figure:
     """That of a named effect, else what is found of it alone."""
     effect, parameter, true = READINGS[key]
     named = _named(solved.estimates, effect, joint)
@@ -302,7 +302,9 @@ def _candidate(evidence: Evidence, effect: str, joint: int) -> Group | None:
     return None
 
 
-def _alone(solved: Solved, model: Projection, group: Group, parameter: str) -> Interval | None:
+def _alone(
+    solved: SolvedSession, model: Projection, group: Group, parameter: str
+) -> Interval | None:
     """A parameter of a candidate that alone is free beside a model.
 
     None where the model leaves nothing to be seen of it.
@@ -326,7 +328,7 @@ def _alone(solved: Solved, model: Projection, group: Group, parameter: str) -> I
     return parameters[parameter]
 
 
-def _nominal_errors(solved: Solved) -> tuple[dict[str, float], dict[str, float]]:
+def _nominal_errors(solved: SolvedSession) -> tuple[dict[str, float], dict[str, float]]:
     """Error of the URDF as a simulator loads it, and of its rigid body alone, by joint [N m]."""
     arm = solved.baseline.nominal
     stated = stated_friction(arm)
@@ -352,7 +354,7 @@ def _nominal_errors(solved: Solved) -> tuple[dict[str, float], dict[str, float]]
     return urdf, rigid_alone
 
 
-def _link_figures(solved: Solved, index: int, name: str) -> LinkFigures:
+def _link_figures(solved: SolvedSession, index: int, name: str) -> LinkFigures:
     """Mass and first moments of a link, as far as they are determined."""
     link = solved.links[name]
     first = 10 * index
@@ -387,7 +389,7 @@ def _link_figure(stated: float, change: Interval | None, alone: Interval | None)
     return Figure(stated, value, narrow, _hull(narrow, wide))
 
 
-def _links_given_the_others(solved: Solved) -> list[Interval | None]:
+def _links_given_the_others(solved: SolvedSession) -> list[Interval | None]:
     """Change of each of the ten numbers of each link, if all the others are the URDF's.
 
     None of what acts on nothing.

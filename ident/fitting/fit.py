@@ -14,7 +14,7 @@ from ident.arrays import Array, Float
 from ident.command_options import LUMPED, FitOptions
 from ident.errors import RecordingError
 from ident.fitting.choice import choose
-from ident.fitting.chosen import Choice
+from ident.fitting.chosen import ModelChoice
 from ident.fitting.coupling import (
     EFFECT,
     NO_COUPLING,
@@ -58,7 +58,7 @@ class FitResults(Result):
 
     model: HybridModel
     identified: Identified
-    choice: Choice  # what runs left out chose
+    choice: ModelChoice  # what runs left out chose
 
     @property
     def loss(self) -> LossResults:
@@ -81,7 +81,7 @@ class _Rigid:
     """What a fit has before the net: the arm with its losses and laws."""
 
     identified: Identified
-    choice: Choice
+    choice: ModelChoice
     left_out: tuple[str, ...]  # what was named and is not in the model, in words, with the reason
     # Where there are named laws, the arm and its losses as the same runs have them without.
     alone: tuple[ArmModel, LossParameters] | None
@@ -189,7 +189,7 @@ def _fit_rigid(
 
 
 def identify_named(
-    sums: FitSums, left_out: tuple[str, ...], choice: Choice | None = None
+    sums: FitSums, left_out: tuple[str, ...], choice: ModelChoice | None = None
 ) -> tuple[Identified, tuple[str, ...]]:
     """Identifies an arm with named laws beside losses and inertias.
 
@@ -274,7 +274,7 @@ def coupling_of(
 
 def choose_and_gather(
     motions: Sequence[Motion], nominal: ArmModel, options: FitOptions, given: Sequence[NamedLaw]
-) -> tuple[Choice, FitSums]:
+) -> tuple[ModelChoice, FitSums]:
     """What runs left out choose, and one pass over all runs with it.
 
     Args:
