@@ -97,11 +97,11 @@ class ModelChoice:
         plain, _ = left_out(self.sums, self.selection, self.noise, "base", self.share)
         squares = np.zeros_like(plain.squares)
         work = np.zeros_like(plain.work)
-        for part, solution in enumerate(solutions):
+        for number, solution in enumerate(solutions):
             for joint in range(self.sums.nominal.n):
                 weights = problem.row_weights(self.sums, solution, joint)
-                squares[part, joint] = weights @ self.sums.squares[joint][part] @ weights
-                work[part, joint] = self.sums.work[joint][part] @ weights
+                squares[number, joint] = weights @ self.sums.squares[joint][number] @ weights
+                work[number, joint] = self.sums.work[joint][number] @ weights
         most = (1.0 + AS_GOOD) ** 2 * np.sum(plain.squares / self.noise**2)
         as_good = bool(np.sum(squares / self.noise**2) <= most)
         return as_good and no_worse_work(plain.work.sum(axis=1), work.sum(axis=1))

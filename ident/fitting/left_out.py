@@ -241,14 +241,14 @@ def left_out(
     squares = np.zeros((sums.parts, n))
     work = np.zeros((sums.parts, n))
     solutions = []
-    for part in parts:
-        problem = assemble(sums, selection, parts[parts != part], noise)
+    for number in parts:
+        problem = assemble(sums, selection, parts[parts != number], noise)
         unknowns = solve(sums, problem, kind, share)
         solutions.append(unknowns)
         for j in range(n):
             weights = problem.row_weights(sums, unknowns, j)
-            squares[part, j] = weights @ sums.squares[j][part] @ weights
-            work[part, j] = weights @ sums.work[j][part]
+            squares[number, j] = weights @ sums.squares[j][number] @ weights
+            work[number, j] = weights @ sums.work[j][number]
     return Errors(np.maximum(squares, 0.0), work, sums.counts), solutions
 
 
@@ -275,14 +275,14 @@ class OwnColumns:
         grams = []
         rest = []
         work = []
-        for part, change in enumerate(changes):
+        for number, change in enumerate(changes):
             lift = np.zeros((size, size - rank))
             lift[rank:] = np.eye(size - rank)
             lift[:rank, -1] = -change
-            gram = lift.T @ sums.squares[joint][part] @ lift
+            gram = lift.T @ sums.squares[joint][number] @ lift
             grams.append(gram)
             rest.append(lift.T @ total @ lift - gram)
-            work.append(lift.T @ sums.work[joint][part])
+            work.append(lift.T @ sums.work[joint][number])
         return cls(np.array(grams), np.array(rest), np.array(work))
 
     def errors(self, columns: Int[Array, " c"], signed: Bool[Array, " c"]) -> tuple[Array, Array]:
@@ -291,11 +291,11 @@ class OwnColumns:
         work = np.zeros(len(self.gram))
         bounded = np.flatnonzero(signed)
         index = np.append(columns, -1)
-        for part, rest in enumerate(self.rest):
+        for number, rest in enumerate(self.rest):
             coefficients = solve_partly_non_negative(rest[np.ix_(index, index)], bounded)
             weights = np.zeros(rest.shape[0])
             weights[columns] = -coefficients
             weights[-1] = 1.0
-            squares[part] = weights @ self.gram[part] @ weights
-            work[part] = weights @ self.work[part]
+            squares[number] = weights @ self.gram[number] @ weights
+            work[number] = weights @ self.work[number]
         return squares, work

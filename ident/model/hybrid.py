@@ -368,7 +368,7 @@ class HybridModel:
         record: dict[str, Any] = {"preset": preset}
         if self.memory is not None:
             pairs = zip(self.joint_names, self.memory.kept, strict=True)
-            record["memory"] = [name for name, kept in pairs if kept]
+            record["memory"] = [name for name, has_memory in pairs if has_memory]
         return record
 
     def require_robot(self, arm: ArmModel, where: str | Path) -> None:
