@@ -19,7 +19,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tomli_w
@@ -35,7 +34,7 @@ from ident.files import atomic_write
 from ident.inference.calibration import sizes_of
 from ident.inference.estimate import CLASS_ODDS
 from ident.inference.rows import candidate_rows
-from ident.records import as_json
+from ident.records import JsonRecord, JsonTable, as_json
 from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources
 
@@ -52,7 +51,7 @@ RIDGES = np.geomspace(1e-3, 1.0, 7)
 NAMED_FROM = 0.5
 # Where what was found of the pairs of a folder lies.
 RESULTS = "results"
-Row = dict[str, Any]
+Row = JsonRecord
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +140,7 @@ class Pairs:
         return Rows(np.array(features), np.array(right), np.array(arm), np.array(case_of))
 
 
-def _misses(row: Row, truth: Mapping[str, Any], arm: str) -> list[Miss]:
+def _misses(row: Row, truth: JsonTable, arm: str) -> list[Miss]:
     """Errors of one change's parameters."""
     parameters = row["parameters"].items()
     intervals = {name: each for name, each in parameters if each.get("value") is not None}

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from ident.arrays import Array, Bool, Float
 from ident.benchmark.corpus import Entry, Truth
 from ident.benchmark.labels import Name, matching
 from ident.benchmark.logistic import Logistic, fit_logistic, log_score
+from ident.records import JsonTable
 
 # What is left at a joint alone: how many rows or names an arm has tells arms apart, not gaps.
 FEATURES = (
@@ -43,7 +43,7 @@ class JointRows:
     @classmethod
     def of(
         cls,
-        results: Mapping[str, Mapping[str, Any]],
+        results: Mapping[str, JsonTable],
         entries: Mapping[str, Entry],
     ) -> JointRows:
         """The rows of all results.
@@ -77,7 +77,7 @@ def unit_of(entry: Entry) -> str:
 
 
 def _labelled(
-    joints: Sequence[Mapping[str, Any]], entry: Entry, named: Sequence[Name]
+    joints: Sequence[JsonTable], entry: Entry, named: Sequence[Name]
 ) -> list[tuple[Mapping[str, float], bool]]:
     """Features of the joints of a session of which it is known whether a cause without a name is
     left.

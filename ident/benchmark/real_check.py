@@ -19,7 +19,7 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ident.benchmark.real_rows import Row, rows_of
 from ident.benchmark.real_tables import score, tables
@@ -29,7 +29,7 @@ from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.files import atomic_write
-from ident.records import as_json
+from ident.records import JsonRecord, as_json
 from ident.results import Provenance, Result
 from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources
@@ -52,10 +52,10 @@ class RealReport(Result):
 
     seed: int
     seals: dict[str, str]
-    record: dict[str, Any]
+    record: JsonRecord
     lines: tuple[str, ...]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """`ident.blind/1`, as far as real arms know it."""
         origin = {"provenance": self.provenance.to_dict()}
         return {
@@ -132,7 +132,7 @@ def diagnose_case(task: tuple[Path, Path]) -> str:
     folder, path = task
     start = time.perf_counter()
     used = time.process_time()
-    record: dict[str, Any] = {}
+    record: JsonRecord = {}
     try:
         if (folder / "before").is_dir():
             sides = [folder / "before", folder / "after"]

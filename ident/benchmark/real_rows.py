@@ -8,16 +8,16 @@ where one is given.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 from ident.benchmark.scoring import is_inside
+from ident.records import JsonRecord, JsonTable
 from ident.simulation.real.sources import measured_causes
 
 # A class with this probability or more is named.
 CONFIDENT = 0.5
 
-Row = dict[str, Any]
-Finding = Mapping[str, Any]
+Row = JsonRecord
+Finding = JsonTable
 
 
 def rows_of(
@@ -55,7 +55,7 @@ def rows_of(
             rows = [_name_row(finding, answer["effects"], known) for finding in findings]
             given = [{**base, **row} for row in rows]
         sure = [finding for finding in findings if class_probability(finding) >= CONFIDENT]
-        seen = [any(holds(finding, cause) for finding in sure) for cause in measured]
+        seen = [_is_named(cause, sure) for cause in measured]
         new = [name for name in given if not name["old"]]
         cases.append(
             {
@@ -101,6 +101,11 @@ def _effect_row(effect: Row, findings: Sequence[Finding], control: Sequence[Find
         "strict": _is_sure(strict),
         "covered": _covered(effect, strict[0]) if strict and not already else {},
     }
+
+
+def _is_named(cause: Row, findings: Sequence[Finding]) -> bool:
+    """Whether any of some names holds a cause."""
+    return any(holds(finding, cause) for finding in findings)
 
 
 def _is_sure(findings: Iterable[Finding]) -> bool:
@@ -155,12 +160,12 @@ def _set_f1(planted: Sequence[Row], new: Sequence[Row]) -> float | None:
     return 2.0 * hits / (said + len(planted))
 
 
-def _record(result: Mapping[str, Any]) -> Mapping[str, Any]:
+def _record(result: JsonTable) -> JsonTable:
     """The diagnosis or the comparison of a case."""
     return result.get("diagnosis") or result.get("comparison") or {}
 
 
-def findings_of(result: Mapping[str, Any]) -> list[Finding]:
+def findings_of(result: JsonTable) -> list[Finding]:
     """Names that a diagnosis or a comparison gives."""
     record = _record(result)
     return list(record.get("findings", record.get("changes", ())))

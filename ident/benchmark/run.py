@@ -20,7 +20,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -41,6 +41,7 @@ from ident.motion.motion import Motion
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.motion.stretches import within_band
 from ident.recordings.recording import Session
+from ident.records import JsonRecord, JsonTable
 from ident.regression.decimation import moved_inertia
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
@@ -81,7 +82,7 @@ def edit(task: EditTask) -> str:
     answer = open_envelope(task.made.sealed, task.made.key)
     result = _read(task.result)
     options, _ = task.made.drawn(task.attempt)
-    record: dict[str, Any] = {"why": "it failed"}
+    record: JsonRecord = {"why": "it failed"}
     if "diagnosis" in result:
         try:
             record = edit_case(options, answer, result["diagnosis"])
@@ -91,9 +92,7 @@ def edit(task: EditTask) -> str:
     return task.made.slot.name
 
 
-def edit_case(
-    options: SimulationOptions, answer: Answer, diagnosis: Mapping[str, Any]
-) -> dict[str, Any]:
+def edit_case(options: SimulationOptions, answer: Answer, diagnosis: JsonTable) -> JsonRecord:
     """The edit test of one case: what was simulated, what was wrong, and what was diagnosed.
 
     Returns:
@@ -135,9 +134,7 @@ def edit_case(
     return {"joints": joints, "rms_Nm": by_joint, "ratio": ratio}
 
 
-def edited_arm(
-    record: Mapping[str, Any], arm: ArmModel, taken_out: Collection[int] = ()
-) -> IdentifiedArm:
+def edited_arm(record: JsonTable, arm: ArmModel, taken_out: Collection[int] = ()) -> IdentifiedArm:
     """The patch of a diagnosis less some of its findings, by their places.
 
     Nothing is fitted again.
@@ -148,7 +145,7 @@ def edited_arm(
     return replace(diagnosed.candidates(arm)["after"], changes=changes)
 
 
-def tuned_arm(record: Mapping[str, Any], arm: ArmModel) -> IdentifiedArm:
+def tuned_arm(record: JsonTable, arm: ArmModel) -> IdentifiedArm:
     """What the same recordings give where nothing is identified.
 
     The best tuning of links and losses.
@@ -199,7 +196,7 @@ class BlindOptions(CheckOptions):
     duration: float = 8.0  # rough duration of a run [s]; of a world, its own
 
     @property
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> JsonRecord:
         """What decides which cases there are."""
         names = ["cases", "mix", "robot", "runs", "duration"]
         if self.worlds:
@@ -287,7 +284,7 @@ def _tasks_of_cases(options: BlindOptions, seed: int, stamp: str) -> dict[str, M
     return tasks
 
 
-def begin_check(options: BlindOptions, settings: Mapping[str, Any]) -> int:
+def begin_check(options: BlindOptions, settings: JsonTable) -> int:
     """Checks that the folder holds no other check than one with these settings.
 
     Returns the seed.
@@ -323,7 +320,7 @@ def _step(
     name: str,
     function: Callable[[T], str],
     tasks: Mapping[str, tuple[Path, T]],
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, JsonRecord]:
     """What a step wrote of each case; what is there already is not done again."""
 
     def is_done(path: Path, stamp: str) -> bool:
@@ -352,5 +349,5 @@ def code_stamp() -> str:
     return digest.hexdigest()[:16]
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> JsonRecord:
     return read_json(path, "remove it, or choose another --out")

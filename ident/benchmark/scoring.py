@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from ident.benchmark.cases import Slot
 from ident.diagnosis.verdict import above_noise
 from ident.effects import optional
 from ident.effects.catalogue import CATALOGUE
+from ident.records import JsonRecord, JsonTable
 from ident.simulation.request import Answer, TrueEffect
 
 Z = 1.959964
@@ -202,13 +202,13 @@ class Outcome:
     refused: bool = False
     set_f1: float | None = None
     shrink_share: float | None = None
-    coverage: tuple[dict[str, Any], ...] = ()
+    coverage: tuple[JsonRecord, ...] = ()
     right: tuple[bool, ...] = ()
     excused: tuple[bool, ...] = ()
     rivals: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
     seconds: float | None = None
     error: str = ""
-    world: Mapping[str, Any] = field(default_factory=dict)
+    world: JsonTable = field(default_factory=dict)
     refusal_score: float | None = None
     oracle: float | None = None
     edit: Mapping[str, float] | None = None
@@ -244,14 +244,14 @@ class Outcome:
             return False
         return any(p >= CONFIDENT for _, p, right in self.judged if not right)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         record = {
             key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")
         }
         return {**record, "coverage": list(self.coverage)}
 
-    def to_row(self) -> dict[str, Any]:
+    def to_row(self) -> JsonRecord:
         """Numbers and words of the case and of its world, for a table with a row a case."""
         plain = str | int | float
         row = {key: value for key, value in vars(self).items() if isinstance(value, plain | None)}
@@ -263,12 +263,12 @@ class _JudgedNames:
     """The names of a case beside what was planted."""
 
     answer: Answer
-    findings: Sequence[Mapping[str, Any]]
+    findings: Sequence[JsonTable]
     matches: Sequence[TrueEffect | None]  # the true effect that each name is of
     excused: Sequence[bool]  # whether it is true of the world, though nothing of it was hidden
 
     @classmethod
-    def of(cls, findings: Sequence[Mapping[str, Any]], answer: Answer) -> _JudgedNames:
+    def of(cls, findings: Sequence[JsonTable], answer: Answer) -> _JudgedNames:
         """The names of a diagnosis's record, judged.
 
         A wrong URDF has links of its own to be named; a class that holds what was planted beside is
@@ -285,7 +285,7 @@ class _JudgedNames:
         return cls(answer, findings, matches, excused)
 
     @property
-    def counted(self) -> list[Mapping[str, Any]]:
+    def counted(self) -> list[JsonTable]:
         """The names that are true or false."""
         pairs = zip(self.findings, self.excused, strict=True)
         return [finding for finding, free in pairs if not free]
@@ -305,9 +305,9 @@ class _JudgedNames:
         recall = len(causes) / max(len(self.answer.effects), 1)
         return 2.0 * precision * recall / (precision + recall)
 
-    def coverage(self, starts: Sequence[float]) -> list[dict[str, Any]]:
+    def coverage(self, starts: Sequence[float]) -> list[JsonRecord]:
         """Parameters that both report by the same name, and whether the interval holds the true."""
-        covers: list[dict[str, Any]] = []
+        covers: list[JsonRecord] = []
         for true, finding in zip(self.matches, self.findings, strict=True):
             if true is None:
                 continue
@@ -327,7 +327,7 @@ class _JudgedNames:
         return covers
 
 
-def _match(finding: Mapping[str, Any], answer: Answer) -> TrueEffect | None:
+def _match(finding: JsonTable, answer: Answer) -> TrueEffect | None:
     """The true effect that a name is of; None if it is of none."""
     for effect in answer.effects:
         if is_true(effect, finding, answer):
@@ -335,7 +335,7 @@ def _match(finding: Mapping[str, Any], answer: Answer) -> TrueEffect | None:
     return None
 
 
-def _reported(interval: Mapping[str, Any]) -> dict[str, float] | None:
+def _reported(interval: JsonTable) -> dict[str, float] | None:
     """Value and ends of a parameter's interval; None where one of them is missing."""
     reported = {}
     for key in ("value", "low", "high"):
@@ -346,7 +346,7 @@ def _reported(interval: Mapping[str, Any]) -> dict[str, float] | None:
 
 
 def score_case(
-    slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Sequence[float] = ()
+    slot: Slot, answer: Answer, result: JsonTable, starts: Sequence[float] = ()
 ) -> Outcome:
     """Scores a case by its opened answer.
 
@@ -411,7 +411,7 @@ def _visible_amplitude(slot: Slot, answer: Answer) -> float:
 
 
 def _with_first_name(
-    case: Outcome, first: Mapping[str, Any], only: TrueEffect | None, answer: Answer
+    case: Outcome, first: JsonTable, only: TrueEffect | None, answer: Answer
 ) -> Outcome:
     """The outcome with what the first name says of the only effect."""
     case = replace(case, class_size=len(first["class"]))
@@ -425,7 +425,7 @@ def _with_first_name(
     )
 
 
-def urdf_is_wrong(world: Mapping[str, Any]) -> bool:
+def urdf_is_wrong(world: JsonTable) -> bool:
     """Whether links of a world's arms weigh something else than any tolerance allows."""
     if not world:
         return False
@@ -459,7 +459,7 @@ def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
     return [joint for joint, value in seen.items() if value >= least] or list(answer.noise_floor_Nm)
 
 
-def is_true(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
+def is_true(true: TrueEffect, finding: JsonTable, answer: Answer) -> bool:
     """Whether a name is that of a true effect, at a joint where it may stand."""
     same = bool(true.effect == finding["effect"])
     return same and (not _joint_of(true) or _is_at(true, finding["joints"], answer))
@@ -478,7 +478,7 @@ def _is_at(true: TrueEffect, joints: Sequence[str], answer: Answer) -> bool:
     return any(name in joints for name in allowed)
 
 
-def joints_told(record: Mapping[str, Any]) -> list[str]:
+def joints_told(record: JsonTable) -> list[str]:
     """The joint of the largest gap, and those of the first name."""
     leftover = record.get("leftover", {})
     sizes = {}
@@ -490,7 +490,7 @@ def joints_told(record: Mapping[str, Any]) -> list[str]:
     return where
 
 
-def _gap_size(gap: Mapping[str, Any], is_unexplained: bool) -> float:
+def _gap_size(gap: JsonTable, is_unexplained: bool) -> float:
     """Size of a joint's gap [noise floors].
 
     A gap is what exceeds the noise, by much or significantly, or what had to be tuned away.
@@ -503,7 +503,7 @@ def _gap_size(gap: Mapping[str, Any], is_unexplained: bool) -> float:
 
 def _shrink_share(
     truth: Sequence[tuple[str, str]],
-    heldout: Mapping[str, Any] | None,
+    heldout: JsonTable | None,
     joints: Sequence[str],
     answer: Answer,
 ) -> float | None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
@@ -19,6 +18,7 @@ from scipy.optimize import minimize, minimize_scalar
 from ident.arrays import Array, Float
 from ident.benchmark.corpus import Entry, Truth
 from ident.inference.calibration import Temper
+from ident.records import JsonTable
 
 # Logarithms of T between which it is looked for.
 LEAST = -8.0
@@ -38,7 +38,7 @@ class Choice:
         return -temper * self.true - float(np.logaddexp.reduce(-temper * self.deficits))
 
 
-def choices(results: Mapping[str, Mapping[str, Any]], entries: Mapping[str, Entry]) -> list[Choice]:
+def choices(results: Mapping[str, JsonTable], entries: Mapping[str, Entry]) -> list[Choice]:
     """All choices of the corpus in which the true effect takes part."""
     of_corpus = []
     for case, result in results.items():
@@ -52,7 +52,7 @@ def choices(results: Mapping[str, Mapping[str, Any]], entries: Mapping[str, Entr
     return of_corpus
 
 
-def _choice_of(candidate: Mapping[str, Any], truth: Truth) -> Choice | None:
+def _choice_of(candidate: JsonTable, truth: Truth) -> Choice | None:
     """The choice between a candidate and its rivals; None where the true effect is none of them."""
     members = [(candidate["effect"], 0.0)]
     members += [(rival["effect"], rival["deficit"]) for rival in candidate["rivals"]]
@@ -64,7 +64,7 @@ def _choice_of(candidate: Mapping[str, Any], truth: Truth) -> Choice | None:
     return Choice(min(of_truth), deficits, log_rows)
 
 
-def _at_its_place(candidate: Mapping[str, Any], truth: Truth) -> bool:
+def _at_its_place(candidate: JsonTable, truth: Truth) -> bool:
     places = set(truth.may_stand_at or truth.joints)
     return not places or bool(places & set(candidate["joints"]))
 

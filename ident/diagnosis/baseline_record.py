@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.effects import optional
 from ident.inference.estimate import Estimate
 from ident.model.inertia import lift_base
+from ident.records import JsonRecord
 from ident.regression.baseline import Baseline
 from ident.regression.design import LOSS_PARAMETERS, Group
 from ident.regression.gram import Evidence
@@ -38,7 +38,7 @@ class OpenLaw:
     coefficients: tuple[float, ...]  # of its columns, in their order
     shape: Mapping[str, float]  # inner parameters and other constants of its columns
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return {"coefficients": list(self.coefficients), "shape": dict(self.shape)}
 
@@ -65,7 +65,7 @@ class TunedJoint:
     link_change: Float[Array, " 10"]
     laws: Mapping[str, OpenLaw]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         losses = (self.motor_inertia, self.viscous, self.coulomb)
         link_change = map(float, self.link_change)

@@ -6,13 +6,13 @@ Base of a diagnosis's findings and of a comparison's changes.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array
 from ident.inference.conclusion import EVEN_ODDS
 from ident.inference.estimate import Estimate
+from ident.records import JsonRecord
 from ident.regression.design import Group
 from ident.robot.arm import ArmModel
 from ident.units import in_linear_units
@@ -59,7 +59,7 @@ class ReportedEffect:
         return self.estimate.rivals
 
     @property
-    def parameters(self) -> dict[str, Any]:
+    def parameters(self) -> JsonRecord:
         """Its parameters with their intervals."""
         return self.estimate.parameters
 
@@ -98,7 +98,7 @@ class ReportedEffect:
             sentence = in_linear_units(sentence)
         return sentence.replace(JOINT, where)
 
-    def shared_record(self) -> dict[str, Any]:
+    def shared_record(self) -> JsonRecord:
         """The entries that findings and changes have in common."""
         estimate = self.estimate
         elsewhere = []

@@ -23,7 +23,6 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -35,6 +34,7 @@ from ident.effects.base import Interval, SessionContext
 from ident.effects.intervals import NORMAL_95
 from ident.inference.estimate import Estimate
 from ident.model.linearisation import LEAST_MOVING
+from ident.records import JsonRecord
 from ident.regression.baseline import Baseline
 from ident.regression.design import LOSS_PARAMETERS, Group
 from ident.regression.gram import Evidence
@@ -70,7 +70,7 @@ class Figure:
         None  # torque that the difference from the URDF makes, rms while moving [N m]
     )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         low, high = self.given_urdf or (None, None)
         low_with_urdf, high_with_urdf = self.with_urdf or (None, None)
@@ -94,7 +94,7 @@ class LinkFigures:
     moment: Mapping[str, Figure]  # first moment in its joint's frame, by axis [kg m]
     beyond_tolerance: bool  # whether any differs from the URDF by more than URDFs are off
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return {
             "joint": self.joint,
@@ -121,9 +121,9 @@ class IdentifiedNumbers:
     urdf_rms: Mapping[str, float]
     rigid_rms: Mapping[str, float]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
-        record: dict[str, Any] = {}
+        record: JsonRecord = {}
         for joint, figures in self.joints.items():
             record[joint] = {key: figure.to_dict() for key, figure in figures.items()}
         return {**record, "links": {name: link.to_dict() for name, link in self.links.items()}}

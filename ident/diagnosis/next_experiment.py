@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import SHOWINGS, describe_motion, family_for, setup_for
+from ident.records import JsonRecord, JsonTable
 
 # Words in reasons for "not testable" that no motion removes: they lie in the arm, its URDF or the
 # sensors.
@@ -31,7 +31,7 @@ SETUP_MINUTES = 4.0
 # A name with a probability from here on is likelier than not.
 LIKELY = 0.5
 
-Record = Mapping[str, Any]
+Record = JsonTable
 """An entry of `findings` or `not_testable` of a diagnosis's record."""
 
 
@@ -41,7 +41,7 @@ def next_experiment(
     known: Sequence[Effect] = CATALOGUE,
     robot: str = "tm5-900",
     loudest: str | None = None,
-) -> dict[str, Any] | None:
+) -> JsonRecord | None:
     """The next motion to record.
 
     It distinguishes the effects of the first class with more than one, or else shows most of the
@@ -86,9 +86,7 @@ def joints_shown(finding: Record) -> set[str]:
     return {*finding["joints"], *heldout.get("rms_before_Nm", ())}
 
 
-def _for_tied(
-    effects: list[str], joint: str, known: Sequence[Effect], robot: str
-) -> dict[str, Any]:
+def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: str) -> JsonRecord:
     """Advice for effects that are not distinguished: a change of set-up where one helps, else a
     motion.
     """
@@ -101,7 +99,7 @@ def _for_tied(
 
 def _for_unseen(
     entries: Sequence[Record], known: Sequence[Effect], robot: str
-) -> dict[str, Any] | None:
+) -> JsonRecord | None:
     """Advice for untestable effects: the kind of motion that shows most of them, at the joint that
     lacks it most; None where no motion shows any.
     """
@@ -123,7 +121,7 @@ def _for_unseen(
     return _advise([] if family == MORE else effects, family, lacking, robot)
 
 
-def _advise(effects: Sequence[str], family: str, joint: str, robot: str) -> dict[str, Any]:
+def _advise(effects: Sequence[str], family: str, joint: str, robot: str) -> JsonRecord:
     """The advice for a kind of motion, with the command that computes it."""
     words = describe_motion(family, joint)
     separate = f" --separate {','.join(effects)}" if effects else ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from ident.diagnosis.tuned_links import TunedLink
 from ident.effects.base import Interval
 from ident.inference.conclusion import Named
 from ident.inference.estimate import Reason
+from ident.records import JsonRecord
 
 # Reasons that a sentence holds at most; the record has all of them.
 REASONS_TOLD = 2
@@ -44,7 +44,7 @@ class Reservation:
             name.group.effect.id, where, words, estimate.parameters, probability, estimate.reasons
         )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         weighed = {}
         if self.probability is not None:

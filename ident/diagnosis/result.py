@@ -26,6 +26,7 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.inference.conclusion import Named
 from ident.recordings.recording import TelemetryIssue
+from ident.records import JsonRecord
 from ident.regression.design import NotTestable
 from ident.results import ONE_RUN, Result
 from ident.safe_read import read_record
@@ -61,7 +62,7 @@ class Finding(ReportedEffect):
             hidden[joint] = self.evaluated.absorbed * float(np.sqrt(closed))
         return hidden
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return {
             **self.shared_record(),
@@ -114,7 +115,7 @@ class JointGap:
     model_rms: float | None = None
     slides: bool = False
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         mean, std = self.energy_error
         of_user_model = {} if self.model_rms is None else {"model_rms_Nm": self.model_rms}
@@ -145,7 +146,7 @@ class HeldOutGain:
     # Energy errors, a discrepancy in the effects' place, and the replayed motion.
     improvement: Improvement
 
-    def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+    def to_dict(self, joints: Sequence[str]) -> JsonRecord:
         """Its record, figures by the joints' names."""
         return {
             "rms_before_Nm": dict(zip(joints, map(float, self.rms_before), strict=True)),
@@ -183,10 +184,10 @@ class Details:
     tuned_links: Mapping[str, TunedLink]
     identified: IdentifiedNumbers
 
-    def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
+    def to_dict(self, names: Sequence[str]) -> JsonRecord:
         """Its record, with joint names."""
 
-        def by_joint(joints: Mapping[str, TunedJoint]) -> dict[str, dict[str, Any]]:
+        def by_joint(joints: Mapping[str, TunedJoint]) -> dict[str, JsonRecord]:
             return {name: joint.to_dict() for name, joint in joints.items()}
 
         return {
@@ -226,7 +227,7 @@ class Exportable(Result):
 class SavedDiagnosis(SavedParts, Exportable):
     """A diagnosis read from its file, with all that the diagnosis itself has to tell."""
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         return dict(self.record)
 
 
@@ -281,7 +282,7 @@ class Diagnosis(Exportable):
         remedy = "give the JSON of `ident diagnose`"
         return SavedDiagnosis(read_record(Path(path), SCHEMA, remedy))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         findings = [finding.to_dict() for finding in self.findings]
         untestable = [entry.to_dict(self.joints) for entry in self.not_testable]
         loudest = self.where[0].joint if self.where else None
@@ -307,7 +308,7 @@ class Diagnosis(Exportable):
             **({} if self.until is None else {"until": self.until.to_dict()}),
         }
 
-    def _gap_record(self, joint: str, gap: JointGap) -> dict[str, Any]:
+    def _gap_record(self, joint: str, gap: JointGap) -> JsonRecord:
         """A joint's gap, with the errors of the URDF as loaded and of its rigid body [N m]."""
         record = gap.to_dict()
         if self.details is None:

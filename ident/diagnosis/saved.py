@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
 
 from ident.diagnosis.gap.gap_map import Place
 from ident.effects.base import Interval
 from ident.recordings.recording import TelemetryIssue
+from ident.records import JsonRecord, JsonTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class SavedFinding:
     action: str  # what a person at the cell can do about it
 
     @classmethod
-    def of(cls, record: Mapping[str, Any]) -> SavedFinding:
+    def of(cls, record: JsonTable) -> SavedFinding:
         """Read from a finding of a saved diagnosis."""
         heldout = record["heldout"]
         parameters = {name: interval_of(value) for name, value in record["parameters"].items()}
@@ -55,12 +55,12 @@ class SavedGain:
     shrink: float
 
 
-def interval_of(record: Mapping[str, Any]) -> Interval:
+def interval_of(record: JsonTable) -> Interval:
     """An interval of a record; further keys are passed over."""
     return Interval(**_known_keys(record, Interval))
 
 
-def _known_keys(record: Mapping[str, Any], kind: type[Interval | Place]) -> dict[str, Any]:
+def _known_keys(record: JsonTable, kind: type[Interval | Place]) -> JsonRecord:
     """The entries of a record that are fields of a class."""
     names = [entry.name for entry in fields(kind)]
     return {name: record[name] for name in names if name in record}
@@ -70,7 +70,7 @@ def _known_keys(record: Mapping[str, Any], kind: type[Interval | Place]) -> dict
 class SavedParts:
     """The parts of a diagnosis's record, with the names that they have on a `Diagnosis`."""
 
-    record: Mapping[str, Any]  # `ident.diagnosis/1`; `ident schema diagnosis` says what it holds
+    record: JsonTable  # `ident.diagnosis/1`; `ident schema diagnosis` says what it holds
 
     @property
     def robot(self) -> str:
@@ -93,12 +93,12 @@ class SavedParts:
         return dict(self.record["session"])
 
     @property
-    def gap(self) -> Mapping[str, Mapping[str, Any]]:
+    def gap(self) -> Mapping[str, JsonTable]:
         """The record of each joint's gap, by joint name."""
         return dict(self.record["gap"])
 
     @property
-    def identified(self) -> Mapping[str, Any]:
+    def identified(self) -> JsonTable:
         """The URDF's numbers beside those that were found."""
         return dict(self.record.get("identified", {}))
 

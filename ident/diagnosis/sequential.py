@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import ceil
-from typing import Any
 
 from ident.diagnosis.result import Diagnosis
 from ident.errors import InputError
-from ident.records import read_group
+from ident.records import JsonRecord, read_group
 
 LIMIT = read_group(__file__, "looks")
 NOISES = ("encoder", "torque")
@@ -29,7 +28,7 @@ class RepeatedLook:
     verdict: str  # verdict of the diagnosis
     missing: tuple[str, ...]  # reasons why the result is not certain enough; empty if it is
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         record = {**vars(self), "minutes": self.seconds / 60.0, "missing": list(self.missing)}
         del record["seconds"]
@@ -49,7 +48,7 @@ class RepeatedLooks:
         """Whether the last look was certain enough."""
         return not self.looks[-1].missing
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """The entry `until` of the diagnosis's record."""
         last = self.looks[-1].to_dict()
         return {

@@ -34,7 +34,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -42,7 +41,7 @@ from scipy.linalg import solve_triangular
 from ident.arrays import Array, Bool, Float
 from ident.effects.intervals import NORMAL_95, Interval
 from ident.model.inertia import base_prior
-from ident.records import read_group
+from ident.records import JsonRecord, read_group
 from ident.regression.baseline import Baseline
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection
@@ -98,9 +97,9 @@ class TunedLink:
             return None
         return Interval(change.value / whole, change.low / whole, change.high / whole)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, without undetermined parameters."""
-        record: dict[str, Any] = {"joint": self.joint, "beyond_tolerance": self.beyond_tolerance}
+        record: JsonRecord = {"joint": self.joint, "beyond_tolerance": self.beyond_tolerance}
         if self.mass is not None:
             record["mass_kg"] = self.mass.to_dict()
         record["moment_kgm"] = {axis: change.to_dict() for axis, change in self.moment.items()}

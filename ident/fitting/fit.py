@@ -8,7 +8,7 @@ import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ident.arrays import Array, Float
 from ident.command_options import LUMPED, FitOptions
@@ -36,6 +36,7 @@ from ident.motion.motion import Motion
 from ident.motion.stretches import hold, runs_recorded
 from ident.origin import UNITS, code_commit
 from ident.progress import stage
+from ident.records import JsonRecord
 from ident.results import Result
 from ident.robot.arm import ArmModel
 
@@ -70,7 +71,7 @@ class FitResults(Result):
         """Inertias of the links, with intervals."""
         return self.identified.inertia
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """The model's record."""
         origin = {**self.model.provenance, **self.provenance.to_dict()}
         return {**self.model.record(), "schema": FIT_SCHEMA, "provenance": origin}
@@ -315,7 +316,7 @@ def read_versions() -> dict[str, str]:
 
 def _provenance(
     motions: Sequence[Motion], options: FitOptions, data: Sequence[dict[str, str]]
-) -> dict[str, Any]:
+) -> JsonRecord:
     """What was fitted to what."""
     given = {**vars(options), "accept": list(options.accept)}
     return {
@@ -327,10 +328,10 @@ def _provenance(
     }
 
 
-def _origin(data: Sequence[dict[str, str]]) -> dict[str, Any]:
+def _origin(data: Sequence[dict[str, str]]) -> JsonRecord:
     """The training files, and the code."""
     digests = "".join(sorted(record["sha256"] for record in data))
-    origin: dict[str, Any] = {
+    origin: JsonRecord = {
         "data": list(data),
         "data_sha256": hashlib.sha256(digests.encode()).hexdigest(),
         "versions": read_versions(),

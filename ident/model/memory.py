@@ -31,7 +31,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -47,7 +46,7 @@ from ident.model.net_gate import JointGate, shrink_between, shrink_bounded
 from ident.model.residual_net import TRAINED_SAMPLES, Known
 from ident.motion.motion import Motion
 from ident.motion.stretches import hold
-from ident.records import as_json
+from ident.records import JsonRecord, as_json
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json, require_regular
 
@@ -162,7 +161,7 @@ class JointMemory:
             save_file(
                 {name: np.ascontiguousarray(values) for name, values in arrays.items()}, scratch
             )
-        record: dict[str, Any] = {"joints": self.n, "ranges_rad": RANGES, "times_s": TIMES}
+        record: JsonRecord = {"joints": self.n, "ranges_rad": RANGES, "times_s": TIMES}
         with atomic_write(folder / RECORD) as scratch:
             scratch.write_text(as_json(record), encoding="utf-8")
 

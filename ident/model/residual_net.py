@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass
 from errno import EIO
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from ident.model.net_options import PRESETS, NetOptions
 from ident.model.random_features import solve_net
 from ident.motion.motion import Motion
 from ident.motion.stretches import hold
-from ident.records import as_json
+from ident.records import JsonRecord, as_json
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json, require_regular
 
@@ -129,7 +129,7 @@ class ResidualNet:
                 save_file(arrays, file)
             except SafetensorError as error:
                 raise OSError(EIO, str(error), str(file)) from None
-        record: dict[str, Any] = {"options": asdict(self.options), "parameters": self.parameters}
+        record: JsonRecord = {"options": asdict(self.options), "parameters": self.parameters}
         for name in ("input_mean", "input_std", "output_std"):
             record[name] = getattr(self, name).tolist()
         if self.bounds is not None:
@@ -154,7 +154,7 @@ class ResidualNet:
             raise ModelError(path, what, "fit the model again") from None
 
     @classmethod
-    def _read(cls, folder: Path, record: dict[str, Any]) -> ResidualNet:
+    def _read(cls, folder: Path, record: JsonRecord) -> ResidualNet:
         """The net of a record and of the weights beside it; any error where it is damaged."""
         hidden = tuple(record["options"]["hidden"])
         options = NetOptions(**{**record["options"], "hidden": hidden})

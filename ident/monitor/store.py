@@ -8,11 +8,10 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 import pyarrow as pa
@@ -23,6 +22,7 @@ from ident.files import atomic_write
 from ident.outputs import MARKER, is_begun
 from ident.recordings.load import is_dataset, is_run
 from ident.recordings.session_toml import NAME, load_session_file
+from ident.records import JsonRecord, JsonTable
 from ident.safe_read import require_regular, require_unpacked
 
 # Kind of the store's folder, by its marker: it may lie within the watched folder and is passed over
@@ -228,13 +228,13 @@ class Store:
         """The page of an arm."""
         return self.folder / f"arm-{_file_name(arm)}.html"
 
-    def read(self, kind: str) -> list[dict[str, Any]]:
+    def read(self, kind: str) -> list[JsonRecord]:
         """All rows of a kind, in the order of their files' names; a file that is none of ours
         counts as not there.
 
         So does a table of other columns, and one that unpacks to more than any of ours.
         """
-        complete: list[dict[str, Any]] = []
+        complete: list[JsonRecord] = []
         for path in sorted((self.folder / kind).glob("*/*.parquet")):
             try:
                 size = require_regular(path, "a watch writes it again")
@@ -253,7 +253,7 @@ class Store:
         return complete
 
 
-def write_rows(path: Path, kind: str, rows: Iterable[Mapping[str, Any]]) -> None:
+def write_rows(path: Path, kind: str, rows: Iterable[JsonTable]) -> None:
     """Writes a table of a kind, whole or not at all."""
     table = pa.Table.from_pylist([dict(row) for row in rows], schema=SCHEMAS[kind])
     with atomic_write(path) as temporary:

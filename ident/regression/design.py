@@ -83,7 +83,7 @@ class Layout:
         rank: Number of base parameters.
         n: Number of joints.
         groups: All candidates.
-        own: For each joint, the columns of candidates that act on it alone.
+        by_joint: For each joint, the columns of candidates that act on it alone.
         shared: The columns of candidates that act on several joints.
         silent: What can't be tested at all.
         further: Columns of effects, right after the loss parameters, that are part of the baseline.
@@ -96,7 +96,7 @@ class Layout:
     rank: int
     n: int
     groups: tuple[Group, ...]
-    own: tuple[Int[Array, " k"], ...]
+    by_joint: tuple[Int[Array, " k"], ...]
     shared: Int[Array, " k"]
     silent: tuple[NotTestable, ...]
     further: int = 0
@@ -111,7 +111,7 @@ class Layout:
     @property
     def size(self) -> int:
         """Number of columns; the torque itself is column `size`."""
-        candidates = sum(len(columns) for columns in self.own) + len(self.shared)
+        candidates = sum(len(columns) for columns in self.by_joint) + len(self.shared)
         return self.rank + LOSS_PARAMETERS * self.n + candidates
 
     @cached_property
@@ -121,7 +121,7 @@ class Layout:
         """
         base = np.arange(self.rank)
         columns = []
-        for j, candidates in enumerate(self.own):
+        for j, candidates in enumerate(self.by_joint):
             loss = self.rank + LOSS_PARAMETERS * j + np.arange(LOSS_PARAMETERS)
             of_joint = np.concatenate([base, loss, candidates, self.shared, [self.size]])
             columns.append(of_joint.astype(int))
@@ -287,7 +287,7 @@ def layout_of(
         rank=rank,
         n=session.n,
         groups=tuple(groups),
-        own=tuple(np.array(columns, dtype=int) for columns in builder.of_joints),
+        by_joint=tuple(np.array(columns, dtype=int) for columns in builder.of_joints),
         shared=np.array(builder.shared, dtype=int),
         silent=tuple(silent),
         further=sum(len(group.columns) for group in further),

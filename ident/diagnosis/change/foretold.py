@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import polygamma
@@ -41,6 +41,7 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.change.paired_design import PairedDesign
 from ident.diagnosis.change.permuted_sets import parts_of
 from ident.diagnosis.change.settings import CHANGE
+from ident.records import JsonRecord
 from ident.regression.design import Group
 from ident.regression.least_squares import factorise, positive, ridge_of
 
@@ -65,7 +66,7 @@ class ForetoldJoint:
     # Whether the later set is not foretold by the earlier one; else the earlier by the later.
     forwards: bool
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """The record, with units in its keys."""
         return {
             "joint": self.joint,
@@ -102,7 +103,8 @@ class _Sums:
     @cached_property
     def members(self) -> list[Int[Array, " b"]]:
         """Blocks of each part."""
-        return [np.flatnonzero(self.label == part) for part in range(int(self.label.max()) + 1)]
+        parts = range(int(self.label.max()) + 1)
+        return [np.flatnonzero(self.label == number) for number in parts]
 
     @cached_property
     def later(self) -> Bool[Array, " K"]:
@@ -226,7 +228,7 @@ class _Models:
             root = np.linalg.cholesky(positive(covariance))
             friction = self._friction(joint, len(in_columns))
             combinations = np.stack([model.weights[in_columns], *friction])
-            squares = np.array([_unexplained(part, combinations, root) for part in sums[parts]])
+            squares = np.array([_unexplained(over, combinations, root) for over in sums[parts]])
             expected = self.sums.rows[parts, joint]
             if daily is not None:
                 of_friction = np.maximum(squares[:, 1:], 0.0).sum(axis=1)

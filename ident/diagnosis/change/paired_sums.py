@@ -150,11 +150,11 @@ def pair_sums(evidence: Evidence, sides: Sides, finer: Sequence[Variant] = ()) -
         always[columns] = in_all_runs[candidate.columns]
     new = np.arange(start, len(origin) - 1)
     # Each column belongs to the joint of its source.
-    by_joint = tuple(new[np.isin(origin[new], columns)] for columns in old.own)
+    by_joint = tuple(new[np.isin(origin[new], columns)] for columns in old.by_joint)
     layout = replace(
         old,
         groups=tuple(groups),
-        own=by_joint,
+        by_joint=by_joint,
         shared=new[np.isin(origin[new], old.shared)],
         further=int(ends[len(common)] - start),
         further_std=(),

@@ -64,7 +64,7 @@ class PermutedSets:
         """
         evidence = sums.evidence
         label = parts_of(sides)
-        members = [np.flatnonzero(label == part) for part in range(int(label.max()) + 1)]
+        members = [np.flatnonzero(label == number) for number in range(int(label.max()) + 1)]
         later = np.array([sides.later_blocks[blocks[0]] for blocks in members])
         by_joint = []
         size = evidence.layout.size + 1
@@ -91,17 +91,20 @@ class PermutedSets:
             prior, names: Prior of the baseline, and all changes between the sides.
         """
         gains = self._gains_without_change(joint, prior, names)
-        mean_gains = [float(np.mean([law.a_column for law in of_law])) for of_law in gains.values()]
-        mean_widths = [float(np.mean([law.columns for law in of_law])) for of_law in gains.values()]
+        mean_gains = []
+        mean_widths = []
+        for of_law in gains.values():
+            mean_gains.append(float(np.mean([gain.a_column for gain in of_law])))
+            mean_widths.append(float(np.mean([gain.columns for gain in of_law])))
         squares = np.array([max(gain, PERMUTED.least) for gain in mean_gains])
         independent = min(len(self.permutations), self.freedom)
         freedom = independent * np.array(mean_widths)
         usual = fit_scaled_f(squares, freedom)
         nulls: dict[Key | None, NullVariance] = {}
         nulls[None] = NullVariance(max(1.0, usual.ratio), usual.freedom)
-        for key, square, of_law in zip(gains, squares, freedom, strict=True):
-            total = usual.freedom + float(of_law)
-            ratio = (usual.freedom * usual.ratio + float(of_law * square)) / total
+        for key, square, degrees in zip(gains, squares, freedom, strict=True):
+            total = usual.freedom + float(degrees)
+            ratio = (usual.freedom * usual.ratio + float(degrees * square)) / total
             nulls[key] = NullVariance(max(1.0, ratio), total)
         return nulls
 

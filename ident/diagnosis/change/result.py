@@ -6,7 +6,6 @@ What changed, at which joint, by how much; or why there are none.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from ident.diagnosis.change.static_joints import SamplesUsed, StaticJoint
 from ident.diagnosis.heldout_gain import ReportedEffect
 from ident.diagnosis.reservations import Reservation
 from ident.recordings.recording import TelemetryIssue
+from ident.records import JsonRecord
 from ident.regression.design import NotTestable
 from ident.results import Result
 
@@ -35,7 +35,7 @@ class Side:
     # Gravity in the base's frame by its first session [m/s²]; None for the URDF's.
     gravity_mps2: tuple[float, float, float] | None = None
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         gravity = None if self.gravity_mps2 is None else list(self.gravity_mps2)
         lists = {"sessions": list(self.sessions), "payload_kg": list(self.payload_kg)}
@@ -64,7 +64,7 @@ class ArmChange(ReportedEffect):
             return f"{super().action}; or is it the tool? these recordings can't tell"
         return super().action
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return {
             **self.shared_record(),
@@ -131,7 +131,7 @@ class ArmComparison(Result):
     slides: tuple[str, ...] = ()
     told: ToldChanges | None = None
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         untestable = [entry.to_dict(self.joints) for entry in self.not_testable]
         return {
             "schema": "ident.comparison/1",

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.stats import median_abs_deviation
@@ -27,6 +26,7 @@ from scipy.stats import t as student
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.change.settings import CHANGE
+from ident.records import JsonRecord
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class RisenResidual:
     high: float
     p_value: float  # corrected for the number of joints
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return dict(vars(self))
 

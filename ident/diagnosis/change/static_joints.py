@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from ident.arrays import Array, Int
 from ident.effects.session_context import LEAST_TRAVEL
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
+from ident.records import JsonRecord
 from ident.regression.dwells import Hold, find_holds, find_turns
 
 LEFT_OUT = "ends of runs and of holds, which filters blur"
@@ -60,7 +61,7 @@ class SamplesUsed:
         """Share of the samples that are not used."""
         return max(0.0, 1.0 - self.in_motion - self.at_rest - self.turning)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return {**vars(self), "left_out": self.left_out, "why": LEFT_OUT}
 
@@ -102,8 +103,7 @@ def find_static_joints(
 ) -> tuple[StaticJoint, ...]:
     """Joints that hardly move in one of two sets of runs."""
     sides = (before, after)
-    moving = np.array([sum(motion.moving.sum(axis=0) for motion in side) for side in sides])
-    still = moving < LEAST_MOVING
+    still = np.array([_moving_samples(side) < LEAST_MOVING for side in sides])
     static = []
     for j in np.flatnonzero(still.any(axis=0)).tolist():
         at_rest = [side for side, is_still in zip(sides, still[:, j], strict=True) if is_still]
@@ -111,6 +111,11 @@ def find_static_joints(
         when = WHEN[bool(still[0, j]), bool(still[1, j])]
         static.append(StaticJoint(j, before[0].joints[j], when, travel >= LEAST_TRAVEL))
     return tuple(static)
+
+
+def _moving_samples(motions: Sequence[Motion]) -> Int[Array, " n"]:
+    """Samples of some runs in which each joint surely moves."""
+    return np.sum([motion.moving.sum(axis=0) for motion in motions], axis=0)
 
 
 def _travel(motions: Sequence[Motion], joint: int) -> float:

@@ -24,6 +24,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.gap.replay import Replay
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.inference.conclusion import Conclusion
+from ident.records import JsonRecord
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
 from ident.results import ONE_RUN
@@ -55,7 +56,7 @@ class Improvement:
         """Mean energy error of a run with the effects, joint by joint [J]."""
         return np.asarray(self.runs_after.mean(axis=0))
 
-    def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+    def to_dict(self, joints: Sequence[str]) -> JsonRecord:
         """Its entries of the record's `heldout`."""
 
         def by_joint(values: Array) -> dict[str, float]:
@@ -84,7 +85,7 @@ def energy_spread(energies: Float[Array, "R k"]) -> float | None:
     return None if spread is None else float(spread)
 
 
-def spreads(before: Any, after: Any) -> dict[str, Any]:
+def spreads(before: Any, after: Any) -> JsonRecord:
     """The record's standard deviations of energy errors over runs, or why they are missing."""
     record = {"energy_error_before_std_J": before, "energy_error_after_std_J": after}
     if before is None:
