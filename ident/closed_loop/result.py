@@ -249,12 +249,14 @@ def close_simulated(
         Its record, without what is only known of simulated arms where nothing was compared.
     """
     arm = ArmModel.load(robot)
-    drawn = (
-        effects
-        if effects is not None
-        else draw_effects(arm.joint_names, EFFECTS, np.random.default_rng([seed, 3]))
-    )
-    hidden = SimulatedArm(SimulationOptions(robot=robot, seed=seed, effects=tuple(drawn)))
+    if effects is None:
+        rng = np.random.default_rng([seed, 3])
+        options = SimulationOptions(
+            robot=robot, seed=seed, effects=draw_effects(arm.joint_names, EFFECTS, rng)
+        )
+    else:
+        options = SimulationOptions(robot=robot, seed=seed, effects=tuple(effects))
+    hidden = SimulatedArm(options)
     loop = close_gap(arm, hidden, seed, most, say)
     heldout, tracking = compare_models(arm, hidden, loop.last, seed) if compared else ({}, {})
     tracked = {key: tracking[name] for key, name in TRACKED.items() if name in tracking}

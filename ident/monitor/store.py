@@ -40,36 +40,30 @@ class NoSession(InputError):
     """A watched folder in which no session lies yet."""
 
 
-# Columns of each kind of table, in groups of one type.
-SCHEMAS = {
-    kind: pa.schema(
-        [(name, pa.type_for_alias(alias)) for names, alias in groups for name in names.split()]
-    )
-    for kind, groups in {
-        "figures": [
-            ("arm session date joint figure unit", "string"),
-            ("value low high std", "float64"),
-        ],
-        "effects": [
-            ("arm session date effect joints", "string"),
-            ("probability shrink", "float64"),
-            ("action", "string"),
-        ],
-        "sessions": [
-            ("arm session date status verdict reason", "string"),
-            ("samples", "int64"),
-            ("duration_s", "float64"),
-            ("stamp path robot", "string"),
-        ],
-        "alarms": [
-            ("arm joint figure session since", "string"),
-            (
-                "evidence probability before after low high spread scale scale_low scale_high",
-                "float64",
-            ),
-        ],
-    }.items()
+# Columns of each kind of table, by the names of their types.
+COLUMNS: dict[str, dict[str, str]] = {
+    "figures": {
+        **dict.fromkeys(("arm", "session", "date", "joint", "figure", "unit"), "string"),
+        **dict.fromkeys(("value", "low", "high", "std"), "float64"),
+    },
+    "effects": {
+        **dict.fromkeys(("arm", "session", "date", "effect", "joints"), "string"),
+        **dict.fromkeys(("probability", "shrink"), "float64"),
+        "action": "string",
+    },
+    "sessions": {
+        **dict.fromkeys(("arm", "session", "date", "status", "verdict", "reason"), "string"),
+        "samples": "int64",
+        "duration_s": "float64",
+        **dict.fromkeys(("stamp", "path", "robot"), "string"),
+    },
+    "alarms": {
+        **dict.fromkeys(("arm", "joint", "figure", "session", "since"), "string"),
+        **dict.fromkeys(("evidence", "probability", "before", "after", "low", "high"), "float64"),
+        **dict.fromkeys(("spread", "scale", "scale_low", "scale_high"), "float64"),
+    },
 }
+SCHEMAS = {kind: pa.schema(list(columns.items())) for kind, columns in COLUMNS.items()}
 DONE = "sessions"
 # Names of files have 255 bytes at the most; an ending and a temporary name's beginning need some.
 LONGEST_NAME = 180
