@@ -18,6 +18,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 Value = TypeVar("Value")
+# A table as JSON has it, by its keys: texts, numbers, lists and further tables;
+# one that is made, and one that is only read.
+JsonRecord = dict[str, Any]
+JsonTable = Mapping[str, Any]
 # Tables of a text, parsed once for all classes whose numbers stand in it.
 parse = cache(tomllib.loads)
 

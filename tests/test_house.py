@@ -35,7 +35,7 @@ NARROW = (
     *("ident/model", "ident/monitor", "ident/motion", "ident/recordings", "ident/regression"),
     *("ident/inference", "ident/robot", "ident/simulation"),
     *("ident/trajectories", "ident/benchmark", "ident/checks", "tests/house"),
-    *("ident/diagnosis/change", "ident/diagnosis/gap", "ident/schemas", "ident/show/timeline"),
+    *("ident/diagnosis", "ident/schemas", "ident/show/timeline"),
     *("plan/dynamics", "plan/experiment", "plan/geometry", "plan/initial", "plan/paper"),
     *("plan/planners", "plan/problem", "plan/show"),
 )

@@ -23,7 +23,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -54,6 +53,7 @@ from ident.errors import InputError
 from ident.files import atomic_write
 from ident.inference.calibration import Temper, left_of_kind, sizes_of
 from ident.inference.features import SHAPE_LEFT
+from ident.records import JsonRecord, JsonTable
 from ident.safe_read import read_toml
 
 SIGNS = Path(__file__).with_name("signs.toml")
@@ -73,7 +73,7 @@ FEWEST_ROWS = 10  # right and wrong rows, below which nothing can be fitted
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedNames:
     """A calibration, with what it says of units that it has not seen."""
 
     model: Logistic
@@ -115,7 +115,7 @@ def fit_calibration(
     scheme: str = ROWS,
     select: bool = False,
     nested: bool = False,
-) -> Fitted:
+) -> FittedNames:
     """Fits and judges a calibration; what is no news on a real arm follows from its probabilities.
 
     Args:
@@ -172,16 +172,16 @@ def problem_of(
 
 def _fit_labelled(
     table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str
-) -> Fitted:
+) -> FittedNames:
     return _fit_problem(problem_of(table, names, signs, labels, scheme), table, labels)
 
 
-def _fit_problem(problem: Problem, table: Table, labels: Array) -> Fitted:
+def _fit_problem(problem: Problem, table: Table, labels: Array) -> FittedNames:
     scores = score_ridges(problem)
     ridge = best_ridge(scores)
     starts: dict[str, Logistic] = {}
     left_out(problem, ridge, starts)
-    return Fitted(problem.fit(ridge), ridge, scores, _said_by(starts, table), labels)
+    return FittedNames(problem.fit(ridge), ridge, scores, _said_by(starts, table), labels)
 
 
 def _said_by(models: Mapping[str, Logistic], table: Table) -> Float[Array, " N"]:
@@ -199,7 +199,7 @@ def _said_by(models: Mapping[str, Logistic], table: Table) -> Float[Array, " N"]
 
 def judged(
     table: Table, probability: Float[Array, " N"], labels: Array, rows: Bool[Array, " N"]
-) -> dict[str, Any]:
+) -> JsonRecord:
     """How probabilities hold on some rows that are right or wrong."""
     counted = rows & (labels != UNKNOWN)
     right = labels[counted] == RIGHT
@@ -221,7 +221,7 @@ def judged(
     }
 
 
-def judge_groups(table: Table, fitted: Fitted) -> dict[str, dict[str, Any]]:
+def judge_groups(table: Table, fitted: FittedNames) -> dict[str, JsonRecord]:
     """How well probabilities of units left out do: of all rows, and of each group by its name."""
     groups = table.groups
     everything = np.ones(len(table.rows), dtype=bool)
@@ -242,7 +242,7 @@ class Further:
 
 
 def fit_further(
-    table: Table, fitted: Fitted, results: Mapping[str, Any], entries: Mapping[str, Entry]
+    table: Table, fitted: FittedNames, results: JsonTable, entries: Mapping[str, Entry]
 ) -> Further:
     """Fits gaps at joints, the temper between rivals, and the widths of intervals."""
     gaps = fit_gaps(JointRows.of(results, entries))
@@ -255,7 +255,8 @@ def fit_further(
         if probability >= NAMED_FROM and is_judged:
             unit = session.unit
             intervals = json.loads(row["intervals"])
-            sizes = sizes_of({one["parameter"]: one["value"] for one in intervals})
+            values = {interval["parameter"]: interval["value"] for interval in intervals}
+            sizes = sizes_of(values)
             misses += [_miss(interval, unit, sizes, float(left[k])) for interval in intervals]
     return Further(
         gaps,
@@ -265,7 +266,7 @@ def fit_further(
     )
 
 
-def _miss(interval: Mapping[str, Any], unit: str, sizes: Mapping[str, float], left: float) -> Miss:
+def _miss(interval: JsonTable, unit: str, sizes: Mapping[str, float], left: float) -> Miss:
     error = abs(interval["true"] - interval["value"])
     if interval["parameter"] == "phase_rad":
         error = abs(float(np.angle(np.exp(1j * error))))
@@ -274,7 +275,7 @@ def _miss(interval: Mapping[str, Any], unit: str, sizes: Mapping[str, float], le
     return Miss(str(interval["parameter"]), error, half, size, unit, left)
 
 
-def _even_nats(table: Table, fitted: Fitted) -> float:
+def _even_nats(table: Table, fitted: FittedNames) -> float:
     """Log evidence at which half of the candidates of simulated arms are right, by that alone."""
     simulated = table.groups != "real"
     counted = (fitted.labels != UNKNOWN) & simulated
@@ -285,25 +286,26 @@ def _even_nats(table: Table, fitted: Fitted) -> float:
     return float(np.expm1(model.scaling.centre[0] + standard * model.scaling.scale[0]))
 
 
-def read_results(folder: Path, cases: Iterable[str]) -> dict[str, Any]:
+def read_results(folder: Path, cases: Iterable[str]) -> JsonRecord:
     """Stored results by case."""
-    found = {}
+    results = {}
     for case in cases:
         path = result_path(folder, case)
-        if path.is_file():
-            record = json.loads(path.read_text(encoding="utf-8"))
-            if "candidates" in record:
-                found[case] = record
-    return found
+        if not path.is_file():
+            continue
+        record = json.loads(path.read_text(encoding="utf-8"))
+        if "candidates" in record:
+            results[case] = record
+    return results
 
 
-def calibration_record(table: Table, fitted: Fitted, origin: Mapping[str, Any]) -> dict[str, Any]:
+def calibration_record(table: Table, fitted: FittedNames, origin: JsonTable) -> JsonRecord:
     """What `calibration.toml` holds."""
     model = fitted.model
     features = _terms(model)
     counts = Counter(map(str, fitted.labels))
     units = sorted({session.unit for session in table.sessions.values()})
-    record: dict[str, Any] = {
+    record: JsonRecord = {
         "schema": SCHEMA,
         "intercept": model.intercept,
         "named_from": NAMED_FROM,
@@ -325,10 +327,10 @@ def calibration_record(table: Table, fitted: Fitted, origin: Mapping[str, Any]) 
     return record
 
 
-def further_record(further: Further) -> dict[str, Any]:
+def further_record(further: Further) -> JsonRecord:
     """What `calibration.toml` holds beside the odds of names."""
     gaps = further.gaps
-    record: dict[str, Any] = {
+    record: JsonRecord = {
         "temper": further.temper.of_thousand,
         "temper_growth": further.temper.growth,
         "even_nats": further.even_nats,
@@ -370,12 +372,12 @@ def _terms(model: Logistic) -> dict[str, dict[str, float]]:
 
 def write_fit(
     table: Table,
-    fitted: Fitted,
+    fitted: FittedNames,
     out: Path,
     folder: Path,
-    origin: Mapping[str, Any],
-    further: Mapping[str, Any],
-) -> dict[str, Any]:
+    origin: JsonTable,
+    further: JsonTable,
+) -> JsonRecord:
     """Writes a calibration, and beside its table what it says of units that it has not seen."""
     record = {**calibration_record(table, fitted, origin), **further}
     write_calibration(out, record)

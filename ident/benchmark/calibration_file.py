@@ -17,12 +17,13 @@ import tomli_w
 from ident.benchmark.logistic import Logistic, Scaling
 from ident.errors import InputError
 from ident.files import atomic_write
+from ident.records import JsonTable
 from ident.safe_read import read_toml
 
 SCHEMA = "ident.calibration/1"
 
 
-def write_calibration(path: Path, record: Mapping[str, Any]) -> None:
+def write_calibration(path: Path, record: JsonTable) -> None:
     """Writes the file that the diagnosis reads, whole or not at all."""
     with atomic_write(path) as temporary:
         text = "# Written by `python -m ident.benchmark.calibrate fit`; no figure is set by hand.\n"
@@ -56,7 +57,7 @@ def read_calibration(path: Path) -> Logistic:
     return Logistic(tuple(features), Scaling(centre, scale), weights, float(record["intercept"]))
 
 
-def summary_lines(record: Mapping[str, Any]) -> list[str]:
+def summary_lines(record: JsonTable) -> list[str]:
     """A calibration in words."""
     origin = record["origin"]
     lines = [

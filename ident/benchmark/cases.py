@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,10 +33,11 @@ from ident.files import atomic_folder, atomic_write
 from ident.recordings.save import write_session
 from ident.records import as_json
 from ident.robot.arm import ArmModel
-from ident.simulation.causes import CATALOGUE, OUTSIDE, Circumstances, find_cause
-from ident.simulation.hardware import DECOYS
+from ident.simulation.causes import CATALOGUE, OUTSIDE, Cause, Circumstances, find_cause
+from ident.simulation.hardware import DECOYS, Hardware
 from ident.simulation.request import EffectRequest, seal
 from ident.simulation.simulate import POOR, RICH, Simulation, SimulationOptions, simulate
+from ident.simulation.visibility import VisibilityMeter
 from ident.simulation.visible_rows import STRIDE_S
 from ident.simulation.world import World, WorldRange, noise_density
 
@@ -91,7 +92,30 @@ def oracle_accuracy(simulation: Simulation) -> float | None:
     first = meter.show(true, scene, truth[0].size, simulation.seeds[0], true.view, true.needs_all)
     # The true signature at its size, the others at one noise floor.
     floor = np.array(list(simulation.answer.noise_floor_Nm.values()))
-    signatures = [first.torque]
+    signatures = [first.torque, *_rival_signatures(meter, scene, true, floor)]
+    stack = np.stack(signatures, axis=2)
+    gram = np.zeros((len(signatures), len(signatures)))
+    # Products of each run and joint.
+    for number in np.unique(first.run):
+        rows = first.run == number
+        speed = first.speed[rows]
+        for products in _run_products(stack[rows], speed, simulation.hardware, world):
+            gram += products
+    gram /= first.share
+    return name_by_evidence(gram, np.random.default_rng([0, 7])) if gram[0, 0] > 0.0 else 0.0
+
+
+def _rival_signatures(
+    meter: VisibilityMeter, scene: Circumstances, true: Cause, floor: Float[Array, " n"]
+) -> list[Float[Array, "t n"]]:
+    """Signatures of all other causes that show at their typical size, at one noise floor.
+
+    Args:
+        meter, scene: What shows causes, and the circumstances of the true one.
+        true: The true cause.
+        floor: Noise floor of each joint [N m].
+    """
+    signatures = []
     for cause in CATALOGUE.values():
         if cause.id == true.id or (cause.needs_all and not true.needs_all):
             continue
@@ -103,33 +127,39 @@ def oracle_accuracy(simulation: Simulation) -> float | None:
         level = float((shown.rms / floor).max())
         if level > LEAST_SHOWN:
             signatures.append(shown.torque / level)
-    stack = np.stack(signatures, axis=2)
-    own = simulation.hardware.friction
-    k = stack.shape[2]
+    return signatures
+
+
+def _run_products(
+    stack: Float[Array, "t n K"], speed: Float[Array, "t n"], hardware: Hardware, world: World
+) -> Iterator[Float[Array, "K K"]]:
+    """Products of signatures over a run in units of the noise, joint by joint.
+
+    What the run's own friction may explain is taken out as far as it varies.
+
+    Args:
+        stack: Signatures along the run [N m].
+        speed: Of each joint [rad/s].
+        hardware, world: The arm with its friction and sensors, and how these vary.
+    """
+    count, joints, k = stack.shape
+    level = hardware.friction
     change = np.hypot(world.friction_spread, world.friction_drift / np.sqrt(2.0))
-    gram = np.zeros((k, k))
-    # Products of each run and joint; what the run's own friction may explain is taken out as far as
-    # it varies.
-    for rows in (first.run == number for number in np.unique(first.run)):
-        count = int(rows.sum())
-        frequencies = np.fft.rfftfreq(count, STRIDE_S)
-        variance = noise_density(simulation.hardware, world, frequencies) * 0.5 / STRIDE_S
-        weight = np.where(
-            (frequencies == 0.0) | (2 * np.arange(len(frequencies)) == count), 1.0, 2.0
-        )
-        for j in range(stack.shape[1]):
-            speed = first.speed[rows, j]
-            friction = np.column_stack([np.sign(speed) * own.coulomb[j], speed * own.viscous[j]])
-            scale = np.sqrt(weight / variance[:, j] / count)[:, None]
-            spectra = (
-                np.fft.rfft(np.column_stack([stack[rows, j], change * friction]), axis=0) * scale
-            )
-            both = (spectra.conj().T @ spectra).real
-            cross = both[:k, k:]
-            inner = both[k:, k:] + np.eye(2)
-            gram += both[:k, :k] - cross @ np.linalg.solve(inner, cross.T)
-    gram /= first.share
-    return name_by_evidence(gram, np.random.default_rng([0, 7])) if gram[0, 0] > 0.0 else 0.0
+    frequencies = np.fft.rfftfreq(count, STRIDE_S)
+    variance = noise_density(hardware, world, frequencies) * 0.5 / STRIDE_S
+    # All frequencies but the first, and the last of an even count, stand for two.
+    is_single = (frequencies == 0.0) | (2 * np.arange(len(frequencies)) == count)
+    weight = np.where(is_single, 1.0, 2.0)
+    for j in range(joints):
+        coulomb = np.sign(speed[:, j]) * level.coulomb[j]
+        viscous = speed[:, j] * level.viscous[j]
+        columns = np.column_stack([stack[:, j], change * np.column_stack([coulomb, viscous])])
+        scale = np.sqrt(weight / variance[:, j] / count)[:, None]
+        spectra = np.fft.rfft(columns, axis=0) * scale
+        products = (spectra.conj().T @ spectra).real
+        cross = products[:k, k:]
+        of_friction = products[k:, k:] + np.eye(2)
+        yield products[:k, :k] - cross @ np.linalg.solve(of_friction, cross.T)
 
 
 def name_by_evidence(gram: Float[Array, "K K"], rng: np.random.Generator) -> float:
@@ -172,23 +202,25 @@ def parse_mix(text: str) -> dict[str, float]:
     Raises:
         InputError: An unknown kind, or shares that are no positive numbers.
     """
-    mix = {}
-    for part in filter(None, (part.strip() for part in text.split(","))):
-        kind, _, share = part.partition("=")
+    known = ", ".join(FULL_MIX)
+    mix: dict[str, float] = {}
+    for entry in text.split(","):
+        entry = entry.strip()
+        if not entry:
+            continue
+        kind, _, share = entry.partition("=")
         if kind not in FULL_MIX:
-            raise InputError(
-                "--mix", f"unknown kind {kind!r}", f"choose from: {', '.join(FULL_MIX)}"
-            )
+            raise InputError("--mix", f"unknown kind {kind!r}", f"choose from: {known}")
         try:
             mix[kind] = float(share) if share else FULL_MIX[kind]
         except ValueError:
-            raise InputError(
-                "--mix", f"{part!r} has no number", "write KIND=SHARE, separated by commas"
-            ) from None
+            what = f"{entry!r} has no number"
+            remedy = "write KIND=SHARE, separated by commas"
+            raise InputError("--mix", what, remedy) from None
         if not 0.0 <= mix[kind] < np.inf:
             raise InputError("--mix", f"a share of {share} for {kind}", "give a positive number")
     if not any(mix.values()):
-        raise InputError("--mix", "it holds no case", f"name one or more of: {', '.join(FULL_MIX)}")
+        raise InputError("--mix", "it holds no case", f"name one or more of: {known}")
     return mix
 
 
@@ -207,23 +239,32 @@ def plan_slots(cases: int, mix: Mapping[str, float], seed: int) -> tuple[Slot, .
     Single effects take the cells effect × size × motion in turn: every effect once a round,
     with another cell in every round.
     """
-    effects = tuple(CATALOGUE)
     rng = np.random.default_rng([seed, 0])
-    kinds = [kind for kind, count in apportion(cases, mix).items() for _ in range(count)]
-    order = {effect: rng.permutation(len(SINGLE_CELLS)) for effect in effects}
-    singles = (
-        (str(effect), *SINGLE_CELLS[order[effect][turn % len(SINGLE_CELLS)]])
-        for turn in range(-(-kinds.count("single") // len(effects)))
-        for effect in rng.permutation(effects)
-    )
+    kinds: list[str] = []
+    for kind, count in apportion(cases, mix).items():
+        kinds += [kind] * count
+    singles = _single_cells(kinds.count("single"), rng)
     width = max(3, len(str(cases - 1)))
     slots = []
     for i, kind in enumerate(kinds):
-        effect, amplitude, rich = (
-            next(singles) if kind == "single" else ("", 3.0, kind != "healthy" or bool(i % 4))
-        )
+        effect = ""
+        amplitude = 3.0
+        rich = kind != "healthy" or bool(i % 4)
+        if kind == "single":
+            effect, amplitude, rich = next(singles)
         slots.append(Slot(f"case_{i:0{width}d}", kind, effect, amplitude, rich))
     return tuple(slots)
+
+
+def _single_cells(count: int, rng: np.random.Generator) -> Iterator[tuple[str, float, bool]]:
+    """Effects with their sizes and motions for at least so many cases."""
+    effects = tuple(CATALOGUE)
+    order = {effect: rng.permutation(len(SINGLE_CELLS)) for effect in effects}
+    rounds = -(-count // len(effects))
+    for turn in range(rounds):
+        for effect in rng.permutation(effects):
+            cell = order[effect][turn % len(SINGLE_CELLS)]
+            yield (str(effect), *SINGLE_CELLS[cell])
 
 
 def draw_world_of(
@@ -265,26 +306,14 @@ def draw_case(
     if slot.kind == "single" and attempt < OTHER_EFFECTS_FROM and slot.effect:
         wanted = [(slot.effect, slot.amplitude)]
     else:
-        family = OUTSIDE if slot.kind == "outside" else CATALOGUE
-        ids = [""]
-        while ids == [""] or any(twin in ids for one in ids for twin in TWINS.get(one, ())):
-            ids = [
-                str(one)
-                for one in fixed.choice(list(family), COUNTS.get(slot.kind, 1), replace=False)
-            ]
-        wanted = [
-            (one, slot.amplitude if slot.kind == "single" else float(fixed.choice(VISIBLE)))
-            for one in ids
-        ]
-    effects = tuple(
-        EffectRequest(
-            effect, "" if find_cause(effect).whole_arm else str(rng.choice(joints)), amplitude=size
-        )
-        for effect, size in wanted
-    )
+        wanted = _draw_effects(slot, fixed)
+    effects = []
+    for effect, size in wanted:
+        joint = "" if find_cause(effect).whole_arm else str(rng.choice(joints))
+        effects.append(EffectRequest(effect, joint, amplitude=size))
     options = replace(
         base,
-        effects=effects,
+        effects=tuple(effects),
         seed=int(rng.integers(2**62)),
         motions=RICH if slot.rich else POOR,
         rate=float(rng.choice(RATES_HZ, p=RATE_SHARES)),
@@ -295,8 +324,28 @@ def draw_case(
     )
     if base.world is not None:
         options = options.in_world(base.world)
-    first = effects[0].effect if slot.kind == "excluded" else ""
-    return options, (first, *TWINS.get(first, ())) if first else ()
+    if slot.kind != "excluded" or not effects[0].effect:
+        return options, ()
+    excluded = effects[0].effect
+    return options, (excluded, *TWINS.get(excluded, ()))
+
+
+def _draw_effects(slot: Slot, rng: np.random.Generator) -> list[tuple[str, float]]:
+    """Effects of a place with their visible amplitudes [noise floors], none twin of another."""
+    family = list(OUTSIDE if slot.kind == "outside" else CATALOGUE)
+    count = COUNTS.get(slot.kind, 1)
+    ids = list(map(str, rng.choice(family, count, replace=False)))
+    while _has_twins(ids):
+        ids = list(map(str, rng.choice(family, count, replace=False)))
+    if slot.kind == "single":
+        return [(effect, slot.amplitude) for effect in ids]
+    return [(effect, float(rng.choice(VISIBLE))) for effect in ids]
+
+
+def _has_twins(ids: Sequence[str]) -> bool:
+    """Whether one of some effects leaves the columns of another in the catalogue."""
+    twins = {twin for effect in ids for twin in TWINS.get(effect, ())}
+    return any(effect in twins for effect in ids)
 
 
 @dataclass(frozen=True)
@@ -365,6 +414,6 @@ def make(task: MakeTask) -> str:
             "processor_seconds": time.process_time() - used,
             "stamp": task.stamp,
         }
-        with atomic_write(folder / MADE_NAME) as part:
-            part.write_text(as_json(record, None) + "\n", encoding="utf-8")
+        with atomic_write(folder / MADE_NAME) as scratch:
+            scratch.write_text(as_json(record, None) + "\n", encoding="utf-8")
     return name

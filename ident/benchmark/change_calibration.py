@@ -19,7 +19,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tomli_w
@@ -27,7 +26,7 @@ import tomli_w
 from ident.arrays import Array, Bool, Float
 from ident.benchmark.law_shares import Miss, Widths, fit_widths
 from ident.benchmark.logistic import Logistic, fit_logistic, log_score
-from ident.benchmark.real_check import holds
+from ident.benchmark.real_rows import holds
 from ident.benchmark.tempering import Choice, fit_temper
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.errors import InputError
@@ -35,7 +34,7 @@ from ident.files import atomic_write
 from ident.inference.calibration import sizes_of
 from ident.inference.estimate import CLASS_ODDS
 from ident.inference.rows import candidate_rows
-from ident.records import as_json
+from ident.records import JsonRecord, JsonTable, as_json
 from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources
 
@@ -52,7 +51,7 @@ RIDGES = np.geomspace(1e-3, 1.0, 7)
 NAMED_FROM = 0.5
 # Where what was found of the pairs of a folder lies.
 RESULTS = "results"
-Row = dict[str, Any]
+Row = JsonRecord
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +130,8 @@ class Pairs:
         arm = []
         case_of = []
         for case, row in self.rows():
-            near = [
-                rival for rival in row["rivals"] if temper * rival["deficit"] <= np.log(CLASS_ODDS)
-            ]
+            most = np.log(CLASS_ODDS)
+            near = [rival for rival in row["rivals"] if temper * rival["deficit"] <= most]
             finding = as_finding(row, near)
             features.append([row["features"][name] for name in SIGNS])
             right.append(any(holds(finding, effect) for effect in self.answers[case]["effects"]))
@@ -142,12 +140,11 @@ class Pairs:
         return Rows(np.array(features), np.array(right), np.array(arm), np.array(case_of))
 
 
-def _misses(row: Row, truth: Mapping[str, Any], arm: str) -> list[Miss]:
+def _misses(row: Row, truth: JsonTable, arm: str) -> list[Miss]:
     """Errors of one change's parameters."""
-    intervals = {
-        name: one for name, one in row["parameters"].items() if one.get("value") is not None
-    }
-    sizes = sizes_of({name: one["value"] for name, one in intervals.items()})
+    parameters = row["parameters"].items()
+    intervals = {name: each for name, each in parameters if each.get("value") is not None}
+    sizes = sizes_of({name: interval["value"] for name, interval in intervals.items()})
     misses = []
     for name, interval in intervals.items():
         true = truth.get(name)
@@ -209,8 +206,8 @@ def store(cases: Path) -> None:
         record = compare_pair(
             [folder / "before", folder / "after"], folder / "after" / "robot.urdf"
         )
-        with atomic_write(path) as part:
-            part.write_text(as_json(record, None) + "\n", encoding="utf-8")
+        with atomic_write(path) as scratch:
+            scratch.write_text(as_json(record, None) + "\n", encoding="utf-8")
         print(folder.name, len(record["rows"]), flush=True)
 
 
@@ -327,8 +324,8 @@ def write(fitted: Fitted, rows: Rows, out: Path) -> None:
         },
         "feature": terms,
     }
-    with atomic_write(out) as part:
-        part.write_text(tomli_w.dumps(record), encoding="utf-8")
+    with atomic_write(out) as scratch:
+        scratch.write_text(tomli_w.dumps(record), encoding="utf-8")
 
 
 def main() -> None:

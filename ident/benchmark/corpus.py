@@ -22,15 +22,15 @@ import os
 import sys
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 from ident.benchmark.corpus_worlds import make_world_cases, plan_world_cases
 from ident.benchmark.scoring import KNOWN
 from ident.errors import InputError
 from ident.files import write_record
+from ident.records import JsonRecord, JsonTable
 from ident.safe_read import read_json
 from ident.simulation.real.cases import make_cases, write_recorded
 from ident.simulation.real.sources import load_sources
@@ -40,7 +40,7 @@ INDEX = "index.json"
 KEPT_INDEX = "kept.json"
 KINDS = {"null": "healthy"}
 """Kinds of session, where a simulator calls them otherwise."""
-FIGURES: dict[str, dict[str, Any]] = tomllib.loads(
+FIGURES: dict[str, JsonRecord] = tomllib.loads(
     Path(__file__).with_name("other_figures.toml").read_text(encoding="utf-8")
 )
 """Figures of other simulators by effect: their name, ours, and the factor between them."""
@@ -78,13 +78,13 @@ class Entry:
     seconds: float = 0.0  # length to which it was cut [s]; 0 where it is whole
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Entry:
+    def from_dict(cls, values: JsonTable) -> Entry:
         """An entry from its row of the stored corpus."""
         truth = tuple(_truth(effect) for effect in values["truth"])
         return cls(**{**values, "truth": truth, "excused": tuple(values["excused"])})
 
 
-def _truth(values: Mapping[str, Any]) -> Truth:
+def _truth(values: JsonTable) -> Truth:
     """A truth from what an answer says of an effect."""
     return Truth(
         effect=str(values["effect"]),
@@ -147,7 +147,7 @@ def index_of_others(folder: Path, group: str) -> list[Entry]:
     return entries
 
 
-def _truth_of_others(values: Mapping[str, Any]) -> Truth:
+def _truth_of_others(values: JsonTable) -> Truth:
     """A truth in another simulator's words; its figures count where they mean the catalogue's."""
     effect = str(values["effect"])
     joint = values.get("joint")

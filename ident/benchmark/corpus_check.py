@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ident.arrays import Array, Float
 from ident.benchmark.calibrate import (
@@ -34,6 +34,7 @@ from ident.benchmark.run import BlindOptions, Progress, Say
 from ident.benchmark.score_table import lines_of, score
 from ident.errors import InputError
 from ident.files import write_record
+from ident.records import JsonRecord
 from ident.results import Provenance, Result
 from ident.show.palette import FLEXIBLE
 from ident.show.results import draw_bars
@@ -52,10 +53,10 @@ SHOWN = ("single 3x class", "single 1x class", "healthy told a gap", "untouched 
 class CorpusReport(Result):
     """What a corpus says of a diagnosis, or of a calibration: a record and the same in words."""
 
-    record: dict[str, Any]
+    record: JsonRecord
     lines: tuple[str, ...]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         return {**self.record, "provenance": self.provenance.to_dict()}
 
     def summary(self) -> str:

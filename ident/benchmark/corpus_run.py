@@ -27,14 +27,14 @@ from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.files import atomic_write
 from ident.inference.rows import candidate_rows, joint_rows
-from ident.records import as_json
+from ident.records import JsonRecord, as_json
 from ident.sessions import Given, inspect_sources
 
 TIMEOUT_S = 120.0  # of the processor
-Diagnose = Callable[[Entry], dict[str, Any]]
+Diagnose = Callable[[Entry], JsonRecord]
 
 
-def diagnose_entry(entry: Entry) -> dict[str, Any]:
+def diagnose_entry(entry: Entry) -> JsonRecord:
     """Diagnoses a session of the corpus, from its recordings and its URDF alone."""
     arm, reports = inspect_sources(Given([Path(entry.folder)], entry.urdf)).whole
     diagnosis, analysis, _ = diagnose_reports(reports, arm, CATALOGUE)
@@ -51,7 +51,7 @@ def result_path(out: Path, case: str) -> Path:
     return out / f"{case.replace('/', '__')}.json"
 
 
-def run_entry(entry: Entry, out: Path, diagnose: Diagnose, timeout: float) -> dict[str, Any]:
+def run_entry(entry: Entry, out: Path, diagnose: Diagnose, timeout: float) -> JsonRecord:
     """Diagnoses a case in a process of its own and writes its result; one that takes too long is
     ended, and told so.
 
@@ -64,7 +64,7 @@ def run_entry(entry: Entry, out: Path, diagnose: Diagnose, timeout: float) -> di
     if child == 0:
         _work(entry, path, diagnose, timeout)
     _, status, usage = os.wait4(child, 0)
-    record: dict[str, Any] = {"case": entry.case}
+    record: JsonRecord = {"case": entry.case}
     if path.is_file():
         record = json.loads(path.read_text(encoding="utf-8"))
     elif os.WIFSIGNALED(status) and os.WTERMSIG(status) in (signal.SIGXCPU, signal.SIGKILL):
@@ -86,7 +86,7 @@ def _work(entry: Entry, path: Path, diagnose: Diagnose, timeout: float) -> None:
     status = 1
     resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(timeout), math.ceil(timeout) + 1))
     try:
-        record: dict[str, Any] = {"case": entry.case}
+        record: JsonRecord = {"case": entry.case}
         try:
             record.update(diagnose(entry))
         except Exception as error:  # one case must not end the others, nor drop out of the scores
@@ -97,7 +97,7 @@ def _work(entry: Entry, path: Path, diagnose: Diagnose, timeout: float) -> None:
         os._exit(status)
 
 
-def _write(path: Path, record: dict[str, Any]) -> None:
+def _write(path: Path, record: JsonRecord) -> None:
     with atomic_write(path) as temporary:
         temporary.write_text(as_json(_as_json(record), None) + "\n", encoding="utf-8")
 

@@ -33,7 +33,7 @@ from ident.benchmark.labels import (
 from ident.benchmark.scoring import is_inside
 from ident.errors import InputError
 from ident.files import atomic_write
-from ident.records import as_json
+from ident.records import JsonRecord, JsonTable, as_json
 
 CANDIDATE = "candidate"
 FINDING = "finding"
@@ -46,7 +46,7 @@ TELLING = ("named", "partial", "none_of_catalogue", "changed")
 REAL = ("real", "kept")
 # Other sessions of an arm that have to have a name for it to be the arm's own: one may be chance.
 AGAIN = 2
-Row = dict[str, Any]
+Row = JsonRecord
 
 
 @dataclass(frozen=True)
@@ -139,12 +139,11 @@ class Table:
         """Whether other sessions of a real arm, in which other things were put, have a name as
         well.
         """
-        others = [
-            other
-            for other, names in named.items()
-            if other != case and any(overlap(name, one) for one in names)
-        ]
-        return len(others) >= AGAIN
+        others = 0
+        for other, names in named.items():
+            if other != case and any(overlap(name, known) for known in names):
+                others += 1
+        return others >= AGAIN
 
     def labels(self, known_names: Bool[Array, " N"]) -> Array:
         """Right, wrong or unknown of each row.
@@ -214,7 +213,7 @@ def _write_rows(path: Path, rows: Sequence[Row]) -> None:
         pq.write_table(pa.Table.from_pylist(list(rows)), temporary, compression="zstd")
 
 
-def session_row(entry: Entry, record: Mapping[str, Any]) -> Row:
+def session_row(entry: Entry, record: JsonTable) -> Row:
     """What became of a session."""
     verdict = str(record.get("verdict") or record.get("diagnosis", {}).get("verdict") or "error")
     truths = [
@@ -246,7 +245,7 @@ def _number(value: Any) -> float | None:
     return None if value is None else float(value)
 
 
-def candidate_rows(entry: Entry, record: Mapping[str, Any]) -> list[Row]:
+def candidate_rows(entry: Entry, record: JsonTable) -> list[Row]:
     """A row for each candidate, and one for each finding of the diagnosis."""
     measured = measured_on(entry)
     rows: list[Row] = []
@@ -271,9 +270,7 @@ def candidate_rows(entry: Entry, record: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
-def _row(
-    entry: Entry, name: Name, parameters: Mapping[str, Any] | None, measured: Sequence[Any]
-) -> Row:
+def _row(entry: Entry, name: Name, parameters: JsonTable | None, measured: Sequence[Any]) -> Row:
     number = matching(name, entry.truth)
     truth = None if number is None else entry.truth[number]
     strict = truth is not None and is_strict(name, truth)
@@ -293,7 +290,7 @@ def _row(
     }
 
 
-def intervals_of(parameters: Mapping[str, Any], true: Mapping[str, Any]) -> list[Row]:
+def intervals_of(parameters: JsonTable, true: JsonTable) -> list[Row]:
     """What was reported of parameters whose truth is known."""
     reported: list[Row] = []
     for key, value in true.items():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from ident.benchmark.scoring import EXCUSED_BY_URDF, KNOWN, comparable, shown_jo
 from ident.errors import InputError
 from ident.files import atomic_folder, write_record
 from ident.recordings.save import fill_session
+from ident.records import JsonRecord
 from ident.robot.arm import ArmModel
 from ident.simulation.hardware import without_geometry
 from ident.simulation.request import Answer, TrueEffect
@@ -116,7 +116,7 @@ def shortened(world: World) -> World:
     return replace(world, runs=runs, duration_s=max(duration, SHORTEST_S))
 
 
-def answer_of(task: WorldCase, simulation: Simulation) -> dict[str, Any]:
+def answer_of(task: WorldCase, simulation: Simulation) -> JsonRecord:
     """What was wrong, in the form of a semi-real case's answer."""
     answer = simulation.answer
     world = simulation.options.world
@@ -141,7 +141,7 @@ def answer_of(task: WorldCase, simulation: Simulation) -> dict[str, Any]:
 
 def truth_of(
     effect: TrueEffect, answer: Answer, starts: Sequence[float], asked: float | None
-) -> dict[str, Any]:
+) -> JsonRecord:
     """One simulated effect: where it may be named, and its parameters by the catalogue."""
     shown = shown_joints(effect, answer)
     floors = answer.noise_floor_Nm

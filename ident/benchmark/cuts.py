@@ -59,17 +59,17 @@ def first_seconds(session: Session, seconds: float) -> Session:
             break
         moving = np.flatnonzero(speed_of(run) > STANDS)
         begins = run.time[moving[0]] if len(moving) else run.time[0]
-        part = cut_rows(run, (run.time >= begins) & (run.time <= begins + left))
-        if part is not None:
-            runs.append(part)
-            left -= part.duration
+        stretch = cut_rows(run, (run.time >= begins) & (run.time <= begins + left))
+        if stretch is not None:
+            runs.append(stretch)
+            left -= stretch.duration
     return replace(session, runs=tuple(runs))
 
 
 def holds_alone(session: Session) -> Session:
     """What is left where every joint stands still."""
-    parts = [cut_rows(run, speed_of(run) <= STANDS) for run in session.runs]
-    return replace(session, runs=tuple(part for part in parts if part is not None))
+    stretches = [cut_rows(run, speed_of(run) <= STANDS) for run in session.runs]
+    return replace(session, runs=tuple(still for still in stretches if still is not None))
 
 
 def is_worth_a_cut(entry: Entry) -> bool:

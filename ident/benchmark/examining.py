@@ -14,7 +14,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from ident.effects.catalogue import CATALOGUE
 from ident.files import atomic_write
 from ident.inference.features import Scorers
 from ident.inference.search import SetSearch
-from ident.records import as_json
+from ident.records import JsonRecord, as_json
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group, Key
 from ident.regression.gram import Evidence
@@ -55,7 +54,7 @@ def examine(task: ExamineTask) -> str:
     of the scores.
     """
     start = time.perf_counter()
-    record: dict[str, Any] = {"stamp": task.stamp}
+    record: JsonRecord = {"stamp": task.stamp}
     try:
         arm, reports = inspect_sources(Given([task.session], task.robot)).whole
         catalogue = tuple(effect for effect in CATALOGUE if effect.id not in task.excluded)
@@ -74,11 +73,11 @@ def examine(task: ExamineTask) -> str:
     return task.session.name
 
 
-def write_result(path: Path, record: dict[str, Any]) -> None:
+def write_result(path: Path, record: JsonRecord) -> None:
     """Writes a record as JSON allows it: what is no number becomes null."""
 
-    with atomic_write(path) as part:
-        part.write_text(as_json(record, None) + "\n", encoding="utf-8")
+    with atomic_write(path) as scratch:
+        scratch.write_text(as_json(record, None) + "\n", encoding="utf-8")
 
 
 def _name(group: Group, joints: Sequence[str]) -> tuple[str, str]:
@@ -86,7 +85,7 @@ def _name(group: Group, joints: Sequence[str]) -> tuple[str, str]:
     return group.effect.id, joints[group.joint] if group.effect.scope == "joint" else ""
 
 
-def measure_alone(analysis: Analysis) -> dict[str, Any]:
+def measure_alone(analysis: Analysis) -> JsonRecord:
     """Held-out RMS of each joint [N m] in two views.
 
     `tuned`, and `fixed`, in which wrong inertias can't do the same.
@@ -103,7 +102,7 @@ def measure_alone(analysis: Analysis) -> dict[str, Any]:
         for view, scorer in views.items()
     }
     coarse = Scorers.of(conclusion.inference.best)
-    alone: dict[str, Any] = {}
+    alone: JsonRecord = {}
     for view, scorer in (("tuned", coarse.tuned), ("fixed", coarse.fixed)):
         for group in _likeliest(conclusion.inference.best.search, view == "fixed")[:MOST_ALONE]:
             name = ":".join(_name(group, analysis.diagnosis.joints))
@@ -139,20 +138,22 @@ def forward_by_bic(evidence: Evidence, prior: Prior) -> list[Group]:
     units of its noise.
     """
     samples = float(sum(evidence.weights.sum(axis=0)))
-    gram = np.zeros((evidence.layout.size + 1, evidence.layout.size + 1))
-    for local, sums, level in zip(
-        evidence.layout.local, evidence.plain, evidence.whitening.level, strict=True
-    ):
+    layout = evidence.layout
+    gram = np.zeros((layout.size + 1, layout.size + 1))
+    levels = evidence.whitening.level
+    for local, sums, level in zip(layout.local, evidence.plain, levels, strict=True):
         gram[np.ix_(local, local)] += sums.over() / max(float(level), 1e-9) ** 2
     chosen: list[Group] = []
     while len(chosen) < MOST_BY_BIC:
+        taken = {group.key for group in chosen}
         projection = project(gram, evidence, prior, chosen)
         variance = max(projection.misfit / samples, 1e-12)
         best = None
         most = 0.0
         for group in evidence.layout.groups:
-            fall = projection.gain(group)[0] / variance - len(group.columns) * np.log(samples)
-            if fall > most and group.key not in {one.key for one in chosen}:
+            gain, *_ = projection.gain(group)
+            fall = gain / variance - len(group.columns) * np.log(samples)
+            if fall > most and group.key not in taken:
                 best = group
                 most = fall
         if best is None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from ident.arrays import Array, Bool, Float
 from ident.benchmark.corpus import Entry, Truth
 from ident.benchmark.labels import Name, matching
 from ident.benchmark.logistic import Logistic, fit_logistic, log_score
+from ident.records import JsonTable
 
 # What is left at a joint alone: how many rows or names an arm has tells arms apart, not gaps.
 FEATURES = (
@@ -43,7 +43,7 @@ class JointRows:
     @classmethod
     def of(
         cls,
-        results: Mapping[str, Mapping[str, Any]],
+        results: Mapping[str, JsonTable],
         entries: Mapping[str, Entry],
     ) -> JointRows:
         """The rows of all results.
@@ -77,7 +77,7 @@ def unit_of(entry: Entry) -> str:
 
 
 def _labelled(
-    joints: Sequence[Mapping[str, Any]], entry: Entry, named: Sequence[Name]
+    joints: Sequence[JsonTable], entry: Entry, named: Sequence[Name]
 ) -> list[tuple[Mapping[str, float], bool]]:
     """Features of the joints of a session of which it is known whether a cause without a name is
     left.
@@ -85,9 +85,8 @@ def _labelled(
     rows = []
     for row in joints:
         here = [truth for truth in entry.truth if _may_stand(truth, row["joint"])]
-        missed = [truth for truth in here if not any(_says(name, truth) for name in named)]
-        visible = [truth for truth in missed if _size(truth) >= SEEN_FROM]
-        if visible:
+        missed = [truth for truth in here if not _is_said(truth, named)]
+        if any(_size(truth) >= SEEN_FROM for truth in missed):
             rows.append((row["features"], True))
         elif entry.group not in ("real", "kept") and not missed and not _anywhere(entry):
             rows.append((row["features"], False))
@@ -95,14 +94,17 @@ def _labelled(
 
 
 def _may_stand(truth: Truth, joint: str) -> bool:
+    """Whether a true cause may be named at a joint."""
     return joint in (truth.may_stand_at or truth.joints)
 
 
-def _says(name: Name, truth: Truth) -> bool:
-    return matching(name, [truth]) is not None
+def _is_said(truth: Truth, names: Sequence[Name]) -> bool:
+    """Whether any of some names is that of a true cause."""
+    return any(matching(name, [truth]) is not None for name in names)
 
 
 def _size(truth: Truth) -> float:
+    """The size that was asked for; of one that was not, a visible one."""
     return truth.asked if truth.asked is not None else SEEN_FROM
 
 

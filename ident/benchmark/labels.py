@@ -8,11 +8,11 @@ if the world's URDF is wrong by more than a tolerance and the name says so. All 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from ident.benchmark.corpus import Entry, Truth
+from ident.records import JsonTable
 from ident.simulation.real.sources import measured_causes
 
 RIGHT = "right"
@@ -31,7 +31,7 @@ class Name:
     members: frozenset[tuple[str, str]]
 
     @classmethod
-    def of_candidate(cls, candidate: Mapping[str, Any]) -> Name:
+    def of_candidate(cls, candidate: JsonTable) -> Name:
         """The name of a stored candidate.
 
         In its `class` an id may be written `id:joint`, where the twin stands at another joint.
@@ -47,7 +47,7 @@ class Name:
         return cls(str(candidate["effect"]), joint, frozenset(places), frozenset(members))
 
     @classmethod
-    def of_finding(cls, finding: Mapping[str, Any]) -> Name:
+    def of_finding(cls, finding: JsonTable) -> Name:
         """The name of a finding of `ident.diagnosis/1`, with where else it may stand."""
         elsewhere = [
             f"{twin['effect']}:{twin.get('joint') or ''}" for twin in finding.get("elsewhere", ())

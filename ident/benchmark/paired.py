@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
 
 from ident.benchmark.outcomes import SessionOutcome
 from ident.benchmark.score_table import is_visible_single
+from ident.records import JsonRecord, JsonTable
 
-Row = dict[str, Any]
+Row = JsonRecord
 CRITERIA: dict[str, tuple[tuple[str, ...], Callable[[SessionOutcome], bool]]] = {
     "single named": (("single",), lambda outcome: len(outcome.matched) > 0),
     "single named first": (("single",), lambda outcome: outcome.strict),
@@ -76,7 +76,7 @@ def _ratio(before: float | None, after: float | None) -> float | None:
     return after / before if before and after else None
 
 
-def comparison_lines(record: Mapping[str, Any]) -> Iterable[str]:
+def comparison_lines(record: JsonTable) -> Iterable[str]:
     """A paired comparison in words."""
     yield f"{record['cases']} sessions in both"
     for word, values in record.items():

@@ -24,24 +24,26 @@ def write(console: Console, report: BlindReport) -> None:
     lines = []
     for name, value in record["scores"].items():
         if isinstance(value, dict):
-            sizes = ", ".join(
-                f"{size}x {one if one is None else round(one, 3)}" for size, one in value.items()
-            )
-            lines += [f"  {name}: {sizes}"] if sizes else []
+            sizes = ", ".join(f"{size}x {_rounded(at_size)}" for size, at_size in value.items())
+            if sizes:
+                lines.append(f"  {name}: {sizes}")
             continue
         low, high = record["intervals"].get(name, (None, None))
         interval = f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else ""
-        lines.append(f"  {name}: {value if value is None else round(value, 3)}{interval}")
+        lines.append(f"  {name}: {_rounded(value)}{interval}")
     if again := record["run"].get("drawn_again"):
-        lines.append(
-            f"  drawn again, a size out of reach or an arm that diverged: {plural(again, 'case')}"
-        )
+        cases = plural(again, "case")
+        lines.append(f"  drawn again, a size out of reach or an arm that diverged: {cases}")
     if record["worst_stratum"] is not None:
         worst = record["worst_stratum"]
-        lines.append(
-            f"  worst stratum: {worst['world']}: strict {worst['strict']:.2f} of {worst['cases']}"
-        )
+        share = f"strict {worst['strict']:.2f} of {worst['cases']}"
+        lines.append(f"  worst stratum: {worst['world']}: {share}")
     console.print("\n".join(lines), highlight=False, soft_wrap=True)
+
+
+def _rounded(value: float | None) -> float | None:
+    """A score with the digits that are shown."""
+    return value if value is None else round(value, 3)
 
 
 def draw(report: BlindReport) -> Figure:

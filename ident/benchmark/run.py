@@ -20,7 +20,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -42,6 +42,7 @@ from ident.motion.settings import FOR_DIAGNOSIS
 from ident.motion.stretches import within_band
 from ident.outputs import real_path
 from ident.recordings.recording import Session
+from ident.records import JsonRecord, JsonTable
 from ident.regression.decimation import moved_inertia
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
@@ -52,6 +53,8 @@ from ident.simulation.simulate import SimulationOptions, simulate
 from ident.simulation.world import find_worlds
 from ident.workers import run_tasks
 
+Say = Callable[[str], None]
+Progress = Callable[[str, int, int], None]
 # The other motions: one of each of the first kinds, about a minute together [s].
 MOST_RUNS = 5
 LONGEST_RUN_S = 12.0
@@ -68,6 +71,9 @@ class EditTask:
     stamp: str  # of the editing code, and of the result that it takes
 
 
+T = TypeVar("T", MakeTask, ExamineTask, EditTask)
+
+
 def edit(task: EditTask) -> str:
     """Edits a case and writes the outcome; returns the case's name.
 
@@ -77,21 +83,17 @@ def edit(task: EditTask) -> str:
     answer = open_envelope(task.made.sealed, task.made.key)
     result = _read(task.result)
     options, _ = task.made.drawn(task.attempt)
-    try:
-        record = (
-            edit_case(options, answer, result["diagnosis"])
-            if "diagnosis" in result
-            else {"why": "it failed"}
-        )
-    except InputError as error:
-        record = {"why": str(error)}
+    record: JsonRecord = {"why": "it failed"}
+    if "diagnosis" in result:
+        try:
+            record = edit_case(options, answer, result["diagnosis"])
+        except InputError as error:
+            record = {"why": str(error)}
     write_result(task.edited, {"stamp": task.stamp, **record})
     return task.made.slot.name
 
 
-def edit_case(
-    options: SimulationOptions, answer: Answer, diagnosis: Mapping[str, Any]
-) -> dict[str, Any]:
+def edit_case(options: SimulationOptions, answer: Answer, diagnosis: JsonTable) -> JsonRecord:
     """The edit test of one case: what was simulated, what was wrong, and what was diagnosed.
 
     Returns:
@@ -101,11 +103,10 @@ def edit_case(
     Raises:
         InputError: The arm without the cause can't be diagnosed.
     """
-    true = [
-        k
-        for k, one in enumerate(diagnosis["findings"])
-        if any(is_true(t, one, answer) for t in answer.effects)
-    ]
+    true = []
+    for place, finding in enumerate(diagnosis["findings"]):
+        if any(is_true(effect, finding, answer) for effect in answer.effects):
+            true.append(place)
     if not true:
         return {"why": "nothing true was named"}
     twin, other = twins_of(options)
@@ -123,28 +124,29 @@ def edit_case(
         "unedited": edited_arm(diagnosis, arm),
     }
     rms = {name: rms_left(model, held_out) for name, model in models.items()}
-    joints = sorted({joint for one in answer.effects for joint in shown_joints(one, answer)})
-    at = [arm.joint_names.index(joint) for joint in joints]
-    named = {
-        name: dict(zip(arm.joint_names, map(float, one), strict=True)) for name, one in rms.items()
-    }
-    ratio = {name: error_ratio(one[at], rms["oracle"][at]) for name, one in rms.items()}
-    return {"joints": joints, "rms_Nm": named, "ratio": ratio}
+    joints = sorted({joint for effect in answer.effects for joint in shown_joints(effect, answer)})
+    shown = [arm.joint_names.index(joint) for joint in joints]
+    of_oracle = rms["oracle"][shown]
+    by_joint = {}
+    ratio = {}
+    for name, error in rms.items():
+        by_joint[name] = dict(zip(arm.joint_names, map(float, error), strict=True))
+        ratio[name] = error_ratio(error[shown], of_oracle)
+    return {"joints": joints, "rms_Nm": by_joint, "ratio": ratio}
 
 
-def edited_arm(
-    record: Mapping[str, Any], arm: ArmModel, taken_out: Collection[int] = ()
-) -> IdentifiedArm:
+def edited_arm(record: JsonTable, arm: ArmModel, taken_out: Collection[int] = ()) -> IdentifiedArm:
     """The patch of a diagnosis less some of its findings, by their places.
 
     Nothing is fitted again.
     """
     diagnosed = Diagnosed.of_record(dict(record), needed=False)
-    kept = tuple(change for k, change in enumerate(diagnosed.changes) if k not in taken_out)
-    return replace(diagnosed.candidates(arm)["after"], changes=kept)
+    numbered = enumerate(diagnosed.changes)
+    changes = tuple(change for place, change in numbered if place not in taken_out)
+    return replace(diagnosed.candidates(arm)["after"], changes=changes)
 
 
-def tuned_arm(record: Mapping[str, Any], arm: ArmModel) -> IdentifiedArm:
+def tuned_arm(record: JsonTable, arm: ArmModel) -> IdentifiedArm:
     """What the same recordings give where nothing is identified.
 
     The best tuning of links and losses.
@@ -154,11 +156,10 @@ def tuned_arm(record: Mapping[str, Any], arm: ArmModel) -> IdentifiedArm:
 
 def rms_left(identified: IdentifiedArm, motions: Sequence[Motion]) -> Float[Array, " n"]:
     """Error of the filtered torque where joints move steadily, by joint [N m]."""
-    squares = sum(
-        np.sum(log_error(LawModel.of(identified, motion.payload), motion) ** 2, axis=0)
-        for motion in motions
-    )
-    return np.sqrt(squares / np.maximum(sum(motion.settled.sum(axis=0) for motion in motions), 1.0))
+    errors = [log_error(LawModel.of(identified, motion.payload), motion) for motion in motions]
+    squares = sum(np.sum(error**2, axis=0) for error in errors)
+    samples = sum(motion.settled.sum(axis=0) for motion in motions)
+    return np.sqrt(squares / np.maximum(samples, 1.0))
 
 
 def error_ratio(error: Float[Array, " k"], oracle: Float[Array, " k"]) -> float:
@@ -168,9 +169,9 @@ def error_ratio(error: Float[Array, " k"], oracle: Float[Array, " k"]) -> float:
 
 def twins_of(options: SimulationOptions) -> tuple[Session, Session]:
     """The arm of a case without its causes: in the case's own motions, and in others."""
-    other = other_motions(
-        options, min(options.runs, MOST_RUNS), min(options.duration, LONGEST_RUN_S)
-    )
+    runs = min(options.runs, MOST_RUNS)
+    duration = min(options.duration, LONGEST_RUN_S)
+    other = other_motions(options, runs, duration)
     return simulate(without_causes(options), "twin").session, simulate(other, "other").session
 
 
@@ -186,11 +187,6 @@ def other_motions(options: SimulationOptions, runs: int, duration: float) -> Sim
     return replace(without_causes(options), seed=seed, runs=runs, duration=duration)
 
 
-Say = Callable[[str], None]
-Progress = Callable[[str, int, int], None]
-T = TypeVar("T", MakeTask, ExamineTask, EditTask)
-
-
 @dataclass(frozen=True)
 class BlindOptions(CheckOptions):
     """What to check, with what Python alone can choose."""
@@ -201,20 +197,13 @@ class BlindOptions(CheckOptions):
     duration: float = 8.0  # rough duration of a run [s]; of a world, its own
 
     @property
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> JsonRecord:
         """What decides which cases there are."""
-        names = (
-            "cases",
-            "mix",
-            "robot",
-            "runs",
-            "duration",
-            *(("worlds", "oracle") if self.worlds else ()),
-        )
-        return {
-            name: dict(value) if isinstance(value := getattr(self, name), Mapping) else value
-            for name in names
-        }
+        names = ["cases", "mix", "robot", "runs", "duration"]
+        if self.worlds:
+            names += ["worlds", "oracle"]
+        settings = {name: getattr(self, name) for name in names}
+        return {**settings, "mix": dict(self.mix)}
 
 
 def run_blind(
@@ -229,55 +218,36 @@ def run_blind(
         InputError: Options that make no sense, or another check in the folder.
     """
     seed = begin_check(options, options.settings)
-    out = real_path(options.out)
     stamp = code_stamp()
-    base = SimulationOptions(
-        robot=options.robot, runs=options.runs, duration=options.duration, coarse=True
-    )
-    common = stamp, find_worlds(options.worlds) if options.worlds else (), options.oracle
-    tasks = {
-        slot.name: MakeTask(
-            slot,
-            number,
-            seed,
-            base,
-            out / "sessions" / slot.name,
-            out / "sealed" / slot.name,
-            *common,
-        )
-        for number, slot in enumerate(plan_slots(options.cases, options.mix, seed))
-    }
+    tasks = _tasks_of_cases(options, seed, stamp)
     step = partial(_step, options, progress)
-    made = step(
-        "simulating", make, {name: (task.sealed / MADE_NAME, task) for name, task in tasks.items()}
-    )
+    waiting = {name: (task.sealed / MADE_NAME, task) for name, task in tasks.items()}
+    made = step("simulating", make, waiting)
     for name, record in made.items():
         say(f"{name} sealed: sha256 {record['sha256']}")
     diagnoses = {}
     edits = {}
+    out = real_path(options.out)
     for name, task in tasks.items():
         # Those of an earlier version, or of another seal, are had anew.
         record = made[name]
-        stamped = f"{stamp} {made[name]['sha256']}"
-        path, edited = (out / folder / f"{name}.json" for folder in ("results", "edits"))
-        diagnoses[name] = (
-            path,
-            ExamineTask(task.session, record["robot"], tuple(record["excluded"]), path, stamped),
-        )
+        stamped = f"{stamp} {record['sha256']}"
+        result = out / "results" / f"{name}.json"
+        excluded = tuple(record["excluded"])
+        examined = ExamineTask(task.session, record["robot"], excluded, result, stamped)
+        diagnoses[name] = (result, examined)
         if options.edit and task.slot.kind == "single":
-            edits[name] = edited, EditTask(task, int(record["attempt"]), path, edited, stamped)
+            edited = out / "edits" / f"{name}.json"
+            attempt = int(record["attempt"])
+            edits[name] = (edited, EditTask(task, attempt, result, edited, stamped))
     results = step("diagnosing", examine, diagnoses)
     ratios = step("editing", edit, edits)
     outcomes = []
     for name, task in tasks.items():
-        outcome = score_case(
-            task.slot, open_envelope(task.sealed, task.key), results[name], made[name]["starts"]
-        )
-        outcomes.append(
-            replace(
-                outcome, oracle=made[name].get("oracle"), edit=ratios.get(name, {}).get("ratio")
-            )
-        )
+        answer = open_envelope(task.sealed, task.key)
+        outcome = score_case(task.slot, answer, results[name], made[name]["starts"])
+        ratio = ratios.get(name, {}).get("ratio")
+        outcomes.append(replace(outcome, oracle=made[name].get("oracle"), edit=ratio))
     report = BlindReport(
         robot=f"arms of worlds ({options.worlds})" if options.worlds else options.robot,
         seed=seed,
@@ -288,16 +258,34 @@ def run_blind(
         run={
             **options.settings,
             "code": stamp,
-            "drawn_again": sum(one["attempt"] > 0 for one in made.values()),
+            "drawn_again": sum(record["attempt"] > 0 for record in made.values()),
         },
     )
     report.save(options.out / "blind.json")
-    with atomic_write(options.out / "cases.parquet") as part:
-        pq.write_table(pa.Table.from_pylist([one.to_row() for one in outcomes]), part)
+    rows = [outcome.to_row() for outcome in outcomes]
+    with atomic_write(options.out / "cases.parquet") as scratch:
+        pq.write_table(pa.Table.from_pylist(rows), scratch)
     return report
 
 
-def begin_check(options: BlindOptions, settings: Mapping[str, Any]) -> int:
+def _tasks_of_cases(options: BlindOptions, seed: int, stamp: str) -> dict[str, MakeTask]:
+    """What the simulating processes are given, by case."""
+    out = real_path(options.out)
+    worlds = find_worlds(options.worlds) if options.worlds else ()
+    base = SimulationOptions(
+        robot=options.robot, runs=options.runs, duration=options.duration, coarse=True
+    )
+    tasks = {}
+    for number, slot in enumerate(plan_slots(options.cases, options.mix, seed)):
+        session = out / "sessions" / slot.name
+        sealed = out / "sealed" / slot.name
+        tasks[slot.name] = MakeTask(
+            slot, number, seed, base, session, sealed, stamp, worlds, options.oracle
+        )
+    return tasks
+
+
+def begin_check(options: BlindOptions, settings: JsonTable) -> int:
     """Checks that the folder holds no other check than one with these settings.
 
     Returns the seed.
@@ -333,7 +321,7 @@ def _step(
     name: str,
     function: Callable[[T], str],
     tasks: Mapping[str, tuple[Path, T]],
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, JsonRecord]:
     """What a step wrote of each case; what is there already is not done again."""
 
     def is_done(path: Path, stamp: str) -> bool:
@@ -362,5 +350,5 @@ def code_stamp() -> str:
     return digest.hexdigest()[:16]
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> JsonRecord:
     return read_json(path, "remove it, or choose another --out")

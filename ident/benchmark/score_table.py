@@ -12,6 +12,7 @@ from ident.benchmark.corpus_table import SessionRow, Table
 from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG
 from ident.benchmark.outcomes import NAMED_FROM, SessionOutcome
 from ident.benchmark.scoring import Score, calibration_curve, mean, share
+from ident.records import JsonRecord, JsonTable
 
 BINS = 5
 REFUSING = ("none_of_catalogue", "partial")
@@ -21,7 +22,7 @@ AT_3X = " at 3x"
 CUT = "cut"
 BY = ("by unit", "by effect", "intervals")
 """Tables beside those of the groups."""
-Row = dict[str, Any]
+Row = JsonRecord
 
 
 def score(table: Table, outcomes: Mapping[str, SessionOutcome]) -> Row:
@@ -206,7 +207,7 @@ def _written(value: Score) -> Row:
 # In words
 
 
-def lines_of(record: Mapping[str, Any]) -> Iterable[str]:
+def lines_of(record: JsonTable) -> Iterable[str]:
     """A score table in words."""
     groups = [key for key in record if key not in ("schema", "cases", *BY)]
     yield f"{record['cases']} sessions"

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
+from ident.arrays import Array, Float, Int
 from ident.benchmark.cases import Slot
 from ident.diagnosis.verdict import above_noise
 from ident.effects import optional
 from ident.effects.catalogue import CATALOGUE
+from ident.records import JsonRecord, JsonTable
 from ident.simulation.request import Answer, TrueEffect
 
 Z = 1.959964
@@ -51,23 +52,26 @@ class Score:
 
 def share(hits: Iterable[bool]) -> Score:
     """Share of hits with Wilson's 95 % interval; empty without cases."""
-    found = [bool(hit) for hit in hits]
-    n = len(found)
+    outcomes = [bool(hit) for hit in hits]
+    n = len(outcomes)
     if n == 0:
         return Score()
-    p = sum(found) / n
-    centre = (p + Z**2 / (2 * n)) / (1 + Z**2 / n)
-    reach = Z / (1 + Z**2 / n) * float(np.sqrt(p * (1 - p) / n + Z**2 / (4 * n**2)))
+    p = sum(outcomes) / n
+    shrink = 1 + Z**2 / n
+    centre = (p + Z**2 / (2 * n)) / shrink
+    reach = Z / shrink * float(np.sqrt(p * (1 - p) / n + Z**2 / (4 * n**2)))
     return Score(p, max(centre - reach, 0.0), min(centre + reach, 1.0), n)
 
 
 def mean(values: Sequence[float]) -> Score:
     """Mean with the 95 % percentile interval of a bootstrap over cases; empty without cases."""
-    if len(values) == 0:
+    count = len(values)
+    if count == 0:
         return Score()
-    x = np.asarray(values, dtype=float)
-    draws = x[np.random.default_rng(0).integers(len(x), size=(RESAMPLES, len(x)))].mean(axis=1)
-    return Score(float(x.mean()), *_ends(draws), len(x))
+    cases = np.asarray(values, dtype=float)
+    drawn = np.random.default_rng(0).integers(count, size=(RESAMPLES, count))
+    means = cases[drawn].mean(axis=1)
+    return Score(float(cases.mean()), *_ends(means), count)
 
 
 def _ends(draws: Sequence[float] | np.ndarray) -> tuple[float, float]:
@@ -81,13 +85,16 @@ def auroc(positive: Sequence[float], negative: Sequence[float]) -> Score:
     m = len(negative)
     if not n or not m:
         return Score()
-    difference = np.subtract.outer(
-        np.asarray(positive, dtype=float), np.asarray(negative, dtype=float)
-    )
+    scores = np.asarray(positive, dtype=float)
+    other_scores = np.asarray(negative, dtype=float)
+    difference = np.subtract.outer(scores, other_scores)
     area = float(np.mean((difference > 0.0) + 0.5 * (difference == 0.0)))
-    q1 = area / (2.0 - area)
-    q2 = 2.0 * area**2 / (1.0 + area)
-    variance = area * (1.0 - area) + (n - 1) * (q1 - area**2) + (m - 1) * (q2 - area**2)
+    # Probability that two positive cases score above a negative one, and one above two.
+    two_positive = area / (2.0 - area)
+    two_negative = 2.0 * area**2 / (1.0 + area)
+    between_positive = (n - 1) * (two_positive - area**2)
+    between_negative = (m - 1) * (two_negative - area**2)
+    variance = area * (1.0 - area) + between_positive + between_negative
     reach = Z * float(np.sqrt(max(variance, 0.0) / (n * m)))
     return Score(area, max(area - reach, 0.0), min(area + reach, 1.0), n + m)
 
@@ -101,11 +108,17 @@ def calibration_curve(
     """
     p = np.asarray(said, dtype=float)
     hit = np.asarray(right, dtype=bool)
-    which = np.minimum((p * bins).astype(int), bins - 1)
-    return [
-        (k / bins, (k + 1) / bins, float(p[which == k].mean()), share(hit[which == k]))
-        for k in map(int, np.unique(which))
-    ]
+    bin_of_name = _bin_of(p, bins)
+    curve = []
+    for k in map(int, np.unique(bin_of_name)):
+        inside = bin_of_name == k
+        curve.append((k / bins, (k + 1) / bins, float(p[inside].mean()), share(hit[inside])))
+    return curve
+
+
+def _bin_of(p: Float[Array, " k"], bins: int) -> Int[Array, " k"]:
+    """Number of the bin of equal width that each probability falls into."""
+    return np.minimum((p * bins).astype(int), bins - 1)
 
 
 def calibration_error(said: Sequence[float], right: Sequence[bool]) -> Score:
@@ -117,14 +130,17 @@ def calibration_error(said: Sequence[float], right: Sequence[bool]) -> Score:
     if n == 0:
         return Score()
     p = np.asarray(said, dtype=float)
-    which = np.minimum((p * BINS).astype(int), BINS - 1)
+    bin_of_name = _bin_of(p, BINS)
     over = p - np.asarray(right, dtype=bool)
+
+    def error(names: Int[Array, " n"]) -> float:
+        """That of some names, each as often as it is drawn."""
+        distances = np.abs(np.bincount(bin_of_name[names], over[names]))
+        return float(distances.sum() / n)
+
     draws = np.random.default_rng(0).integers(n, size=(RESAMPLES // 10, n))
-    value, *errors = (
-        float(np.abs(np.bincount(which[rows], over[rows])).sum() / n)
-        for rows in (np.arange(n), *draws)
-    )
-    return Score(value, *_ends(errors), n)
+    resampled = [error(names) for names in draws]
+    return Score(error(np.arange(n)), *_ends(resampled), n)
 
 
 def is_inside(parameter: str, true: float, low: float, high: float) -> bool:
@@ -138,50 +154,63 @@ def is_inside(parameter: str, true: float, low: float, high: float) -> bool:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One case, scored."""
+    """One case, scored.
+
+    Attributes:
+        name: The case.
+        kind: Its kind.
+        amplitude: Visible amplitude [noise floors].
+        rich: Whether its motion is rich.
+        truth: True effects as (id, joint); the joint is empty for the whole arm.
+        verdict: Of the diagnosis; `failed` if it failed.
+        named: Names given, as (id, joints, probability).
+        strict: Whether the first name is the true effect (single effects).
+        class_aware: Whether the true effect is in the first name's class.
+        joint: Whether the first name is at the true joint.
+        class_size: Of the first name's class; None without a name.
+        refused: Whether it says that the catalogue does not hold the cause, at the right joint.
+        set_f1: Of all names with their joints against the truth.
+        shrink_share: Held-out closing over that of the true name alone; None if that closes
+            nothing.
+        coverage: True parameters of all true names: each with its effect, the reported value and
+            interval, whether that holds it.
+        right: Whether each name is true.
+        excused: Whether it is true of the world, though nothing of the kind was hidden.
+        rivals: Names of the plain methods.
+        seconds: Time of the diagnosis.
+        error: What went wrong, if it failed.
+        world: That it was drawn in; empty without one.
+        refusal_score: How sure it is that the catalogue lacks the cause; None if nothing is fitted.
+        oracle: Probability that an oracle names the effect; None where it was not worked out.
+        edit: Held-out error on the arm without the cause over an oracle's, by model: `edited`, the
+            patched model less the cause; `tuned`, nothing named; `unedited`. None without a test.
+        robot: The arm.
+        joints: Its joints.
+    """
 
     name: str
     kind: str
-    amplitude: float  # visible amplitude [noise floors]
-    rich: bool  # whether its motion is rich
-    # True effects as (id, joint); the joint is empty for the whole arm.
+    amplitude: float
+    rich: bool
     truth: tuple[tuple[str, str], ...]
-    verdict: str  # of the diagnosis; `failed` if it failed
-    named: tuple[
-        tuple[str, tuple[str, ...], float], ...
-    ] = ()  # names given, as (id, joints, probability)
-    strict: bool = False  # whether the first name is the true effect (single effects)
-    class_aware: bool = False  # whether the true effect is in the first name's class
-    joint: bool = False  # whether the first name is at the true joint
-    class_size: int | None = None  # of the first name's class; None without a name
-    refused: bool = (
-        False  # whether it says that the catalogue does not hold the cause, at the right joint
-    )
-    set_f1: float | None = None  # of all names with their joints against the truth
-    shrink_share: float | None = (
-        None  # held-out closing over that of the true name alone; None if that closes nothing
-    )
-    # True parameters of all true names: each with its effect, the reported value and interval,
-    # whether that holds it.
-    coverage: tuple[dict[str, Any], ...] = ()
-    right: tuple[bool, ...] = ()  # whether each name is true
-    excused: tuple[
-        bool, ...
-    ] = ()  # whether it is true of the world, though nothing of the kind was hidden
-    # Names of the plain methods.
+    verdict: str
+    named: tuple[tuple[str, tuple[str, ...], float], ...] = ()
+    strict: bool = False
+    class_aware: bool = False
+    joint: bool = False
+    class_size: int | None = None
+    refused: bool = False
+    set_f1: float | None = None
+    shrink_share: float | None = None
+    coverage: tuple[JsonRecord, ...] = ()
+    right: tuple[bool, ...] = ()
+    excused: tuple[bool, ...] = ()
     rivals: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
-    seconds: float | None = None  # time of the diagnosis
-    error: str = ""  # what went wrong, if it failed
-    # That it was drawn in; empty without one.
-    world: Mapping[str, Any] = field(default_factory=dict)
-    refusal_score: float | None = (
-        None  # how sure it is that the catalogue lacks the cause; None if nothing is fitted
-    )
-    oracle: float | None = (
-        None  # probability that an oracle names the effect; None where it was not worked out
-    )
-    # Held-out error on the arm without the cause over an oracle's, by model: `edited`, the patched
-    # model less the cause; `tuned`, nothing named; `unedited`. None without a test.
+    seconds: float | None = None
+    error: str = ""
+    world: JsonTable = field(default_factory=dict)
+    refusal_score: float | None = None
+    oracle: float | None = None
     edit: Mapping[str, float] | None = None
     robot: str = ""
     joints: tuple[str, ...] = ()
@@ -211,43 +240,122 @@ class Outcome:
     @property
     def confidently_wrong(self) -> bool:
         """Whether a name that is not true was given with confidence."""
-        return self.verdict in ("named", "partial") and any(
-            p >= CONFIDENT for _, p, right in self.judged if not right
-        )
+        if self.verdict not in ("named", "partial"):
+            return False
+        return any(p >= CONFIDENT for _, p, right in self.judged if not right)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         record = {
             key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")
         }
         return {**record, "coverage": list(self.coverage)}
 
-    def to_row(self) -> dict[str, Any]:
+    def to_row(self) -> JsonRecord:
         """Numbers and words of the case and of its world, for a table with a row a case."""
-        flat = {
-            key: value
-            for key, value in vars(self).items()
-            if value is None or isinstance(value, str | int | float)
-        }
-        return {**flat, **{f"world.{key}": value for key, value in self.world.items()}}
+        plain = str | int | float
+        row = {key: value for key, value in vars(self).items() if isinstance(value, plain | None)}
+        return row | {f"world.{key}": value for key, value in self.world.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class _JudgedNames:
+    """The names of a case beside what was planted."""
+
+    answer: Answer
+    findings: Sequence[JsonTable]
+    matches: Sequence[TrueEffect | None]  # the true effect that each name is of
+    excused: Sequence[bool]  # whether it is true of the world, though nothing of it was hidden
+
+    @classmethod
+    def of(cls, findings: Sequence[JsonTable], answer: Answer) -> _JudgedNames:
+        """The names of a diagnosis's record, judged.
+
+        A wrong URDF has links of its own to be named; a class that holds what was planted beside is
+        no such name.
+        """
+        free = EXCUSED_BY_URDF if urdf_is_wrong(answer.world) else ()
+        planted = {effect.effect for effect in answer.effects}
+        matches = [_match(finding, answer) for finding in findings]
+        excused = []
+        for match, finding in zip(matches, findings, strict=True):
+            others = {*finding["class"][1:]}
+            is_free = match is None and finding["effect"] in free and not planted & others
+            excused.append(is_free)
+        return cls(answer, findings, matches, excused)
+
+    @property
+    def counted(self) -> list[JsonTable]:
+        """The names that are true or false."""
+        pairs = zip(self.findings, self.excused, strict=True)
+        return [finding for finding, free in pairs if not free]
+
+    def set_f1(self) -> float | None:
+        """Harmonic mean of precision and recall; None where nothing was planted.
+
+        A cause that is named at both of its joints is found once.
+        """
+        if not self.answer.effects:
+            return None
+        true = [match for match in self.matches if match is not None]
+        causes = {id(match) for match in true}
+        if not causes or not self.counted:
+            return 0.0
+        precision = len(true) / max(len(self.counted), 1)
+        recall = len(causes) / max(len(self.answer.effects), 1)
+        return 2.0 * precision * recall / (precision + recall)
+
+    def coverage(self, starts: Sequence[float]) -> list[JsonRecord]:
+        """Parameters that both report by the same name, and whether the interval holds the true."""
+        covers: list[JsonRecord] = []
+        for true, finding in zip(self.matches, self.findings, strict=True):
+            if true is None:
+                continue
+            for name, value in comparable(true, starts).items():
+                reported = _reported(finding["parameters"].get(name, {}))
+                if reported is None:
+                    continue
+                covers.append(
+                    {
+                        "effect": finding["effect"],
+                        "parameter": name,
+                        "true": value,
+                        **reported,
+                        "inside": is_inside(name, value, reported["low"], reported["high"]),
+                    }
+                )
+        return covers
+
+
+def _match(finding: JsonTable, answer: Answer) -> TrueEffect | None:
+    """The true effect that a name is of; None if it is of none."""
+    for effect in answer.effects:
+        if is_true(effect, finding, answer):
+            return effect
+    return None
+
+
+def _reported(interval: JsonTable) -> dict[str, float] | None:
+    """Value and ends of a parameter's interval; None where one of them is missing."""
+    reported = {}
+    for key in ("value", "low", "high"):
+        if interval.get(key) is None:
+            return None
+        reported[key] = float(interval[key])
+    return reported
 
 
 def score_case(
-    slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Sequence[float] = ()
+    slot: Slot, answer: Answer, result: JsonTable, starts: Sequence[float] = ()
 ) -> Outcome:
     """Scores a case by its opened answer.
 
     `starts` are the session times at which its runs start [s].
     """
-    # Visible amplitude [noise floors]: of single effects as it was asked for, of others as
-    # measured.
-    seen = [
-        float(f"{max(_shares(one, answer).values(), default=0.0):.2g}") for one in answer.effects
-    ]
     case = Outcome(
         name=slot.name,
         kind=slot.kind,
-        amplitude=slot.amplitude if slot.kind == "single" else max(seen, default=0.0),
+        amplitude=_visible_amplitude(slot, answer),
         rich=slot.rich,
         truth=tuple((effect.effect, _joint_of(effect)) for effect in answer.effects),
         verdict="failed",
@@ -258,84 +366,66 @@ def score_case(
         return case
     record = result["diagnosis"]
     findings = record["findings"]
-    matches = [
-        next((effect for effect in answer.effects if is_true(effect, f, answer)), None)
-        for f in findings
-    ]
-    free = EXCUSED_BY_URDF if urdf_is_wrong(answer.world) else ()
-    # A wrong URDF has links of its own to be named; a class that holds what was planted beside is
-    # no such name.
-    planted = {effect.effect for effect in answer.effects}
-    excused = [
-        match is None and f["effect"] in free and not planted & {*f["class"][1:]}
-        for match, f in zip(matches, findings, strict=True)
-    ]
-    counted = [f for f, free in zip(findings, excused, strict=True) if not free]
+    judged = _JudgedNames.of(findings, answer)
     only = answer.effects[0] if len(answer.effects) == 1 else None
-    if counted:
-        first = counted[0]
-        case = replace(case, class_size=len(first["class"]))
-        if only:
-            strict = first["effect"] == only.effect
-            classed = only.effect in first["class"]
-            case = replace(
-                case,
-                strict=strict,
-                class_aware=classed,
-                joint=_is_at(only, first["joints"], answer),
-            )
-    covers = []  # parameters that both report by the same name
-    for true, finding in zip(matches, findings, strict=True):
-        for name, value in comparable(true, starts).items() if true else ():
-            given = finding["parameters"].get(name, {})
-            reported = {
-                key: float(given[key])
-                for key in ("value", "low", "high")
-                if given.get(key) is not None
-            }
-            if len(reported) == 3:
-                inside = is_inside(name, value, reported["low"], reported["high"])
-                covers.append(
-                    {
-                        "effect": finding["effect"],
-                        "parameter": name,
-                        "true": value,
-                        **reported,
-                        "inside": inside,
-                    }
-                )
-    # Harmonic mean of precision and recall; a cause that is named at both of its joints is found
-    # once.
-    hits = sum(match is not None for match in matches)
-    found = len({id(one) for one in matches if one is not None})
-    precision = hits / max(len(counted), 1)
-    recall = found / max(len(answer.effects), 1)
-    f1 = 2.0 * precision * recall / (precision + recall) if counted and found else 0.0
+    if judged.counted:
+        case = _with_first_name(case, judged.counted[0], only, answer)
+    named = []
+    for finding in findings:
+        joints = tuple(finding["joints"])
+        named.append((finding["effect"], joints, float(finding["probability"])))
+    rivals: dict[str, tuple[tuple[str, str], ...]] = {}
+    for method, names in result.get("rivals", {}).items():
+        rivals[method] = tuple((effect, joint) for effect, joint in names)
+    refused = False
+    if record["verdict"] in REFUSING and only is not None:
+        refused = _is_at(only, joints_told(record), answer)
+    refusal_score = record.get("outside_score")
     return replace(
         case,
         verdict=record["verdict"],
-        named=tuple((f["effect"], tuple(f["joints"]), float(f["probability"])) for f in findings),
-        refused=record["verdict"] in REFUSING
-        and bool(only and _is_at(only, joints_told(record), answer)),
-        set_f1=f1 if answer.effects else None,
+        named=tuple(named),
+        refused=refused,
+        set_f1=judged.set_f1(),
         shrink_share=_shrink_share(case.truth, result.get("heldout"), record["joints"], answer),
-        coverage=tuple(covers),
-        right=tuple(one is not None for one in matches),
-        rivals={
-            method: tuple((e, j) for e, j in names)
-            for method, names in result.get("rivals", {}).items()
-        },
+        coverage=tuple(judged.coverage(starts)),
+        right=tuple(match is not None for match in judged.matches),
+        rivals=rivals,
         seconds=result.get("seconds"),
         world=answer.world,
-        excused=tuple(excused),
-        refusal_score=None
-        if record.get("outside_score") is None
-        else float(record["outside_score"]),
+        excused=tuple(judged.excused),
+        refusal_score=None if refusal_score is None else float(refusal_score),
         joints=tuple(record["joints"]),
     )
 
 
-def urdf_is_wrong(world: Mapping[str, Any]) -> bool:
+def _visible_amplitude(slot: Slot, answer: Answer) -> float:
+    """Visible amplitude of a case's effects [noise floors].
+
+    Of single effects as it was asked for, of others as measured.
+    """
+    if slot.kind == "single":
+        return slot.amplitude
+    largest = [max(_shares(effect, answer).values(), default=0.0) for effect in answer.effects]
+    return max([float(f"{amplitude:.2g}") for amplitude in largest], default=0.0)
+
+
+def _with_first_name(
+    case: Outcome, first: JsonTable, only: TrueEffect | None, answer: Answer
+) -> Outcome:
+    """The outcome with what the first name says of the only effect."""
+    case = replace(case, class_size=len(first["class"]))
+    if only is None:
+        return case
+    return replace(
+        case,
+        strict=first["effect"] == only.effect,
+        class_aware=only.effect in first["class"],
+        joint=_is_at(only, first["joints"], answer),
+    )
+
+
+def urdf_is_wrong(world: JsonTable) -> bool:
     """Whether links of a world's arms weigh something else than any tolerance allows."""
     if not world:
         return False
@@ -369,7 +459,7 @@ def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
     return [joint for joint, value in seen.items() if value >= least] or list(answer.noise_floor_Nm)
 
 
-def is_true(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
+def is_true(true: TrueEffect, finding: JsonTable, answer: Answer) -> bool:
     """Whether a name is that of a true effect, at a joint where it may stand."""
     same = bool(true.effect == finding["effect"])
     return same and (not _joint_of(true) or _is_at(true, finding["joints"], answer))
@@ -378,64 +468,66 @@ def is_true(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> boo
 def _is_at(true: TrueEffect, joints: Sequence[str], answer: Answer) -> bool:
     """Whether a name for an effect may stand there.
 
-    At its own joint, or where it shows; either of a coupled pair.
+    At its joint, or where it shows; either of a coupled pair.
     """
-    own = _joint_of(true)
-    other = (
-        true.parameters.get(KNOWN[true.effect].partner if true.effect in KNOWN else "")
-        if own
-        else None
-    )
-    allowed = [own, str(other or own)] if own else shown_joints(true, answer)
-    return any(joint in joints for joint in allowed)
+    joint = _joint_of(true)
+    allowed = [joint] if joint else shown_joints(true, answer)
+    partner = KNOWN[true.effect].partner if true.effect in KNOWN else ""
+    if joint and true.parameters.get(partner):
+        allowed.append(str(true.parameters[partner]))
+    return any(name in joints for name in allowed)
 
 
-def joints_told(record: Mapping[str, Any]) -> list[str]:
-    """The joint of the largest gap, and those of the first name.
-
-    A gap is what exceeds the noise, by much or significantly, or what had to be tuned away.
-    """
-
-    def size(joint: str, one: Mapping[str, Any]) -> float:
-        """Size of a joint's gap [noise floors]."""
-        unexplained = record.get("leftover", {}).get(joint, 0.0) > 1.0
-        left = one["rms_Nm"] if unexplained or above_noise(one) else 0.0
-        return float(
-            max(left, one.get("tuned_away_Nm") or 0.0) / max(one["noise_floor_Nm"] or 0.0, 1e-12)
-        )
-
-    gap = {joint: size(joint, one) for joint, one in record["gap"].items()}
-    where = [max(gap, key=lambda j: gap[j])] if gap else []
+def joints_told(record: JsonTable) -> list[str]:
+    """The joint of the largest gap, and those of the first name."""
+    leftover = record.get("leftover", {})
+    sizes = {}
+    for joint, gap in record["gap"].items():
+        sizes[joint] = _gap_size(gap, is_unexplained=leftover.get(joint, 0.0) > 1.0)
+    where = [max(sizes, key=lambda joint: sizes[joint])] if sizes else []
     if record["findings"]:
         where += record["findings"][0]["joints"]
     return where
 
 
+def _gap_size(gap: JsonTable, is_unexplained: bool) -> float:
+    """Size of a joint's gap [noise floors].
+
+    A gap is what exceeds the noise, by much or significantly, or what had to be tuned away.
+    """
+    left = gap["rms_Nm"] if is_unexplained or above_noise(gap) else 0.0
+    tuned_away = gap.get("tuned_away_Nm") or 0.0
+    floor = max(gap["noise_floor_Nm"] or 0.0, 1e-12)
+    return float(max(left, tuned_away) / floor)
+
+
 def _shrink_share(
     truth: Sequence[tuple[str, str]],
-    heldout: Mapping[str, Any] | None,
+    heldout: JsonTable | None,
     joints: Sequence[str],
     answer: Answer,
 ) -> float | None:
     """Closing of the diagnosis over that of an oracle, in squared noise floors over all joints,
     between 0 and 1.
     """
-    alone = heldout["alone"].get(":".join(truth[0])) if heldout and len(truth) == 1 else None
-    if heldout is None or alone is None:
+    if heldout is None or len(truth) != 1:
+        return None
+    alone = heldout["alone"].get(":".join(truth[0]))
+    if alone is None:
         return None
     floor = np.array([answer.noise_floor_Nm[joint] for joint in joints])
     view = heldout[alone["view"]]
-    before, oracle, ours = (
-        np.square(np.array(rms) / floor) for rms in (view["none"], alone["rms"], view["named"])
-    )
-    most = float(np.sum(before - oracle))
-    return float(np.clip(np.sum(before - ours) / most, 0.0, 1.0)) if most > 0.0 else None
+    before = np.square(np.array(view["none"]) / floor)
+    by_oracle = np.square(np.array(alone["rms"]) / floor)
+    by_names = np.square(np.array(view["named"]) / floor)
+    most = float(np.sum(before - by_oracle))
+    if not most > 0.0:
+        return None
+    return float(np.clip(np.sum(before - by_names) / most, 0.0, 1.0))
 
 
 def comparable(true: TrueEffect, starts: Sequence[float]) -> dict[str, float]:
     """True parameters in the conventions of the diagnosis."""
-    return (
-        optional.simulated_answer(KNOWN[true.effect], true.parameters, starts)
-        if true.effect in KNOWN
-        else {}
-    )
+    if true.effect not in KNOWN:
+        return {}
+    return optional.simulated_answer(KNOWN[true.effect], true.parameters, starts)

@@ -34,6 +34,7 @@ from ident.benchmark.scoring import (
     calibration_error,
     share,
 )
+from ident.records import JsonRecord, JsonTable
 from ident.results import Result
 
 # Properties of worlds by which scores are given: numbers, and words.
@@ -63,10 +64,10 @@ LEAST_CASES = 8
 MODELS = ("edited", "tuned", "unedited")
 
 Entry = TypeVar("Entry")
-Row = dict[str, Any]
+Row = JsonRecord
 
 
-def world_axes(world: Mapping[str, Any]) -> dict[str, float | str]:
+def world_axes(world: JsonTable) -> dict[str, float | str]:
     """What cases are sorted by.
 
     An encoder's noise and the width of its steps count together.
@@ -127,7 +128,7 @@ class BlindReport(Result):
     seed: int  # of the check
     seals: dict[str, str]  # SHA-256 of each case's envelope
     outcomes: tuple[Outcome, ...]  # all cases
-    run: dict[str, Any] = field(default_factory=dict)  # how it was run: command options, versions
+    run: JsonRecord = field(default_factory=dict)  # how it was run: command options, versions
 
     @cached_property
     def scores(self) -> dict[str, Score]:
@@ -227,7 +228,7 @@ class BlindReport(Result):
         """Cases with a confident name that is not true."""
         return [outcome for outcome in self.outcomes if outcome.confidently_wrong]
 
-    def _by_cause(self) -> dict[str, Any]:
+    def _by_cause(self) -> JsonRecord:
         """Of single effects by size and motion, and by the true effect.
 
         Of names by the effect that they name.
@@ -251,7 +252,7 @@ class BlindReport(Result):
         names = [name for case in self.outcomes for name in case.judged]
         for effect, of_effect in group_by(names, lambda name: name[0]).items():
             reliability[effect] = share(right for _, _, right in of_effect)
-        tables: dict[str, Any] = {
+        tables: JsonRecord = {
             "strata": strata,
             "confusion": confusion,
             "coverage": _full(coverage),
@@ -262,7 +263,7 @@ class BlindReport(Result):
             tables["edits"] = edits
         return tables
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """`ident.blind/1`."""
         methods = sorted({method for case in self.outcomes for method in case.rivals})
         columns = in_columns(self.scores)
@@ -325,7 +326,7 @@ def _over(share_named: float | None, best: float) -> float | None:
     return share_named / best
 
 
-def in_columns(scores: Mapping[str, Score]) -> dict[str, dict[str, Any]]:
+def in_columns(scores: Mapping[str, Score]) -> dict[str, JsonRecord]:
     """Values, intervals and counts of scores, each by their names."""
     return {
         "scores": {name: score.value for name, score in scores.items()},

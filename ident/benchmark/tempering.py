@@ -1,6 +1,6 @@
-"""Fits how far log evidence between rivals is to be believed: the exponent T of p ∝ exp(−T d), d
-each one's deficit.
+"""Fits how far log evidence between rivals is to be believed.
 
+That is the exponent T of p ∝ exp(−T d), with d the deficit of each.
 Where an effect that was put there is the chosen one, or one of its rivals, its share among them is
 exp(−T d) over the sum of all; T is where the product of these shares over the corpus is greatest.
 It may grow with the number of samples N, as t (N / 1000)^g: on a few seconds the same nats say
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
@@ -19,6 +18,7 @@ from scipy.optimize import minimize, minimize_scalar
 from ident.arrays import Array, Float
 from ident.benchmark.corpus import Entry, Truth
 from ident.inference.calibration import Temper
+from ident.records import JsonTable
 
 # Logarithms of T between which it is looked for.
 LEAST = -8.0
@@ -38,24 +38,33 @@ class Choice:
         return -temper * self.true - float(np.logaddexp.reduce(-temper * self.deficits))
 
 
-def choices(results: Mapping[str, Mapping[str, Any]], entries: Mapping[str, Entry]) -> list[Choice]:
+def choices(results: Mapping[str, JsonTable], entries: Mapping[str, Entry]) -> list[Choice]:
     """All choices of the corpus in which the true effect takes part."""
-    found = []
+    of_corpus = []
     for case, result in results.items():
-        entry = entries.get(case)
-        for candidate in result["candidates"] if entry is not None else ():
-            members = [(candidate["effect"], 0.0)]
-            members += [(rival["effect"], rival["deficit"]) for rival in candidate["rivals"]]
-            for truth in entry.truth if entry is not None else ():
-                own = [deficit for effect, deficit in members if effect == truth.effect]
-                if own and _at_its_place(candidate, truth):
-                    deficits = np.array([deficit for _, deficit in members])
-                    log_rows = float(candidate["features"].get("log_rows", 0.0))
-                    found.append(Choice(min(own), deficits, log_rows))
-    return found
+        if case not in entries:
+            continue
+        for candidate in result["candidates"]:
+            for truth in entries[case].truth:
+                choice = _choice_of(candidate, truth)
+                if choice is not None:
+                    of_corpus.append(choice)
+    return of_corpus
 
 
-def _at_its_place(candidate: Mapping[str, Any], truth: Truth) -> bool:
+def _choice_of(candidate: JsonTable, truth: Truth) -> Choice | None:
+    """The choice between a candidate and its rivals; None where the true effect is none of them."""
+    members = [(candidate["effect"], 0.0)]
+    members += [(rival["effect"], rival["deficit"]) for rival in candidate["rivals"]]
+    of_truth = [deficit for effect, deficit in members if effect == truth.effect]
+    if not of_truth or not _at_its_place(candidate, truth):
+        return None
+    deficits = np.array([deficit for _, deficit in members])
+    log_rows = float(candidate["features"].get("log_rows", 0.0))
+    return Choice(min(of_truth), deficits, log_rows)
+
+
+def _at_its_place(candidate: JsonTable, truth: Truth) -> bool:
     places = set(truth.may_stand_at or truth.joints)
     return not places or bool(places & set(candidate["joints"]))
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from scipy.stats import t as student
@@ -27,7 +26,7 @@ from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import LawModel, SimulatorModel, log_error
 from ident.motion.motion import Motion, prepare
 from ident.recordings.recording import Session
-from ident.records import Record
+from ident.records import JsonRecord, JsonTable, Record
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import KINDS, plan_motions
 from ident.trajectories.reference import TICK_S, ReferenceMotion
@@ -68,7 +67,7 @@ LEAST_HEAT = 1e-12
 
 
 def choose_motions(
-    arm: ArmModel, rng: np.random.Generator, record: Mapping[str, Any] | None
+    arm: ArmModel, rng: np.random.Generator, record: JsonTable | None
 ) -> tuple[ReferenceMotion, ...]:
     """Motions of a round: one run of each kind at first; then kinds that the last diagnosis leaves
     open, and a path.
@@ -82,7 +81,7 @@ def choose_motions(
     )
 
 
-def open_kinds(record: Mapping[str, Any]) -> tuple[str, ...]:
+def open_kinds(record: JsonTable) -> tuple[str, ...]:
     """The three kinds of motion that answer what a diagnosis leaves open, the most pressing first.
 
     Tied classes come first, then the identified effects, whose parameters more of the same motion
@@ -122,7 +121,7 @@ class Round(Record):
 class Taught:
     """A model, what it comes from, and the runs since, which it never saw."""
 
-    record: dict[str, Any]  # the diagnosis
+    record: JsonRecord  # the diagnosis
     # the arm as that has it: tuned links and losses, and all identified effects that have a law
     model: LawModel
     learned: tuple[Motion, ...]  # motions that it was made from
@@ -247,9 +246,7 @@ def close_gap(
         )
 
 
-def _diagnose(
-    sessions: Sequence[Session], arm: ArmModel
-) -> tuple[dict[str, Any], tuple[Motion, ...]]:
+def _diagnose(sessions: Sequence[Session], arm: ArmModel) -> tuple[JsonRecord, tuple[Motion, ...]]:
     reports = inspect_sessions(join_sessions(sessions), arm)
     diagnosis, analysis, motions = diagnose_reports(reports, arm, CATALOGUE)
     if analysis is None:

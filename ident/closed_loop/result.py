@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -36,6 +35,7 @@ from ident.laws.motion import Losses
 from ident.model.carried import describe_arm
 from ident.model.residual_net import PRESETS, ResidualNet, fit_net_of_arm
 from ident.motion.motion import Motion, prepare
+from ident.records import JsonRecord
 from ident.results import Result
 from ident.robot.arm import ArmModel
 from ident.simulation.hardware import Hardware
@@ -195,7 +195,7 @@ class Closing(Result):
 
     SCHEMA = "ident.close/1"
 
-    arms: tuple[dict[str, Any], ...]  # the record of each (`ident.close/1`)
+    arms: tuple[JsonRecord, ...]  # the record of each (`ident.close/1`)
 
     def summary(self) -> str:
         """One line an arm; the medians where there are several, and those of the rivals."""
@@ -242,19 +242,21 @@ def close_simulated(
     effects: Sequence[str] | None = None,
     compared: bool = True,
     say: Say = lambda line: None,
-) -> dict[str, Any]:
+) -> JsonRecord:
     """One simulated arm: the loop, then the rivals on motions that served nothing else.
 
     Returns:
         Its record, without what is only known of simulated arms where nothing was compared.
     """
     arm = ArmModel.load(robot)
-    drawn = (
-        effects
-        if effects is not None
-        else draw_effects(arm.joint_names, EFFECTS, np.random.default_rng([seed, 3]))
-    )
-    hidden = SimulatedArm(SimulationOptions(robot=robot, seed=seed, effects=tuple(drawn)))
+    if effects is None:
+        rng = np.random.default_rng([seed, 3])
+        options = SimulationOptions(
+            robot=robot, seed=seed, effects=draw_effects(arm.joint_names, EFFECTS, rng)
+        )
+    else:
+        options = SimulationOptions(robot=robot, seed=seed, effects=tuple(effects))
+    hidden = SimulatedArm(options)
     loop = close_gap(arm, hidden, seed, most, say)
     heldout, tracking = compare_models(arm, hidden, loop.last, seed) if compared else ({}, {})
     tracked = {key: tracking[name] for key, name in TRACKED.items() if name in tracking}
@@ -262,7 +264,7 @@ def close_simulated(
     return {**keep(loop, arm, folder), **truth, **tracked}
 
 
-def keep(loop: Closed, arm: ArmModel, folder: Path) -> dict[str, Any]:
+def keep(loop: Closed, arm: ArmModel, folder: Path) -> JsonRecord:
     """Writes the last diagnosis and, where an effect is identified, its patch; the arm's record
     (`ident.close/1`).
     """

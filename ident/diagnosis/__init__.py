@@ -1,1 +1,1 @@
-"""Where the gap between an arm and its model lies, which effect causes it, and how far it shrinks."""
+"""Where an arm and its model differ, which effect causes it, and how far the gap shrinks."""

@@ -1,4 +1,4 @@
-"""Detection limits: the least size at which an effect that was not found would have been named, nine times in ten.
+"""Detection limits: the least size of an effect that would have been named, nine times in ten.
 
 In: the sums that the named effects and the discrepancies leave. Out: a `SizeLimit` for each effect
 at each joint, without a further fit. Coefficients β of which these sums hold the information R gain
@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -40,16 +39,19 @@ class SizeLimit:
     effect: Effect  # the effect
     joint: int  # index of its joint
     parameter: str  # the reported parameter that is its size
-    # Limit in the parameter's unit, an upper one for an inverse parameter (a stiffness); None for an invisible effect.
+    # Limit in the parameter's unit, an upper one for an inverse parameter (a stiffness); None for
+    # an invisible effect.
     value: float | None
-    hidden: bool  # whether the limit is beyond the plausible range: no plausible effect would have been accepted
+    # Whether the limit is beyond the plausible range: no plausible effect would have been accepted.
+    hidden: bool
     bound_by: str  # what hides smaller effects: one of `HIDES`
 
-    def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+    def to_dict(self, joints: Sequence[str]) -> dict[str, object]:
         """Its record, with joint names."""
+        of_a_joint = self.effect.scope == "joint"
         return {
             "effect": self.effect.id,
-            "joints": [joints[self.joint]] if self.effect.scope == "joint" else list(joints),
+            "joints": [joints[self.joint]] if of_a_joint else list(joints),
             "figure": self.parameter,
             "limit": self.value,
             "named": "below" if self.effect.typical.inverse else "above",
@@ -85,37 +87,52 @@ def find_limits(conclusion: Conclusion, session: SessionContext) -> tuple[SizeLi
     named = {name.group.key[:2] for name in conclusion.names}
     places: dict[tuple[str, int], dict[int | None, list[Group]]] = {}
     for group in conclusion.inference.best.search.names.groups:
-        known = group.key[:2] in named or group.effect.event
+        place = group.key[:2]
+        known = place in named or group.effect.event
         if not known and group.effect.typical.figure:
-            places.setdefault(group.key[:2], {}).setdefault(group.variant.other, []).append(group)
+            by_other = places.setdefault(place, {})
+            by_other.setdefault(group.variant.other, []).append(group)
     finder = _LimitFinder(conclusion, session)
     limits = (_limit_at(finder, list(by_other.values())) for by_other in places.values())
     return tuple(limit for limit in limits if limit is not None)
 
 
 def _limit_at(finder: _LimitFinder, by_other: Sequence[Sequence[Group]]) -> SizeLimit | None:
-    """The limit of an effect at a joint at typical inner parameters; of effects with a second joint, the worst one."""
+    """The limit of an effect at a joint, at typical inner parameters.
+
+    Args:
+        finder: What computes multiples of typical effects.
+        by_other: The effect's grid points by its second joint, of which the worst one decides.
+    """
     worst: _TypicalEffect | None = None
     for groups in by_other:
-        tried = [one for one in map(finder.at, _typical_points(groups)) if one is not None]
-        best = min(tried, key=lambda one: one.multiple, default=None)
+        points = map(finder.typical_effect, _typical_points(groups))
+        proportional = [typical for typical in points if typical is not None]
+        best = min(proportional, key=lambda typical: typical.multiple, default=None)
         if best is not None and (worst is None or best.multiple > worst.multiple):
             worst = best
     if worst is None:
         return None
-    effect = worst.group.effect
-    multiple = worst.multiple
-    hidden = multiple * effect.typical.share > 1.0 or finder.is_impossible(worst)
-    bound = finder.bound_by(worst)
-    value = worst.size / multiple if effect.typical.inverse else worst.size * multiple
-    shows = multiple * effect.typical.share < LIMIT.nothing
-    return SizeLimit(effect, worst.group.joint, effect.typical.figure, value if shows else None, hidden, bound)
+    typical = worst.group.effect.typical
+    # Of what is plausible, the share that the limit takes.
+    share = worst.multiple * typical.share
+    size = worst.size / worst.multiple if typical.inverse else worst.size * worst.multiple
+    return SizeLimit(
+        effect=worst.group.effect,
+        joint=worst.group.joint,
+        parameter=typical.figure,
+        value=size if share < LIMIT.nothing else None,
+        hidden=share > 1.0 or finder.is_impossible(worst),
+        bound_by=finder.bound_by(worst),
+    )
 
 
 def _typical_points(groups: Sequence[Group]) -> list[Group]:
     """The grid points nearest to the typical inner parameters; all points if none are typical."""
-    apart = [group.effect.typical.distance(group.variant.inner) for group in groups]
-    return [group for group, one in zip(groups, apart, strict=True) if one <= min(apart) + 1e-9]
+    distances = [group.effect.typical.distance(group.variant.inner) for group in groups]
+    nearest = min(distances) + 1e-9
+    points = zip(groups, distances, strict=True)
+    return [group for group, distance in points if distance <= nearest]
 
 
 class _LimitFinder:
@@ -133,87 +150,94 @@ class _LimitFinder:
         self.rest = best.search.beside(chosen)
         fixed = best.model.with_urdf(best.model.components.urdf.divided(FIXED))
         self.rest_fixed = SetSearch.of(fixed).beside(chosen)
-        self._parts: dict[tuple[str, int, float | None], Bool[Array, " k"] | None] = {}
+        self._decisive: dict[tuple[str, int, float | None], Bool[Array, " k"] | None] = {}
 
-    def at(self, group: Group) -> _TypicalEffect | None:
-        """A typical effect at a grid point; None if its size is not proportional to its coefficients."""
+    def typical_effect(self, group: Group) -> _TypicalEffect | None:
+        """The typical effect of a grid point; None if its size is not proportional to β."""
         beta = self._coefficients(group)
         if beta is None:
             return None
         deviation = self.names.deviation[group]
-        at = group.columns - self.first
-        widened = deviation[:, None] * self.rest[np.ix_(at, at)] * deviation
-        cost = 0.5 * float(np.linalg.slogdet(np.eye(len(at)) + widened)[1]) - self.names.log_odds[group]
-        needed = np.sqrt(2.0 * max(self.needed_nats + cost, 0.0)) + LIMIT.nine_in_ten
-        multiple = float(needed / np.sqrt(max(self._power(self.rest, group, beta), 1e-300)))
+        columns = group.columns - self.first
+        information = self.rest[np.ix_(columns, columns)]
+        widened = np.eye(len(columns)) + deviation[:, None] * information * deviation
+        cost = 0.5 * float(np.linalg.slogdet(widened)[1]) - self.names.log_odds[group]
+        nats = max(self.needed_nats + cost, 0.0)
+        needed = np.sqrt(2.0 * nats) + LIMIT.nine_in_ten
+        power = max(self._power(self.rest, group, beta), 1e-300)
+        multiple = float(needed / np.sqrt(power))
         return _TypicalEffect(group, beta, self._size(group, beta), multiple)
 
     def _power(self, rest: Float[Array, "c c"], group: Group, beta: Float[Array, " k"]) -> float:
         """Whitened squares of an effect's torque beside everything else."""
-        at = group.columns - self.first
-        scaled = beta * self.scale[at]
-        return float(scaled @ rest[np.ix_(at, at)] @ scaled)
+        columns = group.columns - self.first
+        scaled = beta * self.scale[columns]
+        return float(scaled @ rest[np.ix_(columns, columns)] @ scaled)
 
-    def is_impossible(self, one: _TypicalEffect) -> bool:
+    def is_impossible(self, typical: _TypicalEffect) -> bool:
         """Whether no arm has the effect at the size that it would need."""
-        group = one.group
-        beta = one.multiple * one.beta
+        group = typical.group
+        beta = typical.multiple * typical.beta
         certain = np.zeros((len(beta), len(beta)))
-        context = self._context(group)
-        estimates = group.effect.parameters(context, group.joint, group.variant, beta, certain)
-        return impossible(group.effect, context, group.joint, estimates) is not None
+        estimates = group.effect.parameters(self.session, group.joint, group.variant, beta, certain)
+        return impossible(group.effect, self.session, group.joint, estimates) is not None
 
-    def bound_by(self, one: _TypicalEffect) -> str:
-        """What hides an effect most."""
-        group = one.group
-        beta = one.beta
+    def bound_by(self, typical: _TypicalEffect) -> str:
+        """What hides an effect most: a key of `HIDES`."""
+        group = typical.group
+        power = self._power(self.rest, group, typical.beta)
+        power_urdf_fixed = self._power(self.rest_fixed, group, typical.beta)
         # Inertias that may be off take more of it than noise leaves.
-        if 2.0 * self._power(self.rest, group, beta) < self._power(self.rest_fixed, group, beta):
+        if 2.0 * power < power_urdf_fixed:
             return "tolerance"
-        shares = encoder_share(self.evidence.whitening)[group.acts_on(self.evidence.layout.n)]
+        joints = group.acts_on(self.evidence.layout.n)
+        shares = encoder_share(self.evidence.whitening)[joints]
         return "encoder" if float(shares.max()) > 0.5 else "torque"
 
     def _coefficients(self, group: Group) -> Float[Array, " k"] | None:
         """Coefficients of a typical effect, zero where its size does not depend on them."""
         width = len(group.columns)
-        context = self._context(group)
-        beta = optional.typical_coefficients(group.effect, context, group.joint, group.variant, width)
-        key = group.effect.id, width, group.variant.shape.get("law")
-        if key not in self._parts:  # all joints share the answer
-            self._parts[key] = self._parts_of(group, beta)
-        parts = self._parts[key]
-        return None if parts is None else np.where(parts, beta, 0.0)
+        beta = optional.typical_coefficients(
+            group.effect, self.session, group.joint, group.variant, width
+        )
+        key = (group.effect.id, width, group.variant.shape.get("law"))
+        if key not in self._decisive:  # all joints share the answer
+            self._decisive[key] = self._decisive_of(group, beta)
+        decisive = self._decisive[key]
+        return None if decisive is None else np.where(decisive, beta, 0.0)
 
-    def _parts_of(self, group: Group, beta: Float[Array, " k"]) -> Bool[Array, " k"] | None:
+    def _decisive_of(self, group: Group, beta: Float[Array, " k"]) -> Bool[Array, " k"] | None:
         """Which coefficients determine the size; None if it is not proportional to them."""
         whole = self._size(group, beta)
-        parts = beta != 0.0
-        for k in np.flatnonzero(parts):
+        decisive = beta != 0.0
+        for k in np.flatnonzero(decisive):
             without = np.where(np.arange(len(beta)) == k, 0.0, beta)
             if without.any() and np.isclose(self._size(group, without), whole, rtol=1e-6):
-                parts[k] = False
-        half = self._size(group, np.where(parts, 0.5 * beta, 0.0)) * (0.5 if group.effect.typical.inverse else 2.0)
-        return parts if parts.any() and whole > 0.0 and abs(half / whole - 1.0) < LIMIT.proportion else None
+                decisive[k] = False
+        if not decisive.any() or not whole > 0.0:
+            return None
+        size_of_half = self._size(group, np.where(decisive, 0.5 * beta, 0.0))
+        expected = 2.0 if group.effect.typical.inverse else 0.5
+        ratio = size_of_half / expected / whole
+        return decisive if abs(ratio - 1.0) < LIMIT.proportion else None
 
     def _size(self, group: Group, beta: Float[Array, " k"]) -> float:
         """Value of the parameter that is an effect's size."""
-        return optional.size_of(group.effect, self._context(group), group.joint, group.variant, beta)
-
-    def _context(self, group: Group) -> SessionContext:
-        return self.session
+        return optional.size_of(group.effect, self.session, group.joint, group.variant, beta)
 
 
 def encoder_share(whitening: Whitening) -> Float[Array, " n"]:
     """Share of each joint's residual variance that is encoder noise in its columns."""
     response = np.zeros((len(whitening.coefficients), LIMIT.response))
     _respond(np.ascontiguousarray(whitening.coefficients), response)
-    total = whitening.innovation**2 * np.sum(response**2, axis=1)
-    return np.clip(1.0 - whitening.level**2 / np.maximum(total, 1e-300), 0.0, 1.0)
+    variance = whitening.innovation**2 * np.sum(response**2, axis=1)
+    torque_share = whitening.level**2 / np.maximum(variance, 1e-300)
+    return np.clip(1.0 - torque_share, 0.0, 1.0)
 
 
 @compiled(error_model="numpy", nogil=True)
 def _respond(filtering: Array, response: Array) -> None:
-    """Impulse response of autoregressive noise, from its prediction-error filter (1, −a₁, …), filter by filter."""
+    """Impulse responses of autoregressive noise, from prediction-error filters (1, −a₁, …)."""
     for i in range(filtering.shape[0]):
         response[i, 0] = 1.0
         for k in range(1, response.shape[1]):

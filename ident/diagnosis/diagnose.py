@@ -16,7 +16,7 @@ from ident.diagnosis.gap.gap_map import Place, View, map_gap
 from ident.diagnosis.gap.improvement import energy_spread
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.heldout_gain import measure_shrink, slides
-from ident.diagnosis.identified import IdentifiedNumbers, Solved, identify
+from ident.diagnosis.identified import IdentifiedNumbers, SolvedSession, identify
 from ident.diagnosis.remaining import (
     FIXED_URDF_FACTOR,
     Models,
@@ -24,6 +24,7 @@ from ident.diagnosis.remaining import (
     find_places,
     joint_gaps,
     measure_remaining,
+    reported_causes,
 )
 from ident.diagnosis.reservations import (
     link_reservations,
@@ -89,7 +90,9 @@ def diagnose(
         settings: Thresholds and priors of all stages.
     """
     stage("tuning the arm", 0.2, 0.35)
-    baseline = fit_baseline(motions, arm, inertia_share, settings.regression, still_joints(motions, arm))
+    baseline = fit_baseline(
+        motions, arm, inertia_share, settings.regression, still_joints(motions, arm)
+    )
     session = build_session(baseline, motions, common_clock)
     stage("torques of every law", 0.35, 0.6)
     evidence, untestable = sum_candidates(session, baseline, catalogue)
@@ -105,7 +108,8 @@ def diagnose(
     old = conclusion.ladder[0].rms
     new = conclusion.ladder[-1].rms
     shrink = measure_shrink(old, new, remaining.floors) if findings else 0.0
-    places = find_places(arm, maps, models, remaining, findings, telemetry, settings)
+    causes = reported_causes(arm, remaining, findings, telemetry)
+    places = find_places(arm, maps, models, remaining, causes, settings)
     far = replay_reservation(
         remaining.improvement.forward,
         remaining.series,
@@ -202,7 +206,9 @@ def _hidden(limits: Sequence[SizeLimit], arm: ArmModel) -> tuple[NotTestable, ..
     return tuple(limit.untestable(arm.joint_names) for limit in hidden)
 
 
-def _tuned_joints(conclusion: Conclusion, baseline: Baseline, models: Models) -> dict[str, TunedJoint]:
+def _tuned_joints(
+    conclusion: Conclusion, baseline: Baseline, models: Models
+) -> dict[str, TunedJoint]:
     """The baseline's parameters beside the names."""
     estimates = [name.estimate for name in conclusion.names]
     if not estimates:
@@ -226,7 +232,7 @@ def _identify(
     tuned = project(gram, evidence, prior, groups)
     given = prior.tightened(FIXED_URDF_FACTOR * prior.error.scale)
     return identify(
-        Solved(
+        SolvedSession(
             baseline=baseline,
             session=session,
             evidence=evidence,
@@ -242,8 +248,10 @@ def _identify(
     )
 
 
-def _findings(conclusion: Conclusion, arm: ArmModel, remaining: Remaining, models: Models) -> tuple[Finding, ...]:
-    """The names: those that are likelier than all others of their class first, then what closes most."""
+def _findings(
+    conclusion: Conclusion, arm: ArmModel, remaining: Remaining, models: Models
+) -> tuple[Finding, ...]:
+    """The names: those likelier than all others of their class first, then what closes most."""
     improvement = remaining.improvement
     findings = []
     for k, (name, share) in enumerate(zip(conclusion.names, improvement.shares, strict=True)):
@@ -253,10 +261,13 @@ def _findings(conclusion: Conclusion, arm: ArmModel, remaining: Remaining, model
 
 
 def _place_of(finding: Finding) -> tuple[bool, float]:
+    """By what findings are sorted."""
     return finding.estimate.probability < EVEN_ODDS, -finding.closed
 
 
-def _finding(name: Named, before: Sequence, arm: ArmModel, remaining: Remaining, models: Models) -> Finding:
+def _finding(
+    name: Named, before: Sequence, arm: ArmModel, remaining: Remaining, models: Models
+) -> Finding:
     """One name with what it closes beside those before it.
 
     Of one that tuned inertias hide that is judged against the URDF as it is.

@@ -1,15 +1,18 @@
-"""A reported effect with its gain on held-out runs; base of a diagnosis's findings and of a comparison's changes."""
+"""A reported effect with its gain on held-out runs.
+
+Base of a diagnosis's findings and of a comparison's changes.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array
 from ident.inference.conclusion import EVEN_ODDS
 from ident.inference.estimate import Estimate
+from ident.records import JsonRecord
 from ident.regression.design import Group
 from ident.robot.arm import ArmModel
 from ident.units import in_linear_units
@@ -24,13 +27,16 @@ class ReportedEffect:
 
     estimate: Estimate  # parameters, probability and rivals
     joints: tuple[str, ...]  # names of the joints that it affects
-    rms_before: dict[str, float]  # held-out error without it, by joint [N m]
-    rms_after: dict[str, float]  # held-out error with it, by joint [N m]
+    # Held-out error without it and with it, by joint [N m].
+    rms_before: dict[str, float]
+    rms_after: dict[str, float]
     shrink: float  # share of the mean square above the noise that it closes at these joints
     # Confounded effects elsewhere, each with its joint ("" for the whole arm).
     elsewhere: tuple[tuple[str, str], ...] = field(default=(), kw_only=True)
-    slides: bool = field(default=False, kw_only=True)  # whether its joint is prismatic: units are N and m then
-    caveat: str = field(default="", kw_only=True)  # an unmeasured assumption of its action; "" if there is none
+    # Whether its joint is prismatic: units are N and m then.
+    slides: bool = field(default=False, kw_only=True)
+    # An unmeasured assumption of its action; "" if there is none.
+    caveat: str = field(default="", kw_only=True)
 
     @property
     def effect(self) -> str:
@@ -53,14 +59,15 @@ class ReportedEffect:
         return self.estimate.rivals
 
     @property
-    def parameters(self) -> dict[str, Any]:
+    def parameters(self) -> JsonRecord:
         """Its parameters with their intervals."""
         return self.estimate.parameters
 
     @property
     def closed(self) -> float:
         """Mean square that it closes, summed over its joints [N² m²]."""
-        return sum(self.rms_before[name] ** 2 - self.rms_after[name] ** 2 for name in self.rms_before)
+        closed = [before**2 - self.rms_after[name] ** 2 for name, before in self.rms_before.items()]
+        return sum(closed)
 
     @property
     def gain(self) -> float:
@@ -69,33 +76,44 @@ class ReportedEffect:
 
     @property
     def action(self) -> str:
-        """What a person at the cell can do about it, with the other joints where it may be: one sentence.
+        """What a person at the cell can do about it, in a sentence, wherever it may be.
 
         Of an effect that is less likely than not it says so first.
         """
-        where = [joint for effect, joint in self.elsewhere if effect == self.effect]
-        joints = [*self.joints, *where] if where and self.estimate.refined.effect.scope == "joint" else self.joints
-        action, sure = self.action_at((" or " if where else ", ").join(joints)), self.estimate.probability
-        doubt = f"only {100.0 * sure:.0f} % sure, so act on it if it shows again: " * (sure < EVEN_ODDS)
-        return f"{doubt}{action}{self.caveat}"
+        where = ", ".join(self.joints)
+        others = [joint for effect, joint in self.elsewhere if effect == self.effect]
+        if others:
+            of_a_joint = self.estimate.refined.effect.scope == "joint"
+            where = " or ".join([*self.joints, *others] if of_a_joint else self.joints)
+        action = f"{self.action_at(where)}{self.caveat}"
+        sure = self.estimate.probability
+        if sure < EVEN_ODDS:
+            return f"only {100.0 * sure:.0f} % sure, so act on it if it shows again: {action}"
+        return action
 
     def action_at(self, where: str) -> str:
         """The action for other words in place of the joint."""
         sentence = self.estimate.refined.effect.action(JOINT, self.estimate.parameters)
-        return (in_linear_units(sentence) if self.slides else sentence).replace(JOINT, where)
+        if self.slides:
+            sentence = in_linear_units(sentence)
+        return sentence.replace(JOINT, where)
 
-    def shared_record(self) -> dict[str, Any]:
+    def shared_record(self) -> JsonRecord:
         """The entries that findings and changes have in common."""
+        estimate = self.estimate
+        elsewhere = []
+        for effect, joint in self.elsewhere:
+            elsewhere.append({"effect": effect, "joint": joint or None})
         return {
             "effect": self.effect,
             "joints": list(self.joints),
-            "probability": self.estimate.probability,
-            "class": list(self.estimate.rivals),
-            "class_probability": self.estimate.class_probability,
-            "class_shares": self.estimate.shares,
-            "elsewhere": [{"effect": effect, "joint": joint or None} for effect, joint in self.elsewhere],
+            "probability": estimate.probability,
+            "class": list(estimate.rivals),
+            "class_probability": estimate.class_probability,
+            "class_shares": estimate.shares,
+            "elsewhere": elsewhere,
             "action": self.action,
-            "parameters": {name: value.to_dict() for name, value in self.estimate.parameters.items()},
+            "parameters": {name: value.to_dict() for name, value in estimate.parameters.items()},
         }
 
 
@@ -112,4 +130,5 @@ def measure_shrink(old: Array, new: Array, floor: Array) -> float:
         floor: Floor of the error, by joint [N m].
     """
     reducible = float(np.sum(np.maximum(old**2 - floor**2, 0.0)))
-    return float(np.clip(np.sum(old**2 - new**2) / max(reducible, 1e-12), -1.0, 1.0))
+    closed = np.sum(old**2 - new**2)
+    return float(np.clip(closed / max(reducible, 1e-12), -1.0, 1.0))

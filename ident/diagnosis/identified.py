@@ -1,15 +1,19 @@
 """What the URDF says of each joint and link beside what the recordings say, in every verdict.
 
-In: the tuned baseline and the sums that it was solved from. Out: an `IdentifiedNumbers`, a figure for each number.
+In: the tuned baseline and the sums that it was solved from. Out: an `IdentifiedNumbers`, a figure
+for each number.
 
-A figure has the URDF's value, the value of the model as tuned beside the named effects, and two intervals of 95 %:
+A figure has the URDF's value, the value of the model as tuned beside the named effects, and two
+intervals of 95 %:
 
-- given the URDF's other numbers: its link inertias are held at their values, friction and rotors are free. The
-  estimate there need not be the tuned value; the interval reaches as far as both.
-- with the URDF's tolerance: link inertias are free within what a URDF is usually off by. It holds the first one.
+- given the URDF's other numbers: its link inertias are held at their values, friction and rotors
+  are free. The estimate there need not be the tuned value; the interval reaches as far as both.
+- with the URDF's tolerance: link inertias are free within what a URDF is usually off by. It holds
+  the first one.
 
-A gain or an offset that no effect names is not in the tuned model. Its figure is what would be found if it alone were
-free beside that model: the gain of a healthy joint is 1, its offset 0, within their intervals.
+A gain or an offset that no effect names is not in the tuned model. Its figure is what would be
+found if it alone were free beside that model: the gain of a healthy joint is 1, its offset 0,
+within their intervals.
 
 Covariances are block sandwiches, as those of effects (`regression.run_spread`).
 """
@@ -18,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -30,6 +33,7 @@ from ident.effects.base import Interval, SessionContext
 from ident.effects.intervals import NORMAL_95
 from ident.inference.estimate import Estimate
 from ident.model.linearisation import LEAST_MOVING
+from ident.records import JsonRecord
 from ident.regression.baseline import Baseline
 from ident.regression.design import LOSS_PARAMETERS, Group
 from ident.regression.gram import Evidence
@@ -57,9 +61,11 @@ class Figure:
     value: float | None  # of the recordings; None where they say nothing
     given_urdf: tuple[float, float] | None = None  # 95 % interval, the URDF's other numbers given
     with_urdf: tuple[float, float] | None = None  # the same with the URDF's tolerance
-    change_rms: float | None = None  # torque that the difference from the URDF makes, rms while moving [N m]
+    change_rms: float | None = (
+        None  # torque that the difference from the URDF makes, rms while moving [N m]
+    )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         low, high = self.given_urdf or (None, None)
         low_with_urdf, high_with_urdf = self.with_urdf or (None, None)
@@ -83,7 +89,7 @@ class LinkFigures:
     moment: Mapping[str, Figure]  # first moment in its joint's frame, by axis [kg m]
     beyond_tolerance: bool  # whether any differs from the URDF by more than URDFs are off
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return {
             "joint": self.joint,
@@ -100,7 +106,8 @@ class IdentifiedNumbers:
     Attributes:
         joints: By joint name, its figures by their keys.
         links: By link name.
-        urdf_rms: Error of the URDF as a simulator loads it, `<dynamics>` included, by each joint that moves [N m].
+        urdf_rms: Error of the URDF as a simulator loads it, `<dynamics>` included, by each joint
+            that moves [N m].
         rigid_rms: Error of its rigid body alone, likewise [N m].
     """
 
@@ -109,16 +116,16 @@ class IdentifiedNumbers:
     urdf_rms: Mapping[str, float]
     rigid_rms: Mapping[str, float]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
-        record: dict[str, Any] = {}
+        record: JsonRecord = {}
         for joint, figures in self.joints.items():
             record[joint] = {key: figure.to_dict() for key, figure in figures.items()}
         return {**record, "links": {name: link.to_dict() for name, link in self.links.items()}}
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
+class SolvedSession:
     """What the figures are computed from.
 
     Attributes:
@@ -146,7 +153,7 @@ class Solved:
     inflation: float
 
 
-def identify(solved: Solved) -> IdentifiedNumbers:
+def identify(solved: SolvedSession) -> IdentifiedNumbers:
     """All figures of a solved session."""
     arm = solved.baseline.nominal
     losses = _loss_figures(solved)
@@ -160,42 +167,40 @@ def identify(solved: Solved) -> IdentifiedNumbers:
     return IdentifiedNumbers(joints, links, urdf, rigid)
 
 
-def _loss_figures(solved: Solved) -> dict[str, dict[str, Figure]]:
+def _loss_figures(solved: SolvedSession) -> dict[str, dict[str, Figure]]:
     """Rotor inertia, viscous and Coulomb friction of every joint."""
     evidence = solved.evidence
-    names = solved.baseline.nominal.joint_names
     rank = evidence.layout.rank
-    scale = evidence.scale
     stated = stated_friction(solved.baseline.nominal)
+    # What the named effects take of a loss is theirs whether the inertias are held or not.
+    tuned = evidence.layout.tuned
+    shift = (solved.fixed.estimate[:tuned] - solved.tuned.estimate[:tuned]) / evidence.scale[:tuned]
     std_fixed = _standard_deviations(evidence, solved.fixed)
     std_tuned = _standard_deviations(evidence, solved.tuned)
     moving = evidence.weights.sum(axis=0) >= LEAST_MOVING
     units = _torque_of_a_unit(solved.series)
-    found: dict[str, dict[str, Figure]] = {}
-    for j, joint in enumerate(names):
+    figures: dict[str, dict[str, Figure]] = {}
+    for j, joint in enumerate(solved.baseline.nominal.joint_names):
         record = solved.joints[joint].to_dict()
-        found[joint] = {}
+        figures[joint] = {}
         for k, (loss, key) in enumerate(LOSS_FIGURES.items()):
             nominal = stated[joint].get(key)
             if not moving[j]:
-                found[joint][key] = Figure(nominal, None)
+                figures[joint][key] = Figure(nominal, None)
                 continue
             column = rank + LOSS_PARAMETERS * j + k
             value = float(record[loss])
-            # What the named effects take of a loss is theirs whether the inertias are held or not.
-            shift = (solved.fixed.estimate[column] - solved.tuned.estimate[column]) / scale[column]
-            centre = max(value + float(shift), 0.0)
-            given = _around(value, centre, NORMAL_95 * std_fixed[column])
+            centre = max(value + float(shift[column]), 0.0)
+            given_urdf = _around(value, centre, NORMAL_95 * std_fixed[column])
             tolerant = _around(value, value, NORMAL_95 * std_tuned[column])
-            change = abs(value - (nominal or 0.0)) * units[k][j]
-            found[joint][key] = Figure(
-                nominal,
-                value,
-                _not_negative(given),
-                _not_negative(_hull(given, tolerant)),
-                float(change),
+            figures[joint][key] = Figure(
+                nominal=nominal,
+                value=value,
+                given_urdf=_not_negative(given_urdf),
+                with_urdf=_not_negative(_hull(given_urdf, tolerant)),
+                change_rms=float(abs(value - (nominal or 0.0)) * units[k][j]),
             )
-    return found
+    return figures
 
 
 def _standard_deviations(evidence: Evidence, model: Projection) -> Float[Array, " t"]:
@@ -217,14 +222,14 @@ def _torque_of_a_unit(series: Sequence[RunResidual]) -> Float[Array, "3 n"]:
     return np.sqrt(squares / np.maximum(counts, 1.0))
 
 
-def _reading_figure(solved: Solved, joint: int, key: str) -> Figure:
-    """Gain or offset of a joint's torque reading, and the torque that its difference from a true one makes."""
+def _reading_figure(solved: SolvedSession, joint: int, key: str) -> Figure:
+    """Gain or offset of a joint's torque reading, with the torque that its error makes."""
     figure = _find_reading(solved, joint, key)
     if figure.value is None:
         return figure
     size = 1.0 if key == OFFSET else _torque_rms(solved.series, joint)
-    change = abs(figure.value - READINGS[key][2]) * size
-    return replace(figure, change_rms=change)
+    _, _, true = READINGS[key]
+    return replace(figure, change_rms=abs(figure.value - true) * size)
 
 
 def _torque_rms(series: Sequence[RunResidual], joint: int) -> float:
@@ -234,7 +239,7 @@ def _torque_rms(series: Sequence[RunResidual], joint: int) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def _find_reading(solved: Solved, joint: int, key: str) -> Figure:
+def _find_reading(solved: SolvedSession, joint: int, key: str) -> Figure:
     """That of a named effect, else what is found of it alone."""
     effect, parameter, true = READINGS[key]
     named = _named(solved.estimates, effect, joint)
@@ -252,12 +257,14 @@ def _find_reading(solved: Solved, joint: int, key: str) -> Figure:
     ends = (true + given.low, true + given.high)
     if tolerant is None:
         return Figure(true, true + given.value, ends)
-    # The first interval is moved to where the second one lies only as far as it has to hold the value.
+    # The first interval is moved to where the second one lies only as far as it has to hold the
+    # value.
     wide = _hull(ends, (true + tolerant.low, true + tolerant.high))
     return Figure(true, true + given.value, ends, wide)
 
 
 def _named(estimates: Sequence[Estimate], effect: str, joint: int) -> Estimate | None:
+    """The named effect of an id at a joint."""
     for estimate in estimates:
         if estimate.group.effect.id == effect and estimate.group.joint == joint:
             return estimate
@@ -272,25 +279,33 @@ def _candidate(evidence: Evidence, effect: str, joint: int) -> Group | None:
     return None
 
 
-def _alone(solved: Solved, model: Projection, group: Group, parameter: str) -> Interval | None:
-    """A parameter of a candidate that alone is free beside a model; None where that leaves nothing to be seen."""
+def _alone(
+    solved: SolvedSession, model: Projection, group: Group, parameter: str
+) -> Interval | None:
+    """A parameter of a candidate that alone is free beside a model.
+
+    None where the model leaves nothing to be seen of it.
+    """
     seen = model.seen(group.columns)
     if not seen[0]:
         return None
     columns = group.columns[seen]
-    left = model.rest(columns)
-    coefficients = np.zeros(len(group.columns))
-    covariance = np.zeros((len(group.columns), len(group.columns)))
     scale = solved.evidence.scale[columns]
-    coefficients[seen] = model.solve(columns, np.zeros(len(columns), dtype=bool)) / scale
+    scaled = model.solve(columns, np.zeros(len(columns), dtype=bool))
+    spread = solved.inflation * np.linalg.pinv(model.rest(columns), hermitian=True)
     places = np.flatnonzero(seen)
-    spread = solved.inflation * np.linalg.pinv(left, hermitian=True)
+    size = len(group.columns)
+    coefficients = np.zeros(size)
+    coefficients[places] = scaled / scale
+    covariance = np.zeros((size, size))
     covariance[np.ix_(places, places)] = spread / np.outer(scale, scale)
-    found = group.effect.parameters(solved.session, group.joint, group.variant, coefficients, covariance)
-    return found[parameter]
+    parameters = group.effect.parameters(
+        solved.session, group.joint, group.variant, coefficients, covariance
+    )
+    return parameters[parameter]
 
 
-def _nominal_errors(solved: Solved) -> tuple[dict[str, float], dict[str, float]]:
+def _nominal_errors(solved: SolvedSession) -> tuple[dict[str, float], dict[str, float]]:
     """Error of the URDF as a simulator loads it, and of its rigid body alone, by joint [N m]."""
     arm = solved.baseline.nominal
     stated = stated_friction(arm)
@@ -316,39 +331,48 @@ def _nominal_errors(solved: Solved) -> tuple[dict[str, float], dict[str, float]]
     return urdf, rigid_alone
 
 
-def _link_figures(solved: Solved, index: int, name: str) -> LinkFigures:
+def _link_figures(solved: SolvedSession, index: int, name: str) -> LinkFigures:
     """Mass and first moments of a link, as far as they are determined."""
-    baseline = solved.baseline
     link = solved.links[name]
-    own = slice(10 * index, 10 * index + 10)
-    nominal = baseline.nominal.inertial_parameters[own]
-    given = _links_given_the_others(solved)
+    first = 10 * index
+    nominal = solved.baseline.nominal.inertial_parameters[first : first + 10]
+    given_others = _links_given_the_others(solved)
     changes: dict[str, Interval | None] = {LINK_KEYS[0]: link.mass}
     for axis in "xyz":
         changes[f"moment_{axis}_kgm"] = link.moment.get(axis)
     figures = {}
     for k, (key, change) in enumerate(changes.items()):
         stated = float(nominal[k])
-        if change is None:
-            figures[key] = Figure(stated, None)
-            continue
-        alone = given[10 * index + k]
-        value = stated + change.value
-        wide = (stated + change.low, stated + change.high)
-        narrow = wide
-        if alone is not None:
-            narrow = _around(value, stated + alone.value, 0.5 * (alone.high - alone.low))
-            wide = _hull(narrow, wide)
-        figures[key] = Figure(stated, value, narrow, wide)
+        figures[key] = _link_figure(stated, change, given_others[first + k])
     moment = {axis: figures[f"moment_{axis}_kgm"] for axis in "xyz"}
     return LinkFigures(link.joint, figures[LINK_KEYS[0]], moment, link.beyond_tolerance)
 
 
-def _links_given_the_others(solved: Solved) -> list[Interval | None]:
-    """Change of each of the ten numbers of each link, if all the others are the URDF's; None of what acts on nothing.
+def _link_figure(stated: float, change: Interval | None, alone: Interval | None) -> Figure:
+    """The figure of one number of a link.
 
-    With J the recordings' information on the base parameters B π and h its score, that of one number π_i has the
-    information b_iᵀ J b_i and the estimate b_iᵀ h / b_iᵀ J b_i, b_i the column of B.
+    Args:
+        stated: The URDF's.
+        change: Its change by tuning; None where it is not determined.
+        alone: Its change if all other numbers are the URDF's.
+    """
+    if change is None:
+        return Figure(stated, None)
+    value = stated + change.value
+    wide = (stated + change.low, stated + change.high)
+    if alone is None:
+        return Figure(stated, value, wide, wide)
+    narrow = _around(value, stated + alone.value, 0.5 * (alone.high - alone.low))
+    return Figure(stated, value, narrow, _hull(narrow, wide))
+
+
+def _links_given_the_others(solved: SolvedSession) -> list[Interval | None]:
+    """Change of each of the ten numbers of each link, if all the others are the URDF's.
+
+    None of what acts on nothing.
+    With J the recordings' information on the base parameters B π and h its score, that of one
+    number π_i has the information b_iᵀ J b_i and the estimate b_iᵀ h / b_iᵀ J b_i, b_i the column
+    of B.
     """
     rank = solved.evidence.layout.rank
     scale = solved.evidence.scale[:rank]
@@ -358,15 +382,15 @@ def _links_given_the_others(solved: Solved) -> list[Interval | None]:
     score = whole @ solved.tuned.estimate[:rank] * scale / solved.inflation
     mapping = solved.baseline.base.mapping
     power = np.einsum("ri,rs,si->i", mapping, information, mapping)
-    found: list[Interval | None] = []
+    changes: list[Interval | None] = []
     for number, size in enumerate(power):
         if size <= 0.0:
-            found.append(None)
+            changes.append(None)
             continue
         value = float(mapping[:, number] @ score / size)
         reach = NORMAL_95 * float(size) ** -0.5
-        found.append(Interval(value, value - reach, value + reach))
-    return found
+        changes.append(Interval(value, value - reach, value + reach))
+    return changes
 
 
 def _around(value: float, centre: float, reach: float) -> tuple[float, float]:

@@ -1,15 +1,15 @@
-"""What to record next: rules of thumb from the findings; `plan excite` computes the motion itself."""
+"""What to record next, by rules of thumb; `plan excite` computes the motion itself."""
 
 from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import SHOWINGS, describe_motion, family_for, setup_for
+from ident.records import JsonRecord, JsonTable
 
 # Words in reasons for "not testable" that no motion removes: they lie in the arm, its URDF or the
 # sensors.
@@ -25,12 +25,13 @@ NOT_OF_MOTION = (
 # Words in reasons that a longer recording of any motion removes, and the advice to record more.
 SHORT = "the session lasts"
 MORE = "more"
-# Length of a recording after a change of set-up, for which any motion over many poses will do [min].
+# Length of a recording after a change of set-up, for which any motion over many poses will do
+# [min].
 SETUP_MINUTES = 4.0
 # A name with a probability from here on is likelier than not.
 LIKELY = 0.5
 
-Record = Mapping[str, Any]
+Record = JsonTable
 """An entry of `findings` or `not_testable` of a diagnosis's record."""
 
 
@@ -40,7 +41,7 @@ def next_experiment(
     known: Sequence[Effect] = CATALOGUE,
     robot: str = "tm5-900",
     loudest: str | None = None,
-) -> dict[str, Any] | None:
+) -> JsonRecord | None:
     """The next motion to record.
 
     It distinguishes the effects of the first class with more than one, or else shows most of the
@@ -85,7 +86,7 @@ def joints_shown(finding: Record) -> set[str]:
     return {*finding["joints"], *heldout.get("rms_before_Nm", ())}
 
 
-def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: str) -> dict[str, Any]:
+def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: str) -> JsonRecord:
     """Advice for effects that are not distinguished: a change of set-up where one helps, else a
     motion.
     """
@@ -96,7 +97,9 @@ def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: st
     return _advise(effects, family_for(effects, known), joint, robot)
 
 
-def _for_unseen(entries: Sequence[Record], known: Sequence[Effect], robot: str) -> dict[str, Any] | None:
+def _for_unseen(
+    entries: Sequence[Record], known: Sequence[Effect], robot: str
+) -> JsonRecord | None:
     """Advice for untestable effects: the kind of motion that shows most of them, at the joint that
     lacks it most; None where no motion shows any.
     """
@@ -118,7 +121,7 @@ def _for_unseen(entries: Sequence[Record], known: Sequence[Effect], robot: str) 
     return _advise([] if family == MORE else effects, family, lacking, robot)
 
 
-def _advise(effects: Sequence[str], family: str, joint: str, robot: str) -> dict[str, Any]:
+def _advise(effects: Sequence[str], family: str, joint: str, robot: str) -> JsonRecord:
     """The advice for a kind of motion, with the command that computes it."""
     words = describe_motion(family, joint)
     separate = f" --separate {','.join(effects)}" if effects else ""

@@ -1,4 +1,4 @@
-"""What is left at each joint beside the accepted effects: models, errors, noise floors, and places of the gap."""
+"""What is left at each joint beside the accepted effects: errors, noise floors, places."""
 
 from __future__ import annotations
 
@@ -11,8 +11,14 @@ from ident.arrays import Float
 from ident.checks.report import MISREAD
 from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling, share_repeated
 from ident.diagnosis.gap.gap_map import Place, View
-from ident.diagnosis.gap.improvement import Improvement, energy_spread, measure_improvement, run_energy
+from ident.diagnosis.gap.improvement import (
+    Improvement,
+    energy_spread,
+    measure_improvement,
+    run_energy,
+)
 from ident.diagnosis.gap.place_ranking import ReportedCause, measure_excess_errors, rank_places
+from ident.diagnosis.gap.replay import replay
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.result import Finding, JointGap
 from ident.diagnosis.settings import DiagnosisSettings
@@ -29,13 +35,14 @@ from ident.regression.least_squares import Projection, project
 from ident.regression.run_spread import measure_inflation
 from ident.robot.arm import ArmModel
 
-# Divisor of the URDF's tolerance for reported errors of the untuned model: a larger one changes no digit of them.
+# Divisor of the URDF's tolerance for reported errors of the untuned model: a larger one changes no
+# digit of them.
 FIXED_URDF_FACTOR = 1e5
 
 
 @dataclass(frozen=True, eq=False)
 class Models:
-    """The tuned model without and with the names, and the URDF's, on the sums of the whole session."""
+    """The tuned model without and with the names, and the URDF's, on the whole session's sums."""
 
     evidence: Evidence
     groups: list[Group]  # the names
@@ -96,40 +103,74 @@ def measure_remaining(
 
     Args:
         conclusion, models: The names, and their models.
-        session, baseline, settings, seed: The runs, the tuned model, thresholds, and seed of drawn orders.
+        session, baseline, settings, seed: The runs, the tuned model, thresholds, and seed of drawn
+            orders.
     """
     evidence = models.evidence
     views = models.before, models.after, models.fixed
-    series = compute_residuals(session, baseline, evidence, views, models.groups, conclusion.held_out)
+    series = compute_residuals(
+        session, baseline, evidence, views, models.groups, conclusion.held_out
+    )
     steady = [item.without_friction_level(evidence.spread) for item in series]
-    last = conclusion.ladder[-1].rms
     repeated = [share_repeated(steady, j, settings.gap.ceiling) for j in range(session.n)]
     probability = conclusion.gap_probability(repeated)
+    is_open = probability >= EVEN_ODDS
     ceilings = []
-    for j, again in enumerate(repeated):
-        left = conclusion.joints.get(j)
-        share, kind = (0.0, None) if left is None else (left.share, left.kind)
-        if again > share:
-            share = again
-            kind = "state"
-        is_open = probability[j] >= EVEN_ODDS
-        ceiling = measure_ceiling(steady, j, share if is_open else 0.0, kind if is_open else None)
-        ceilings.append(ceiling)
+    for j, share in enumerate(repeated):
+        if is_open[j]:
+            ceilings.append(measure_ceiling(steady, j, *_largest_share(conclusion, j, share)))
+        else:
+            ceilings.append(measure_ceiling(steady, j, 0.0, None))
     # Of a joint without a cause that has no name, whatever is left is noise.
+    last = conclusion.ladder[-1].rms
     shown = np.array([ceiling.ratio for ceiling in ceilings]) * last
     noise = np.minimum(evidence.floor, last)
-    floors = np.where(probability >= EVEN_ODDS, np.minimum(noise, shown), last)
+    floors = np.where(is_open, np.minimum(noise, shown), last)
     prior = conclusion.prior
+    forward = replay(series, baseline, settings.gap.replay)
     return Remaining(
         series=tuple(series),
         ceilings=tuple(ceilings),
         gap_probability=probability,
         floors=floors,
-        noise=np.where(probability >= EVEN_ODDS, floors, np.maximum(noise, np.minimum(floors, last))),
-        improvement=measure_improvement(conclusion, models.given, series, baseline, floors, seed, settings.gap),
+        noise=np.where(is_open, floors, np.maximum(noise, np.minimum(floors, last))),
+        improvement=measure_improvement(conclusion, models.given, series, forward, floors, seed),
         links=measure_tuned_links(baseline, evidence, models.after, prior, models.inflation),
-        tolerance=measure_tolerance(evidence, prior, models.after, models.inflation, settings.tolerance),
+        tolerance=measure_tolerance(
+            evidence, prior, models.after, models.inflation, settings.tolerance
+        ),
     )
+
+
+def _largest_share(conclusion: Conclusion, joint: int, repeated: float) -> tuple[float, str | None]:
+    """What a flexible function explains of a joint's residual squares, and the kind of its inputs.
+
+    Args:
+        conclusion, joint: What the inference says of the joint's discrepancy, and the joint.
+        repeated: What the same angles of other runs explain of it.
+    """
+    discrepancy = conclusion.joints.get(joint)
+    share = 0.0 if discrepancy is None else discrepancy.share
+    if repeated > share:
+        return repeated, "state"
+    return share, None if discrepancy is None else discrepancy.kind
+
+
+def reported_causes(
+    arm: ArmModel,
+    remaining: Remaining,
+    findings: Sequence[Finding],
+    telemetry: Sequence[TelemetryIssue],
+) -> list[ReportedCause]:
+    """What is reported of joints: findings, causes without a name, and torques off by a factor."""
+    causes = [ReportedCause(finding.joints, finding.hidden_torque) for finding in findings]
+    without_name = np.flatnonzero(remaining.gap_probability >= EVEN_ODDS)
+    causes += [ReportedCause((arm.joint_names[j],), {}) for j in without_name]
+    for issue in telemetry:
+        if issue.issue == MISREAD:
+            hidden = dict.fromkeys(issue.joints, np.inf)
+            causes.append(ReportedCause(issue.joints, hidden, is_factor=True))
+    return causes
 
 
 def find_places(
@@ -137,21 +178,26 @@ def find_places(
     maps: Mapping[View, Sequence[Place]],
     models: Models,
     remaining: Remaining,
-    findings: Sequence[Finding],
-    telemetry: Sequence[TelemetryIssue],
+    causes: Sequence[ReportedCause],
     settings: DiagnosisSettings,
 ) -> tuple[Place, ...]:
-    """Places of the gap, those of the largest error beyond noise first."""
+    """Places of the gap, those of the largest error beyond noise first.
+
+    Args:
+        arm, maps: The user's arm, and all cells of the gap's map.
+        models, remaining: The models, and what is left at each joint.
+        causes: What is reported of joints.
+        settings: Thresholds.
+    """
     tolerance = remaining.tolerance
-    misread = [one.joints for one in telemetry if one.issue == MISREAD]
+    tuned_away = tolerance.torque if tolerance.exceeded else np.zeros(arm.n)
+    tuned, untuned = models.errors
     excess_errors = measure_excess_errors(
         arm.joint_names,
-        {"before": models.errors[0], "fixed": models.errors[1]},
-        tolerance.torque if tolerance.exceeded else np.zeros(arm.n),
+        {"before": tuned, "fixed": untuned},
+        tuned_away,
         remaining.noise,
-        [ReportedCause(one.joints, one.hidden_torque) for one in findings]
-        + [ReportedCause((arm.joint_names[j],), {}) for j in np.flatnonzero(remaining.gap_probability >= EVEN_ODDS)]
-        + [ReportedCause(one, dict.fromkeys(one, np.inf), is_factor=True) for one in misread],
+        causes,
         settings.verdict.loud,
     )
     return rank_places(maps, excess_errors, settings.gap.map)
@@ -164,8 +210,9 @@ def joint_gaps(arm: ArmModel, models: Models, remaining: Remaining) -> dict[str,
     noise = remaining.noise
     ceilings = remaining.ceilings
     tolerance = remaining.tolerance
-    return {
-        name: JointGap(
+    gaps: dict[str, JointGap] = {}
+    for j, name in enumerate(arm.joint_names):
+        gaps[name] = JointGap(
             rms=float(tuned[j]),
             fixed_rms=float(untuned[j]),
             noise_floor=float(noise[j]),
@@ -175,5 +222,4 @@ def joint_gaps(arm: ArmModel, models: Models, remaining: Remaining) -> dict[str,
             energy_error=(float(energy[:, j].mean()), energy_spread(energy[:, j : j + 1])),
             slides=bool(arm.sliding_joints[j]),
         )
-        for j, name in enumerate(arm.joint_names)
-    }
+    return gaps

@@ -1,10 +1,9 @@
-"""Reservations: effects rejected after acceptance, links that tuning moved too far, replays that end far off."""
+"""Reservations: rejected effects, links that tuning moved too far, replays that end far off."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from ident.diagnosis.tuned_links import TunedLink
 from ident.effects.base import Interval
 from ident.inference.conclusion import Named
 from ident.inference.estimate import Reason
+from ident.records import JsonRecord
 
 # Reasons that a sentence holds at most; the record has all of them.
 REASONS_TOLD = 2
@@ -34,15 +34,17 @@ class Reservation:
 
     @classmethod
     def unlikely(cls, name: Named, joints: Sequence[str]) -> Reservation:
-        """The reservation about an effect that is less likely than not, with what speaks against it."""
+        """The reservation about an unlikely effect, with what speaks against it."""
         estimate = name.estimate
         against = [reason.what for reason in estimate.reasons if reason.weight < 0.0][:REASONS_TOLD]
         words = " and ".join(against) or "nothing speaks for it"
         where = joints_of(name, joints)
         probability = estimate.class_probability
-        return cls(name.group.effect.id, where, words, estimate.parameters, probability, estimate.reasons)
+        return cls(
+            name.group.effect.id, where, words, estimate.parameters, probability, estimate.reasons
+        )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         weighed = {}
         if self.probability is not None:
@@ -62,16 +64,22 @@ def joints_of(item: Named, joints: Sequence[str]) -> tuple[str, ...]:
     return tuple(joints[j] for j in item.named_joints)
 
 
-def unlikely_reservations(unlikely: Sequence[Named], joints: Sequence[str]) -> tuple[Reservation, ...]:
-    """One reservation for each effect that was weighed and found less likely than not, the likeliest first."""
+def unlikely_reservations(
+    unlikely: Sequence[Named], joints: Sequence[str]
+) -> tuple[Reservation, ...]:
+    """One reservation for each effect that was found less likely than not, the likeliest first."""
     ordered = sorted(unlikely, key=lambda name: -name.estimate.class_probability)
     return tuple(Reservation.unlikely(name, joints) for name in ordered)
 
 
 def link_reservations(links: Mapping[str, TunedLink]) -> tuple[Reservation, ...]:
     """One reservation for each link that tuning moved beyond the URDF's tolerance."""
-    wrong = [(link, one) for link, one in links.items() if one.beyond_tolerance]
-    return tuple(Reservation("", (one.joint,), one.words(link), one.changes()) for link, one in wrong)
+    reservations = []
+    for name, link in links.items():
+        if link.beyond_tolerance:
+            doubt = Reservation("", (link.joint,), link.words(name), link.changes())
+            reservations.append(doubt)
+    return tuple(reservations)
 
 
 def replay_reservation(
@@ -82,29 +90,32 @@ def replay_reservation(
     floors: Float[Array, " n"],
     settings: DiagnosisSettings = USUAL,
 ) -> tuple[Reservation, ...]:
-    """One reservation about the joints whose replayed motion ends far off and whose error is above the noise, or none.
+    """One reservation about the joints whose replayed motion ends far off, or none.
 
     Args:
         forward: The replay.
         series: Residuals of all runs, for the joints' speeds.
         joints: Joint names.
-        rms: Held-out error with the accepted effects [N m].
+        rms: Held-out error with the accepted effects [N m]; only an error above the noise counts.
         floors, settings: Floor of each joint's error [N m], and thresholds.
     """
     squares = sum(np.sum(np.where(item.valid, item.speed, 0.0) ** 2, axis=0) for item in series)
     counts = sum(item.valid.sum(axis=0) for item in series)
-    way = forward.window * np.sqrt(squares / np.maximum(counts, 1))
-    far = (
-        (forward.windows > 0)
-        & (forward.after > settings.gap.replay.far_share * way)
-        & (rms > settings.verdict.loud * floors)
-    )
-    deviating = [j for j, one in enumerate(far) if one]
+    mean_speed = np.sqrt(squares / np.maximum(counts, 1))
+    way = forward.window * mean_speed
+    ends_far = forward.after > settings.gap.replay.far_share * way
+    has_error = rms > settings.verdict.loud * floors
+    deviating = np.flatnonzero((forward.windows > 0) & ends_far & has_error).tolist()
     if not deviating:
         return ()
-    ends = ", ".join(f"{joints[j]} by {forward.after[j]:.2g} rad over a way of {way[j]:.2g} rad" for j in deviating)
+    ends = []
+    for j in deviating:
+        off = f"{joints[j]} by {forward.after[j]:.2g} rad"
+        ends.append(f"{off} over a way of {way[j]:.2g} rad")
+    milliseconds = f"{1e3 * forward.window:.0f} ms"
     reason = (
-        f"replayed under the recorded torques for {1e3 * forward.window:.0f} ms, the motion ends off ({ends}): "
+        f"replayed under the recorded torques for {milliseconds}, "
+        f"the motion ends off ({', '.join(ends)}): "
         "whatever is named, the model does not foretell this arm; check inertias, units and signs"
     )
     return (Reservation("", tuple(joints[j] for j in deviating), reason, {}),)

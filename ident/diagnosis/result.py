@@ -1,4 +1,4 @@
-"""Records of a diagnosis (`ident.diagnosis/1`): gap of each joint, findings, reservations, further results."""
+"""Records of a diagnosis (`ident.diagnosis/1`): joints' gaps, findings, reservations, details."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.inference.conclusion import Named
 from ident.recordings.recording import TelemetryIssue
+from ident.records import JsonRecord
 from ident.regression.design import NotTestable
 from ident.results import ONE_RUN, Result
 from ident.safe_read import read_record
@@ -40,7 +41,8 @@ class Finding(ReportedEffect):
 
     Attributes:
         evaluated: The effect with what was found of it.
-        energy_before, energy_after: Mean energy error of a run at its joints, without and with it [J].
+        energy_before, energy_after: Mean energy error of a run at its joints, without and with it
+            [J].
         energy_std: Standard deviations over the runs of both [J]; None for a single run.
         share: Its Shapley share of the gap that all effects close.
     """
@@ -53,11 +55,14 @@ class Finding(ReportedEffect):
 
     @property
     def hidden_torque(self) -> dict[str, float]:
-        """Torque of an absorbed effect that tuned inertias hide, by joint [N m]; 0 if it is not absorbed."""
-        sides = ((joint, old, self.rms_after[joint]) for joint, old in self.rms_before.items())
-        return {joint: self.evaluated.absorbed * float(np.sqrt(max(old**2 - new**2, 0.0))) for joint, old, new in sides}
+        """Torque of an absorbed effect that tuned inertias hide, by joint [N m]; else 0."""
+        hidden = {}
+        for joint, before in self.rms_before.items():
+            closed = max(before**2 - self.rms_after[joint] ** 2, 0.0)
+            hidden[joint] = self.evaluated.absorbed * float(np.sqrt(closed))
+        return hidden
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return {
             **self.shared_record(),
@@ -84,22 +89,36 @@ class Finding(ReportedEffect):
 
 @dataclass(frozen=True)
 class JointGap:
-    """Errors of a joint: of the models, of the noise, and of the best function of the state."""
+    """Errors of a joint: of the models, of the noise, and of the best function of the state.
 
-    rms: float  # held-out error of the tuned model [N m]
-    fixed_rms: float  # held-out error with the URDF's inertias fixed [N m]
-    noise_floor: float  # floor of any model's error [N m]
-    ceiling_rms: float  # error that a flexible function of the state would leave beside the effects [N m]
-    unexplained: str | None  # kind of inputs on which the residual depends beside the effects; None if on none
-    tuned_away: float  # torque that only inertias beyond the URDF's tolerance explain [N m]
-    energy_error: tuple[float, float | None]  # mean and standard deviation over the runs [J]; None for a single run
-    model_rms: float | None = None  # error of the user's own model [N m]; None without one
-    slides: bool = False  # whether the joint is prismatic: units are N then
+    Attributes:
+        rms: Held-out error of the tuned model [N m].
+        fixed_rms: Held-out error with the URDF's inertias fixed [N m].
+        noise_floor: Floor of any model's error [N m].
+        ceiling_rms: Error that a flexible function of the state would leave beside the effects
+            [N m].
+        unexplained: Kind of inputs on which the residual depends beside the effects; None if on
+            none.
+        tuned_away: Torque that only inertias beyond the URDF's tolerance explain [N m].
+        energy_error: Mean and standard deviation over the runs [J]; None for a single run.
+        model_rms: Error of the user's own model [N m]; None without one.
+        slides: Whether the joint is prismatic: units are N then.
+    """
 
-    def to_dict(self) -> dict[str, Any]:
+    rms: float
+    fixed_rms: float
+    noise_floor: float
+    ceiling_rms: float
+    unexplained: str | None
+    tuned_away: float
+    energy_error: tuple[float, float | None]
+    model_rms: float | None = None
+    slides: bool = False
+
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         mean, std = self.energy_error
-        own = {} if self.model_rms is None else {"model_rms_Nm": self.model_rms}
+        of_user_model = {} if self.model_rms is None else {"model_rms_Nm": self.model_rms}
         return {
             **({"unit": FORCE} if self.slides else {}),
             "rms_Nm": self.rms,
@@ -108,8 +127,12 @@ class JointGap:
             "ceiling_rms_Nm": self.ceiling_rms,
             "unexplained": self.unexplained,
             "tuned_away_Nm": self.tuned_away,
-            "energy_error_J": {"mean": mean, "std": std, **({} if std is not None else {"std_missing": ONE_RUN})},
-            **own,
+            "energy_error_J": {
+                "mean": mean,
+                "std": std,
+                **({} if std is not None else {"std_missing": ONE_RUN}),
+            },
+            **of_user_model,
         }
 
 
@@ -120,9 +143,10 @@ class HeldOutGain:
     rms_before: Float[np.ndarray, " n"]  # error without them, joint by joint [N m]
     rms_after: Float[np.ndarray, " n"]  # error with them, joint by joint [N m]
     shrink: float  # share of the mean square above the noise that they close
-    improvement: Improvement  # energy errors, a discrepancy in the effects' place, and the replayed motion
+    # Energy errors, a discrepancy in the effects' place, and the replayed motion.
+    improvement: Improvement
 
-    def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+    def to_dict(self, joints: Sequence[str]) -> JsonRecord:
         """Its record, figures by the joints' names."""
         return {
             "rms_before_Nm": dict(zip(joints, map(float, self.rms_before), strict=True)),
@@ -160,14 +184,14 @@ class Details:
     tuned_links: Mapping[str, TunedLink]
     identified: IdentifiedNumbers
 
-    def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
+    def to_dict(self, names: Sequence[str]) -> JsonRecord:
         """Its record, with joint names."""
 
-        def by_joint(joints: Mapping[str, TunedJoint]) -> dict[str, dict[str, Any]]:
-            return {name: one.to_dict() for name, one in joints.items()}
+        def by_joint(joints: Mapping[str, TunedJoint]) -> dict[str, JsonRecord]:
+            return {name: joint.to_dict() for name, joint in joints.items()}
 
         return {
-            "detectable": [one.to_dict(names) for one in self.detectable],
+            "detectable": [limit.to_dict(names) for limit in self.detectable],
             "maps": maps_record(self.maps),
             "maps_fixed": maps_record(self.maps_fixed),
             "baseline": by_joint(self.baseline),
@@ -175,7 +199,7 @@ class Details:
             "baseline_urdf": by_joint(self.baseline_urdf),
             "outside_score": self.outside_score,
             "leftover": dict(zip(names, map(float, self.leftover), strict=True)),
-            "tuned_links": {link: one.to_dict() for link, one in self.tuned_links.items()},
+            "tuned_links": {name: link.to_dict() for name, link in self.tuned_links.items()},
             "identified": self.identified.to_dict(),
         }
 
@@ -187,25 +211,31 @@ class Exportable(Result):
         """The result in plain lines, as the command prints it; with `details` all of it."""
         shown = import_module("ident.show.results")
         lines = import_module("ident.show.diagnosis_lines")
-        return str(shown.as_text(lambda console: lines.print_diagnosis(console, self.to_dict(), details)))
+        return str(
+            shown.as_text(lambda console: lines.print_diagnosis(console, self.to_dict(), details))
+        )
 
     def export(self, robot: Any, out: str | Path, **options: Any) -> Any:
-        """Writes its effects for simulators, as `ident.patch` does: URDF, MJCF, parameters, Python module."""
+        """Writes its effects for simulators as URDF, MJCF, parameters and a Python module.
+
+        Arguments as in `ident.patch`.
+        """
         return import_module("ident.api.exporting").patch(self.to_dict(), robot, out, **options)
 
 
 @dataclass(frozen=True, eq=False)
 class SavedDiagnosis(SavedParts, Exportable):
-    """A diagnosis read from its file, with the parts, sentences, picture, page and patch of the diagnosis itself."""
+    """A diagnosis read from its file, with all that the diagnosis itself has to tell."""
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         return dict(self.record)
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Exportable):
-    """The result of a diagnosis: where the gap lies, its causes, how far they close it; or why it was refused.
+    """The result of a diagnosis: where the gap lies, its causes, how far they close it.
 
+    Or why it was refused.
     Attributes:
         robot: Name of the robot.
         joints: Joint names.
@@ -252,11 +282,13 @@ class Diagnosis(Exportable):
         remedy = "give the JSON of `ident diagnose`"
         return SavedDiagnosis(read_record(Path(path), SCHEMA, remedy))
 
-    def to_dict(self) -> dict[str, Any]:
-        findings = [one.to_dict() for one in self.findings]
-        untestable = [one.to_dict(self.joints) for one in self.not_testable]
+    def to_dict(self) -> JsonRecord:
+        findings = [finding.to_dict() for finding in self.findings]
+        untestable = [entry.to_dict(self.joints) for entry in self.not_testable]
         loudest = self.where[0].joint if self.where else None
-        advice = next_experiment(findings, untestable, self.catalogue, self.robot_option or self.robot, loudest)
+        advice = next_experiment(
+            findings, untestable, self.catalogue, self.robot_option or self.robot, loudest
+        )
         return {
             "schema": SCHEMA,
             "robot": self.robot,
@@ -269,15 +301,15 @@ class Diagnosis(Exportable):
             "findings": findings,
             "heldout": {} if self.heldout is None else self.heldout.to_dict(self.joints),
             "not_testable": untestable,
-            "reservations": [one.to_dict() for one in self.reservations],
+            "reservations": [reservation.to_dict() for reservation in self.reservations],
             "next_experiment": advice,
             **({"identified": {}} if self.details is None else self.details.to_dict(self.joints)),
             "provenance": self.provenance.to_dict(),
             **({} if self.until is None else {"until": self.until.to_dict()}),
         }
 
-    def _gap_record(self, joint: str, gap: JointGap) -> dict[str, Any]:
-        """A joint's gap, with the errors of the URDF as it is loaded and of its rigid body alone [N m]."""
+    def _gap_record(self, joint: str, gap: JointGap) -> JsonRecord:
+        """A joint's gap, with the errors of the URDF as loaded and of its rigid body [N m]."""
         record = gap.to_dict()
         if self.details is None:
             return record

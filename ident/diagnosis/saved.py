@@ -1,15 +1,15 @@
-"""A diagnosis read from its file: the same attributes as the diagnosis itself, made of its record."""
+"""A diagnosis read from its file: the diagnosis's own attributes, made of its record."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
 
 from ident.diagnosis.gap.gap_map import Place
 from ident.effects.base import Interval
 from ident.recordings.recording import TelemetryIssue
+from ident.records import JsonRecord, JsonTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class SavedFinding:
     action: str  # what a person at the cell can do about it
 
     @classmethod
-    def of(cls, record: Mapping[str, Any]) -> SavedFinding:
+    def of(cls, record: JsonTable) -> SavedFinding:
         """Read from a finding of a saved diagnosis."""
         heldout = record["heldout"]
         parameters = {name: interval_of(value) for name, value in record["parameters"].items()}
@@ -55,17 +55,22 @@ class SavedGain:
     shrink: float
 
 
-def interval_of(record: Mapping[str, Any]) -> Interval:
+def interval_of(record: JsonTable) -> Interval:
     """An interval of a record; further keys are passed over."""
-    names = [one.name for one in fields(Interval)]
-    return Interval(**{name: record[name] for name in names if name in record})
+    return Interval(**_known_keys(record, Interval))
+
+
+def _known_keys(record: JsonTable, kind: type[Interval | Place]) -> JsonRecord:
+    """The entries of a record that are fields of a class."""
+    names = [entry.name for entry in fields(kind)]
+    return {name: record[name] for name in names if name in record}
 
 
 @dataclass(frozen=True, eq=False)
 class SavedParts:
     """The parts of a diagnosis's record, with the names that they have on a `Diagnosis`."""
 
-    record: Mapping[str, Any]  # `ident.diagnosis/1`; `ident schema diagnosis` says what it holds
+    record: JsonTable  # `ident.diagnosis/1`; `ident schema diagnosis` says what it holds
 
     @property
     def robot(self) -> str:
@@ -88,12 +93,12 @@ class SavedParts:
         return dict(self.record["session"])
 
     @property
-    def gap(self) -> Mapping[str, Mapping[str, Any]]:
+    def gap(self) -> Mapping[str, JsonTable]:
         """The record of each joint's gap, by joint name."""
         return dict(self.record["gap"])
 
     @property
-    def identified(self) -> Mapping[str, Any]:
+    def identified(self) -> JsonTable:
         """The URDF's numbers beside those that were found."""
         return dict(self.record.get("identified", {}))
 
@@ -106,10 +111,11 @@ class SavedParts:
     @cached_property
     def where(self) -> tuple[Place, ...]:
         """The cells of the map in which the gap stands out, in the record's order."""
-        names = [one.name for one in fields(Place)]
-        usual: dict[str, Any] = {"share_of_time": 0.0, "energy_J": None}
-        rows = ({**usual, **row} for row in self.record["where"])
-        return tuple(Place(**{name: row[name] for name in names if name in row}) for row in rows)
+        places = []
+        for row in self.record["where"]:
+            whole = {"share_of_time": 0.0, "energy_J": None, **row}
+            places.append(Place(**_known_keys(whole, Place)))
+        return tuple(places)
 
     @cached_property
     def findings(self) -> tuple[SavedFinding, ...]:

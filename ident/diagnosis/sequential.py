@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import ceil
-from typing import Any
 
 from ident.diagnosis.result import Diagnosis
 from ident.errors import InputError
-from ident.records import read_group
+from ident.records import JsonRecord, read_group
 
 LIMIT = read_group(__file__, "looks")
 NOISES = ("encoder", "torque")
@@ -29,7 +28,7 @@ class RepeatedLook:
     verdict: str  # verdict of the diagnosis
     missing: tuple[str, ...]  # reasons why the result is not certain enough; empty if it is
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         record = {**vars(self), "minutes": self.seconds / 60.0, "missing": list(self.missing)}
         del record["seconds"]
@@ -49,7 +48,7 @@ class RepeatedLooks:
         """Whether the last look was certain enough."""
         return not self.looks[-1].missing
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """The entry `until` of the diagnosis's record."""
         last = self.looks[-1].to_dict()
         return {
@@ -60,7 +59,9 @@ class RepeatedLooks:
         }
 
 
-def diagnose_sequentially(look: Callable[[int], Diagnosis], total: int, level: float) -> RepeatedLooks:
+def diagnose_sequentially(
+    look: Callable[[int], Diagnosis], total: int, level: float
+) -> RepeatedLooks:
     """Diagnoses more and more runs until the result is certain enough.
 
     Args:
@@ -72,7 +73,9 @@ def diagnose_sequentially(look: Callable[[int], Diagnosis], total: int, level: f
         InputError: No finding can have this probability.
     """
     if not 0.5 <= level < 1.0:
-        raise InputError("--until", f"{level:g}", "choose from 0.5 to below 1: no finding is certain")
+        raise InputError(
+            "--until", f"{level:g}", "choose from 0.5 to below 1: no finding is certain"
+        )
     looks: list[RepeatedLook] = []
     for runs in count_runs(total):
         diagnosis = look(runs)
@@ -96,21 +99,33 @@ def count_runs(total: int) -> Iterator[int]:
 def find_missing(diagnosis: Diagnosis, confidence: float) -> Iterator[str]:
     """Reasons why a diagnosis is not certain enough; none if it is."""
     if diagnosis.verdict == "no_gap":
-        limits = () if diagnosis.details is None else diagnosis.details.detectable
-        # More runs lower a finite detection limit, but do not show what leaves no trace at all.
-        hidden = [one for one in limits if one.hidden and one.bound_by in NOISES and one.value is not None]
-        places = sorted({f"{one.effect.id} of {diagnosis.joints[one.joint]}" for one in hidden})
-        if places:
-            yield f"noise still hides {', '.join(places)}"
+        hidden = sorted(_hidden_by_noise(diagnosis))
+        if hidden:
+            yield f"noise still hides {', '.join(hidden)}"
         return
     if diagnosis.verdict in ("not_testable", "refused"):
         yield f"the verdict is {diagnosis.verdict}"
         return
     if diagnosis.verdict != "named":
         yield "part of the gap is unexplained" if diagnosis.findings else "the gap is unexplained"
-    for one in diagnosis.findings:
-        if one.estimate.probability < confidence:
-            rivals = (
-                f", not distinguished from {', '.join(one.estimate.rivals[1:])}" if len(one.estimate.rivals) > 1 else ""
-            )
-            yield f"{one.effect} of {', '.join(one.joints)} has probability {one.estimate.probability:.2f}{rivals}"
+    for finding in diagnosis.findings:
+        estimate = finding.estimate
+        if estimate.probability >= confidence:
+            continue
+        what = f"{finding.effect} of {', '.join(finding.joints)}"
+        others = estimate.rivals[1:]
+        rivals = f", not distinguished from {', '.join(others)}" if others else ""
+        yield f"{what} has probability {estimate.probability:.2f}{rivals}"
+
+
+def _hidden_by_noise(diagnosis: Diagnosis) -> set[str]:
+    """Effects with their joints that noise hides, but would not in more runs.
+
+    These lower a finite detection limit, but do not show what leaves no trace at all.
+    """
+    limits = () if diagnosis.details is None else diagnosis.details.detectable
+    hidden = set()
+    for limit in limits:
+        if limit.hidden and limit.bound_by in NOISES and limit.value is not None:
+            hidden.add(f"{limit.effect.id} of {diagnosis.joints[limit.joint]}")
+    return hidden

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from ident.arrays import Float
 from ident.diagnosis.settings import USUAL_VERDICT, VerdictSettings
 from ident.inference.conclusion import EVEN_ODDS, Named
+from ident.records import JsonTable
 
 
 def decide(names: Sequence[Named], gap_probability: Float[np.ndarray, " n"]) -> str:
@@ -34,6 +34,6 @@ def score_outside(gap_probability: Float[np.ndarray, " n"]) -> float:
     return float(gap_probability.max(initial=0.0))
 
 
-def above_noise(gap: Mapping[str, Any], settings: VerdictSettings = USUAL_VERDICT) -> bool:
+def above_noise(gap: JsonTable, settings: VerdictSettings = USUAL_VERDICT) -> bool:
     """Whether a joint's error, as a diagnosis records its gap, is clearly above its noise."""
     return bool(gap["rms_Nm"] > settings.loud * (gap["noise_floor_Nm"] or np.inf))

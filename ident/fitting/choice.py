@@ -10,7 +10,7 @@ make the work worse by as much.
 Rows are plain: filtered torque wherever a joint moves. On twelve real arms, three splits each,
 whitened rows clear of reversals left 6 % more on runs left out (geometric mean) and were ahead on
 8 of 36, by 2 %. On simulated arms their values are two to six times nearer the truth. Parameters
-come from them where they foretell parts left out as well (`Choice.foretell_as_well`), and
+come from them where they foretell parts left out as well (`ModelChoice.foretell_as_well`), and
 intervals always.
 
 Source: Stone 1974; Breiman, Friedman, Olshen and Stone 1984, section 3.4.3 (the one-standard-error
@@ -27,7 +27,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.command_options import Inertia
 from ident.errors import RecordingError
-from ident.fitting.chosen import AS_GOOD, Choice
+from ident.fitting.chosen import AS_GOOD, ModelChoice
 from ident.fitting.held_out_sums import HeldOutSums, gather_sums
 from ident.fitting.left_out import (
     Errors,
@@ -77,7 +77,7 @@ def choose(
     offset: str = "auto",
     given: Sequence[NamedLaw] = (),
     tried: bool = True,
-) -> Choice:
+) -> ModelChoice:
     """Chooses widths, offsets, laws and the kind of inertias.
 
     Args:
@@ -113,7 +113,7 @@ def choose(
     kinds: tuple[Inertia, ...] = KINDS_OF_INERTIA if inertia == "auto" else (inertia,)
     errors = {kind: left_out(sums, selection, noise, kind, share)[0] for kind in kinds}
     best = _best_kind(errors)
-    return Choice(selection, sums, noise, best, share, errors, given=len(given))
+    return ModelChoice(selection, sums, noise, best, share, errors, given=len(given))
 
 
 def require_moving(motions: Sequence[Motion], nominal: ArmModel) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.command_options import Inertia
 from ident.fitting.held_out_sums import HeldOutSums
-from ident.fitting.left_out import Errors, Problem, Selection, assemble, left_out, solve
+from ident.fitting.left_out import Errors, NormalEquations, Selection, assemble, left_out, solve
 from ident.fitting.over_parts import no_worse_work
 from ident.laws.carried import NamedLaw
 from ident.model.loss import TRANSITION_GRID
@@ -31,7 +31,7 @@ COSTS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class ModelChoice:
     """What was chosen, and what each kind of inertias costs on runs left out."""
 
     selection: Selection
@@ -77,7 +77,7 @@ class Choice:
         counts = np.maximum(self.sums.counts.sum(axis=0), 1.0)
         return np.asarray(np.sqrt(self.sums.torques.sum(axis=0) / counts))
 
-    def problem(self) -> Problem:
+    def problem(self) -> NormalEquations:
         """Normal equations of all parts."""
         return assemble(self.sums, self.selection, range(self.sums.parts), self.noise)
 
@@ -97,20 +97,20 @@ class Choice:
         plain, _ = left_out(self.sums, self.selection, self.noise, "base", self.share)
         squares = np.zeros_like(plain.squares)
         work = np.zeros_like(plain.work)
-        for part, solution in enumerate(solutions):
+        for number, solution in enumerate(solutions):
             for joint in range(self.sums.nominal.n):
                 weights = problem.row_weights(self.sums, solution, joint)
-                squares[part, joint] = weights @ self.sums.squares[joint][part] @ weights
-                work[part, joint] = self.sums.work[joint][part] @ weights
+                squares[number, joint] = weights @ self.sums.squares[joint][number] @ weights
+                work[number, joint] = self.sums.work[joint][number] @ weights
         most = (1.0 + AS_GOOD) ** 2 * np.sum(plain.squares / self.noise**2)
         as_good = bool(np.sum(squares / self.noise**2) <= most)
         return as_good and no_worse_work(plain.work.sum(axis=1), work.sum(axis=1))
 
-    def with_rows(self, whitened: bool) -> Choice:
+    def with_rows(self, whitened: bool) -> ModelChoice:
         """The same with parameters from whitened rows in any case, or from plain ones."""
         return replace(self, whitened=whitened)
 
-    def without(self, gone: Collection[tuple[str, int]]) -> Choice:
+    def without(self, gone: Collection[tuple[str, int]]) -> ModelChoice:
         """The same without some laws, by their effects and joints."""
         numbers = []
         for number in self.selection.laws:

@@ -259,9 +259,9 @@ def _gather(motions: Sequence[Motion], arm: ArmModel, pairs: Sequence[tuple[int,
             ]
             table = motion.filtered(np.concatenate(columns, axis=1))
             table[:, -1] = motion.tau_filtered[:, joint] - table[:, -1]
-            for part in np.unique(part_of_row):
-                rows = table[motion.moving[:, joint] & (part_of_row == part)]
-                squares[joint][part] += rows.T @ rows
+            for number in np.unique(part_of_row):
+                rows = table[motion.moving[:, joint] & (part_of_row == number)]
+                squares[joint][number] += rows.T @ rows
     prior = base_prior(base, PRIOR_SHARE["base"] * parameter_scale(arm))
     return PairSums(base, prior, tuple(neighbours), squares)
 

@@ -8,13 +8,13 @@ import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ident.arrays import Array, Float
 from ident.command_options import LUMPED, FitOptions
 from ident.errors import RecordingError
 from ident.fitting.choice import choose
-from ident.fitting.chosen import Choice
+from ident.fitting.chosen import ModelChoice
 from ident.fitting.coupling import (
     EFFECT,
     NO_COUPLING,
@@ -37,6 +37,7 @@ from ident.motion.motion import Motion
 from ident.motion.stretches import hold, runs_recorded
 from ident.origin import UNITS, code_commit
 from ident.progress import stage
+from ident.records import JsonRecord
 from ident.results import Result
 from ident.robot.arm import ArmModel
 
@@ -59,7 +60,7 @@ class FitResults(Result):
 
     model: HybridModel
     identified: Identified
-    choice: Choice  # what runs left out chose
+    choice: ModelChoice  # what runs left out chose
 
     @property
     def loss(self) -> LossResults:
@@ -71,7 +72,7 @@ class FitResults(Result):
         """Inertias of the links, with intervals."""
         return self.identified.inertia
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """The model's record."""
         origin = {**self.model.provenance, **self.provenance.to_dict()}
         return {
@@ -87,7 +88,7 @@ class _Rigid:
     """What a fit has before the net: the arm with its losses and laws."""
 
     identified: Identified
-    choice: Choice
+    choice: ModelChoice
     left_out: tuple[str, ...]  # what was named and is not in the model, in words, with the reason
     # Where there are named laws, the arm and its losses as the same runs have them without.
     alone: tuple[ArmModel, LossParameters] | None
@@ -195,7 +196,7 @@ def _fit_rigid(
 
 
 def identify_named(
-    sums: FitSums, left_out: tuple[str, ...], choice: Choice | None = None
+    sums: FitSums, left_out: tuple[str, ...], choice: ModelChoice | None = None
 ) -> tuple[Identified, tuple[str, ...]]:
     """Identifies an arm with named laws beside losses and inertias.
 
@@ -280,7 +281,7 @@ def coupling_of(
 
 def choose_and_gather(
     motions: Sequence[Motion], nominal: ArmModel, options: FitOptions, given: Sequence[NamedLaw]
-) -> tuple[Choice, FitSums]:
+) -> tuple[ModelChoice, FitSums]:
     """What runs left out choose, and one pass over all runs with it.
 
     Args:
@@ -321,7 +322,7 @@ def read_versions() -> dict[str, str]:
 
 def _provenance(
     motions: Sequence[Motion], options: FitOptions, data: Sequence[dict[str, str]]
-) -> dict[str, Any]:
+) -> JsonRecord:
     """What was fitted to what."""
     given = {**vars(options), "accept": list(options.accept)}
     return {
@@ -333,10 +334,10 @@ def _provenance(
     }
 
 
-def _origin(data: Sequence[dict[str, str]]) -> dict[str, Any]:
+def _origin(data: Sequence[dict[str, str]]) -> JsonRecord:
     """The training files, and the code."""
     digests = "".join(sorted(record["sha256"] for record in data))
-    origin: dict[str, Any] = {
+    origin: JsonRecord = {
         "data": list(data),
         "data_sha256": hashlib.sha256(digests.encode()).hexdigest(),
         "versions": read_versions(),

@@ -91,10 +91,10 @@ def part_of_blocks(motions: Sequence[Motion], partition: Partition) -> Int[Array
         partition: How a regression cuts them into blocks.
     """
     parts = split_parts(motions)
-    size = (len(partition.folds), 1 + max(int(part.max()) for part in parts))
+    size = (len(partition.folds), 1 + max(int(part_of_row.max()) for part_of_row in parts))
     counts = np.zeros(size, dtype=int)
-    for run, part in enumerate(parts):
-        np.add.at(counts, (partition.blocks_of(run, len(part)), part), 1)
+    for run, part_of_row in enumerate(parts):
+        np.add.at(counts, (partition.blocks_of(run, len(part_of_row)), part_of_row), 1)
     return np.argmax(counts, axis=1)
 
 
@@ -118,7 +118,7 @@ def gather_sums(
     """
     n = nominal.n
     parts = split_parts(motions)
-    count = 1 + max(int(part.max()) for part in parts)
+    count = 1 + max(int(part_of_row.max()) for part_of_row in parts)
     sizes = np.full(n, base.rank + OWN + 1)
     for law in laws:
         sizes[law.joint] += law.size
@@ -131,12 +131,12 @@ def gather_sums(
         speed = motion.dq[motion.coarse]
         step = motion.interval * motion.lowpass.factor
         for j, table in enumerate(tables):
-            for part in np.unique(part_of_row):
-                rows = motion.moving[:, j] & (part_of_row == part)
-                squares[j][part] += table[rows].T @ table[rows]
-                work[j][part] += step * speed[rows, j] @ table[rows]
-                counts[part, j] += rows.sum()
-                torques[part, j] += np.sum(motion.tau_filtered[rows, j] ** 2)
+            for number in np.unique(part_of_row):
+                rows = motion.moving[:, j] & (part_of_row == number)
+                squares[j][number] += table[rows].T @ table[rows]
+                work[j][number] += step * speed[rows, j] @ table[rows]
+                counts[number, j] += rows.sum()
+                torques[number, j] += np.sum(motion.tau_filtered[rows, j] ** 2)
     return HeldOutSums(nominal, base, tuple(laws), squares, work, counts, torques)
 
 

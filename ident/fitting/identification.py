@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.command_options import Inertia
-from ident.fitting.chosen import Choice
+from ident.fitting.chosen import ModelChoice
 from ident.fitting.fit_sums import FitSums
 from ident.fitting.frictionless import find_frictionless, lossless_parameters
 from ident.fitting.held_out_sums import part_of_blocks
@@ -105,7 +105,7 @@ class _Solution:
         return values
 
 
-def identify(sums: FitSums, choice: Choice | None = None) -> Identified:
+def identify(sums: FitSums, choice: ModelChoice | None = None) -> Identified:
     """Identifies an arm from one pass over its runs.
 
     Args:
@@ -155,7 +155,7 @@ def identify(sums: FitSums, choice: Choice | None = None) -> Identified:
     )
 
 
-def whitened_as_good(sums: FitSums, frictionless: Bool[Array, " n"], choice: Choice) -> bool:
+def whitened_as_good(sums: FitSums, frictionless: Bool[Array, " n"], choice: ModelChoice) -> bool:
     """Whether parts left out are foretold as well by whitened rows as by plain ones.
 
     Of recordings so long that the choice was made by stretches of them, plain rows are taken.
@@ -176,7 +176,7 @@ def whitened_as_good(sums: FitSums, frictionless: Bool[Array, " n"], choice: Cho
     return choice.foretell_as_well(estimates_left_out(clear, blocks, choice.sums.parts))
 
 
-def _kind_of_inertia(sums: FitSums, choice: Choice | None) -> Inertia:
+def _kind_of_inertia(sums: FitSums, choice: ModelChoice | None) -> Inertia:
     if choice is not None:
         return choice.kind
     asked = sums.options.inertia
@@ -251,7 +251,7 @@ def _with_figures(
 
 
 def with_plain_rows(
-    whitened: JointEstimate, choice: Choice, held: Float[Array, "r r"] | None = None
+    whitened: JointEstimate, choice: ModelChoice, held: Float[Array, "r r"] | None = None
 ) -> JointEstimate:
     """The estimate by plain rows, which knows how far it lies beside that of whitened ones.
 

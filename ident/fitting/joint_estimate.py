@@ -153,8 +153,8 @@ def estimates_left_out(
     """
     evidence = weighted_evidence(sums)
     estimates = []
-    for part in range(parts):
-        others = (part_of_block != part).astype(float)
+    for number in range(parts):
+        others = (part_of_block != number).astype(float)
         model = _solved(evidence.weighted(np.tile(others[:, None], evidence.layout.n)), sums)
         estimates.append(model.estimate / evidence.scale[model.inside])
     return estimates

@@ -55,7 +55,7 @@ class Selection:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class NormalEquations:
     """Normal equations of all joints for a selection; where each joint's columns stand."""
 
     information: Float[Array, "m m"]
@@ -79,7 +79,7 @@ def assemble(
     selection: Selection,
     parts: Sequence[int] | Int[Array, " f"],
     noise: Float[Array, " n"],
-) -> Problem:
+) -> NormalEquations:
     """Normal equations over some parts, each joint's rows in units of its noise.
 
     Unknowns: base parameters, three losses a joint, offsets, laws in their order.
@@ -101,7 +101,9 @@ def assemble(
         places.append(place)
         columns.append(column)
         signed += own_place[bounded].tolist()
-    return Problem(information, score, tuple(places), tuple(columns), np.array(signed, dtype=int))
+    return NormalEquations(
+        information, score, tuple(places), tuple(columns), np.array(signed, dtype=int)
+    )
 
 
 def _places_of_own_columns(
@@ -123,7 +125,7 @@ def _places_of_own_columns(
 
 
 def solve(
-    sums: HeldOutSums, problem: Problem, kind: Inertia, share: float, signed: bool = True
+    sums: HeldOutSums, problem: NormalEquations, kind: Inertia, share: float, signed: bool = True
 ) -> Float[Array, " m"]:
     """The unknowns for one kind of inertias.
 
@@ -143,7 +145,9 @@ def solve(
     return _solve_bodies(sums, problem, bounded, scale)
 
 
-def _solve_losses(problem: Problem, rank: int, bounded: Int[Array, " b"]) -> Float[Array, " m"]:
+def _solve_losses(
+    problem: NormalEquations, rank: int, bounded: Int[Array, " b"]
+) -> Float[Array, " m"]:
     """The unknowns with the URDF's inertias."""
     unknowns = np.zeros(len(problem.score))
     losses = np.arange(rank, len(unknowns))
@@ -153,7 +157,10 @@ def _solve_losses(problem: Problem, rank: int, bounded: Int[Array, " b"]) -> Flo
 
 
 def _solve_base(
-    sums: HeldOutSums, problem: Problem, bounded: Int[Array, " b"], scale: Float[Array, " 10n"]
+    sums: HeldOutSums,
+    problem: NormalEquations,
+    bounded: Int[Array, " b"],
+    scale: Float[Array, " 10n"],
 ) -> Float[Array, " m"]:
     """The unknowns with base parameters as they come."""
     rank = sums.base.rank
@@ -163,7 +170,10 @@ def _solve_base(
 
 
 def _solve_bodies(
-    sums: HeldOutSums, problem: Problem, bounded: Int[Array, " b"], scale: Float[Array, " 10n"]
+    sums: HeldOutSums,
+    problem: NormalEquations,
+    bounded: Int[Array, " b"],
+    scale: Float[Array, " 10n"],
 ) -> Float[Array, " m"]:
     """The unknowns with links that could exist; their changes are solved for in units of scale."""
     rank = sums.base.rank
@@ -231,14 +241,14 @@ def left_out(
     squares = np.zeros((sums.parts, n))
     work = np.zeros((sums.parts, n))
     solutions = []
-    for part in parts:
-        problem = assemble(sums, selection, parts[parts != part], noise)
+    for number in parts:
+        problem = assemble(sums, selection, parts[parts != number], noise)
         unknowns = solve(sums, problem, kind, share)
         solutions.append(unknowns)
         for j in range(n):
             weights = problem.row_weights(sums, unknowns, j)
-            squares[part, j] = weights @ sums.squares[j][part] @ weights
-            work[part, j] = weights @ sums.work[j][part]
+            squares[number, j] = weights @ sums.squares[j][number] @ weights
+            work[number, j] = weights @ sums.work[j][number]
     return Errors(np.maximum(squares, 0.0), work, sums.counts), solutions
 
 
@@ -265,14 +275,14 @@ class OwnColumns:
         grams = []
         rest = []
         work = []
-        for part, change in enumerate(changes):
+        for number, change in enumerate(changes):
             lift = np.zeros((size, size - rank))
             lift[rank:] = np.eye(size - rank)
             lift[:rank, -1] = -change
-            gram = lift.T @ sums.squares[joint][part] @ lift
+            gram = lift.T @ sums.squares[joint][number] @ lift
             grams.append(gram)
             rest.append(lift.T @ total @ lift - gram)
-            work.append(lift.T @ sums.work[joint][part])
+            work.append(lift.T @ sums.work[joint][number])
         return cls(np.array(grams), np.array(rest), np.array(work))
 
     def errors(self, columns: Int[Array, " c"], signed: Bool[Array, " c"]) -> tuple[Array, Array]:
@@ -281,11 +291,11 @@ class OwnColumns:
         work = np.zeros(len(self.gram))
         bounded = np.flatnonzero(signed)
         index = np.append(columns, -1)
-        for part, rest in enumerate(self.rest):
+        for number, rest in enumerate(self.rest):
             coefficients = solve_partly_non_negative(rest[np.ix_(index, index)], bounded)
             weights = np.zeros(rest.shape[0])
             weights[columns] = -coefficients
             weights[-1] = 1.0
-            squares[part] = weights @ self.gram[part] @ weights
-            work[part] = weights @ self.work[part]
+            squares[number] = weights @ self.gram[number] @ weights
+            work[number] = weights @ self.work[number]
         return squares, work

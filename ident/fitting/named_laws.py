@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ident.errors import InputError
 from ident.laws.carried import KINDS, NamedLaw
 from ident.model.carried import CarriedEffect
+from ident.records import JsonTable
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_record
 
@@ -59,7 +58,7 @@ def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:
     return named
 
 
-def take_laws(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
+def take_laws(record: JsonTable, arm: ArmModel, path: Path) -> NamedLaws:
     """The laws of joints in a diagnosis's record, and what else it names.
 
     Args:
@@ -90,7 +89,7 @@ def take_laws(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws
     return NamedLaws(tuple(laws), tuple(left_out))
 
 
-def _shape_of(record: Mapping[str, Any], finding: Mapping[str, Any]) -> dict[str, float]:
+def _shape_of(record: JsonTable, finding: JsonTable) -> dict[str, float]:
     """What bends a finding's law: as is usual, as the finding says, as its baseline states."""
     effect = finding["effect"]
     shape = dict(KINDS[effect].usual)

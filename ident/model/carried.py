@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from ident.laws.acting import KNOWN, Effect, acting_torque, read_log, undo_log
 from ident.laws.motion import Arm, Losses, MovingArm
 from ident.model.loss import LossParameters
 from ident.model.sampling import sampling_interval
+from ident.records import JsonTable
 from ident.robot.arm import ArmModel
 
 
@@ -55,7 +55,7 @@ class CarriedEffect:
         return record
 
     @classmethod
-    def from_dict(cls, record: Mapping[str, Any], joints: int) -> CarriedEffect:
+    def from_dict(cls, record: JsonTable, joints: int) -> CarriedEffect:
         """Reads it back.
 
         Raises:

@@ -13,13 +13,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
+from ident.records import JsonRecord
 from ident.results import ONE_RUN, Result
 
 SCHEMA = "ident.evaluation/1"
@@ -106,7 +106,7 @@ class SessionScore:
         total = _mean(squares, axis=2)[..., None]
         return np.sqrt(np.concatenate([squares, total], axis=2))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """For JSON, which knows no NaN.
 
         What a joint that never moves, or a single run, can't tell is null.
@@ -151,7 +151,7 @@ class Evaluation(Result):
     traces: tuple[RunTrace, ...]
     fitted_files: int = 0  # how many of the files that were read the model was fitted to
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         return {
             "schema": SCHEMA,
             "model": self.model,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import tomli_w
@@ -24,6 +24,7 @@ from ident.model.loss import NAMES, InertiaFigure, LossFigure, LossParameters
 from ident.model.sampling import sampling_interval
 from ident.model.training_range import TrainingRange
 from ident.recordings.recording import Payload
+from ident.records import JsonRecord
 from ident.robot.arm import STANDARD_GRAVITY, ArmModel
 from ident.safe_read import read_text, read_toml
 
@@ -90,7 +91,7 @@ class HybridModel:
     # Where there are such laws, the arm and its losses as the same runs have them without.
     alone: tuple[ArmModel, LossParameters] | None = None
     # Data hashes, versions, options, scores of the fit.
-    provenance: dict[str, Any] = field(default_factory=dict)
+    provenance: JsonRecord = field(default_factory=dict)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -268,7 +269,7 @@ class HybridModel:
         return model
 
     @classmethod
-    def _read(cls, folder: Path, record: dict[str, Any]) -> HybridModel:
+    def _read(cls, folder: Path, record: JsonRecord) -> HybridModel:
         """The model of a record and of the files beside it; any error where it is damaged."""
         robot = _read_arm(folder / "robot.urdf", record["robot"])
         nominal = _read_arm(folder / "arm.urdf", record["robot"])
@@ -330,10 +331,10 @@ class HybridModel:
         if self.trained is not None and self.trained.joints != self.joint_names:
             raise ValueError(f"the training range is of {self.trained.joints}")
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> JsonRecord:
         """All of the model but its URDFs and weights, as it stands in model.toml."""
         fit = _fit_record(self.arm, self.loss)
-        record: dict[str, Any] = {
+        record: JsonRecord = {
             "schema": SCHEMA,
             "robot": {
                 "name": self.robot.name,
@@ -362,13 +363,13 @@ class HybridModel:
             record["carried"] = [effect.to_dict() for effect in self.carried]
         return {**record, "provenance": self.provenance}
 
-    def _net_record(self) -> dict[str, Any]:
+    def _net_record(self) -> JsonRecord:
         """Which net there is, and the joints that have a memory."""
         preset = self.net.options.preset if self.net is not None else "none"
-        record: dict[str, Any] = {"preset": preset}
+        record: JsonRecord = {"preset": preset}
         if self.memory is not None:
             pairs = zip(self.joint_names, self.memory.kept, strict=True)
-            record["memory"] = [name for name, kept in pairs if kept]
+            record["memory"] = [name for name, has_memory in pairs if has_memory]
         return record
 
     def require_robot(self, arm: ArmModel, where: str | Path) -> None:
@@ -385,7 +386,7 @@ class HybridModel:
         raise ModelError(where, what, "fit a model for this robot")
 
 
-def _fit_record(arm: ArmModel, loss: LossParameters) -> dict[str, Any]:
+def _fit_record(arm: ArmModel, loss: LossParameters) -> JsonRecord:
     """Ten numbers a link, and losses."""
     numbers = arm.inertial_parameters.reshape(arm.n, 10).tolist()
     losses = {name: getattr(loss, name).tolist() for name in NAMES}
@@ -396,7 +397,7 @@ def _fit_record(arm: ArmModel, loss: LossParameters) -> dict[str, Any]:
     }
 
 
-def _read_arm(path: Path, robot: dict[str, Any]) -> ArmModel:
+def _read_arm(path: Path, robot: JsonRecord) -> ArmModel:
     """An arm of a URDF, with gravity and the place that the record of its robot names."""
     source = Path(robot["source"])
     gravity = np.array(robot.get("gravity_mps2", STANDARD_GRAVITY))
@@ -405,7 +406,7 @@ def _read_arm(path: Path, robot: dict[str, Any]) -> ArmModel:
 
 
 def _read_fit(
-    nominal: ArmModel, links: dict[str, list[float]], losses: dict[str, Any]
+    nominal: ArmModel, links: dict[str, list[float]], losses: JsonRecord
 ) -> tuple[ArmModel, LossParameters]:
     """An arm and its losses from their record.
 

@@ -31,7 +31,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -47,7 +46,7 @@ from ident.model.net_gate import JointGate, shrink_between, shrink_bounded
 from ident.model.residual_net import TRAINED_SAMPLES, Known
 from ident.motion.motion import Motion
 from ident.motion.stretches import hold
-from ident.records import as_json
+from ident.records import JsonRecord, as_json
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_bytes, read_json
 
@@ -98,15 +97,16 @@ def memory_inputs(
     """Inputs of one joint: its own, then the states of all."""
     angle = np.ascontiguousarray(q[:, joint])
     pace = dq[:, joint]
-    own = [joint_features(pace, ddq[:, joint], load[:, joint])]
-    own += [stop_operator(angle, size)[:, None] / size for size in RANGES]
+    torque = load[:, joint]
+    of_joint = [joint_features(pace, ddq[:, joint], torque)]
+    of_joint += [stop_operator(angle, size)[:, None] / size for size in RANGES]
     heading = np.tanh(pace / TURNING)
     for time in TIMES:
-        own.append(lagged(heading, interval, time)[:, None])
-        own.append(lagged(np.abs(pace), interval, time)[:, None])
-        own.append(lagged(load[:, joint], interval, time)[:, None] - load[:, joint, None])
-        own.append(angle[:, None] - lagged(angle, interval, time)[:, None])
-    return np.concatenate([*own, q, dq, ddq, load], axis=1)
+        of_joint.append(lagged(heading, interval, time)[:, None])
+        of_joint.append(lagged(np.abs(pace), interval, time)[:, None])
+        of_joint.append(lagged(torque, interval, time)[:, None] - torque[:, None])
+        of_joint.append(angle[:, None] - lagged(angle, interval, time)[:, None])
+    return np.concatenate([*of_joint, q, dq, ddq, load], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ class JointMemory:
     @property
     def kept(self) -> Bool[Array, " n"]:
         """Joints that have a memory."""
-        return np.array([one is not None for one in self.trees])
+        return np.array([of_joint is not None for of_joint in self.trees])
 
     def predict(
         self,
@@ -157,11 +157,13 @@ class JointMemory:
                 arrays[f"inputs.{joint}"] = trees.inputs
                 arrays[f"thresholds.{joint}"] = trees.thresholds
                 arrays[f"leaves.{joint}"] = trees.leaves
-        with atomic_write(folder / FILE) as part:
-            save_file({name: np.ascontiguousarray(values) for name, values in arrays.items()}, part)
-        record: dict[str, Any] = {"joints": self.n, "ranges_rad": RANGES, "times_s": TIMES}
-        with atomic_write(folder / RECORD) as part:
-            part.write_text(as_json(record), encoding="utf-8")
+        with atomic_write(folder / FILE) as scratch:
+            save_file(
+                {name: np.ascontiguousarray(values) for name, values in arrays.items()}, scratch
+            )
+        record: JsonRecord = {"joints": self.n, "ranges_rad": RANGES, "times_s": TIMES}
+        with atomic_write(folder / RECORD) as scratch:
+            scratch.write_text(as_json(record), encoding="utf-8")
 
     @classmethod
     def load(cls, folder: Path, joints: int) -> JointMemory:
@@ -332,8 +334,9 @@ def _joint_inputs(
 
 def _of_one_size(trees: Sequence[Trees | None]) -> tuple[Trees | None, ...]:
     """The same, all of as many trees: some that say nothing make up the number."""
-    most = max((len(one.inputs) for one in trees if one is not None), default=0)
-    return tuple(None if one is None else one.padded(most) for one in trees)
+    sizes = [len(of_joint.inputs) for of_joint in trees if of_joint is not None]
+    most = max(sizes, default=0)
+    return tuple(None if of_joint is None else of_joint.padded(most) for of_joint in trees)
 
 
 def fit_memory_of_arm(
@@ -366,9 +369,9 @@ def _foretell(
     seed: int,
 ) -> tuple[Float[Array, " T"], int]:
     """What trees of the other parts say of each part, and whose inputs they are best given."""
-    own = _foretell_kind(x, y, moving, folds, seed, OWN)
-    every = _foretell_kind(x, y, moving, folds, seed, ALL)
-    said = np.stack([own, every, 0.5 * (own + every)])
+    by_joint = _foretell_kind(x, y, moving, folds, seed, OWN)
+    by_all = _foretell_kind(x, y, moving, folds, seed, ALL)
+    said = np.stack([by_joint, by_all, 0.5 * (by_joint + by_all)])
     errors = np.sum(((y - said)[:, moving]) ** 2, axis=1)
     best = int(np.argmin(errors))
     return said[best], best
@@ -389,20 +392,21 @@ def _foretell_kind(
     said = np.zeros(len(y))
     if moving.sum() < FEWEST_ROWS:
         return said
-    for part in np.unique(folds):
-        rows = moving & (folds != part)
-        asked = folds == part
+    for fold in np.unique(folds):
+        asked = folds == fold
+        rows = moving & ~asked
         if rows.sum() >= FEWEST_ROWS:
-            said[asked] = _fit_kind(x[rows], y[rows], kind, seed)(x[asked])
+            trees = _fit_kind(x[rows], y[rows], kind, seed)
+            said[asked] = trees(x[asked])
     return said
 
 
 def _fit_kind(x: Float[Array, "T f"], y: Float[Array, " T"], kind: int, seed: int) -> Trees:
     """Trees of a joint's own inputs, of all, or half of both."""
-    own = fit_trees(x[:, : own_inputs()], y, seed) if kind != ALL else None
-    every = fit_trees(x, y, seed) if kind != OWN else None
-    if own is not None and every is not None:
-        return join_trees(own.scaled(0.5), every.scaled(0.5))
-    trees = every if own is None else own
-    assert trees is not None
-    return trees
+    if kind == ALL:
+        return fit_trees(x, y, seed)
+    by_joint = fit_trees(x[:, : own_inputs()], y, seed)
+    if kind == OWN:
+        return by_joint
+    by_all = fit_trees(x, y, seed)
+    return join_trees(by_joint.scaled(0.5), by_all.scaled(0.5))

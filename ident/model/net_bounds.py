@@ -13,11 +13,11 @@ was fitted.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, freeze
+from ident.records import JsonRecord
 
 # Share of the samples at either end that bound nothing: a smoother's overshoot is no place where
 # the arm was.
@@ -113,7 +113,7 @@ class NetBounds:
         }
 
     @classmethod
-    def from_dict(cls, record: dict[str, Any], n: int) -> NetBounds:
+    def from_dict(cls, record: JsonRecord, n: int) -> NetBounds:
         """What `to_dict` wrote.
 
         Raises:

@@ -18,13 +18,13 @@ grows: 0.77, 0.68, in 7. The net with a viscous term that takes its mean work of
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.model.folds import FEWEST_RUNS
+from ident.records import JsonRecord
 
 # How sure it must be that a share of a net helps; chance alone passes one of the four shares once
 # in 25 times at most.
@@ -51,7 +51,7 @@ class JointGate:
         """Whether the joint keeps any of its net."""
         return self.weight > 0.0
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return {**vars(self), "kept": self.kept}
 

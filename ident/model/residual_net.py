@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass
 from errno import EIO
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from ident.model.net_options import PRESETS, NetOptions
 from ident.model.random_features import solve_net
 from ident.motion.motion import Motion
 from ident.motion.stretches import hold
-from ident.records import as_json
+from ident.records import JsonRecord, as_json
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_bytes, read_json
 
@@ -129,7 +129,7 @@ class ResidualNet:
                 save_file(arrays, file)
             except SafetensorError as error:
                 raise OSError(EIO, str(error), str(file)) from None
-        record: dict[str, Any] = {"options": asdict(self.options), "parameters": self.parameters}
+        record: JsonRecord = {"options": asdict(self.options), "parameters": self.parameters}
         for name in ("input_mean", "input_std", "output_std"):
             record[name] = getattr(self, name).tolist()
         if self.bounds is not None:
@@ -154,7 +154,7 @@ class ResidualNet:
             raise ModelError(path, what, "fit the model again") from None
 
     @classmethod
-    def _read(cls, folder: Path, record: dict[str, Any]) -> ResidualNet:
+    def _read(cls, folder: Path, record: JsonRecord) -> ResidualNet:
         """The net of a record and of the weights beside it; any error where it is damaged."""
         hidden = tuple(record["options"]["hidden"])
         options = NetOptions(**{**record["options"], "hidden": hidden})
@@ -242,9 +242,9 @@ def fit_residual_net(
     every = 1
     if options.preset != "paper":
         every = -(-sum(map(len, residuals)) // MOST_SAMPLES)
-    thinned = [tuple(values[::every] for values in run) for run in states]
-    lengths = [len(run[0]) for run in thinned]
-    q, dq, ddq, rigid = (np.concatenate(values) for values in zip(*thinned, strict=True))
+    lengths = [len(angles[::every]) for angles, *_ in states]
+    channels = zip(*states, strict=True)
+    q, dq, ddq, rigid = (_thinned(of_runs, every) for of_runs in channels)
     y = np.concatenate([residual[::every] for residual in residuals])
     mask = np.ones_like(y)
     if moving is not None:
@@ -272,6 +272,11 @@ def fit_residual_net(
     network = network.scaled([verdict.weight for verdict in gate])
     bounds = bounds.with_torques(scale * network(inputs[0]), counts)
     return ResidualNet(options, network, freeze(mean), freeze(std), freeze(scale), gate, bounds)
+
+
+def _thinned(runs: Sequence[Float[Array, "T n"]], every: int) -> Float[Array, "t n"]:
+    """One of so many samples of each run, all runs together."""
+    return np.concatenate([values[::every] for values in runs])
 
 
 def _standardise(x: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
@@ -313,8 +318,10 @@ def _solve(
         solved.append(net)
         if progress is not None:
             progress(j + 1, joints, net.error)
-    first, last = (np.stack([net.weights[layer] for net in solved]) for layer in (0, 1))
-    bias, offset = (np.stack([net.biases[layer] for net in solved])[:, None] for layer in (0, 1))
+    first = np.stack([net.weights[0] for net in solved])
+    last = np.stack([net.weights[1] for net in solved])
+    bias = np.stack([net.biases[0] for net in solved])[:, None]
+    offset = np.stack([net.biases[1] for net in solved])[:, None]
     unseen = np.stack([net.unseen for net in solved], axis=1)
     return JointNets((first, last), (bias, offset)), unseen
 

@@ -6,11 +6,11 @@ And how well the model's torque is known there.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
+from ident.records import JsonRecord
 
 # What is bounded, and its unit, which a sliding joint reads in metres.
 QUANTITIES = ("position", "speed", "acceleration")
@@ -74,7 +74,7 @@ class TrainingRange:
         return {**record, "torque_half_width_Nm": self.torque_half_width.tolist()}
 
     @classmethod
-    def from_dict(cls, record: dict[str, Any]) -> TrainingRange:
+    def from_dict(cls, record: JsonRecord) -> TrainingRange:
         """What `to_dict` wrote.
 
         Raises:

@@ -30,7 +30,8 @@ LOSSES = 4
 # Fewer pieces tell no error.
 LEAST_PIECES = 10
 # What belongs to no joint and no link.
-FLANGE, ARM = "flange", "arm"
+FLANGE = "flange"
+ARM = "arm"
 REACH = float(ndtri(0.975))
 
 Estimated = dict[tuple[str, str], ParameterEstimate]
@@ -78,9 +79,9 @@ def gather_table(motions: Sequence[Motion], reference: ArmModel) -> SessionRows 
         number = ((motion.time[motion.coarse] - motion.time[0]) // PIECE_S).astype(int)
         for j in range(n):
             rows = motion.settled[:, j]
-            filtered = motion.filtered(
-                np.column_stack([motion.ddq[:, j], motion.dq[:, j], np.sign(motion.dq[:, j])])
-            )
+            speed = motion.dq[:, j]
+            columns = np.column_stack([motion.ddq[:, j], speed, np.sign(speed)])
+            filtered = motion.filtered(columns)
             losses = np.zeros((len(filtered), LOSSES * n))
             losses[:, LOSSES * j : LOSSES * j + 3] = filtered
             losses[:, LOSSES * j + 3] = 1.0
@@ -159,7 +160,8 @@ def _links(table: SessionRows, reference: ArmModel) -> Estimated:
     estimates: Estimated = {}
     for k, link in enumerate(reference.links):
         places = 10 * k + np.arange(4)
-        mass, moment = whole[places[0]], whole[places[1:]]
+        mass = whole[places[0]]
+        moment = whole[places[1:]]
         block = covariance[np.ix_(places, places)]
         estimates[link, "mass_kg"] = _estimate(mass, block[0, 0])
         if mass <= 0.0:
@@ -168,9 +170,8 @@ def _links(table: SessionRows, reference: ArmModel) -> Estimated:
             slope = np.zeros(4)
             slope[0] = -moment[axis] / mass**2
             slope[1 + axis] = 1.0 / mass
-            estimates[link, f"centre_{name}_m"] = _estimate(
-                moment[axis] / mass, slope @ block @ slope
-            )
+            variance = slope @ block @ slope
+            estimates[link, f"centre_{name}_m"] = _estimate(moment[axis] / mass, variance)
     return estimates
 
 

@@ -17,6 +17,7 @@ from ident.monitor.alarms import Alarm, Point
 from ident.monitor.parameters import unit_of
 from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, Watch, outlier_line
+from ident.records import JsonRecord
 from ident.show.report.page import Section, facts_section, write_report
 from ident.show.report.words import effect_name, significant
 
@@ -145,7 +146,7 @@ def fleet_verdict(watch: Watch) -> Section:
 
 def arm_estimates(arm: ArmHistory) -> Section | None:
     """Every estimate over the dates, with intervals and the changes marked."""
-    rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    rows: dict[str, list[JsonRecord]] = defaultdict(list)
     for (joint, name), points in arm.figures.items():
         since = {
             alarm.since for alarm in arm.alarms if (alarm.joint, alarm.figure) == (joint, name)
@@ -168,7 +169,7 @@ def arm_estimates(arm: ArmHistory) -> Section | None:
     )
 
 
-def lay_out(points: Sequence[Point]) -> dict[str, Any]:
+def lay_out(points: Sequence[Point]) -> JsonRecord:
     """Where one parameter's estimates lie in their strip, in order of time, and the ends of its
     scale.
     """

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -22,6 +21,7 @@ from ident.monitor.estimates import Estimates, estimate_session, term_columns
 from ident.monitor.parameters import RANGED_UNITS, SCALED, TERMS, WORDS, unit_of
 from ident.monitor.spreads import moderated_spreads
 from ident.motion.motion import Motion
+from ident.records import JsonRecord
 from ident.results import Result
 from ident.robot.arm import ArmModel
 
@@ -62,7 +62,7 @@ class Ranges(Result):
     # how many times narrower the box is there than the habit's, noise aside; NaN likewise
     narrower: float
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         ranges = {}
         for (joint, name), limits in self.ranges.items():
             ranges[f"{joint}/{name}"] = {**vars(limits), "unit": RANGED_UNITS[name]}
@@ -141,12 +141,15 @@ def pool_days(days: Sequence[Estimates]) -> dict[tuple[str, str], ParameterRange
     """
     of_all_days = set(days[0]).intersection(*days[1:])
     keys = [key for key in days[0] if key[1] in WORDS and key in of_all_days]
-    values = {key: np.array([day[key].value for day in days]) for key in keys}
+    values = {}
+    for key in keys:
+        values[key] = np.array([day[key].value for day in days])
     spreads = moderated_spreads(values)
     ranges = {}
     for key in keys:
         middle = float(values[key].mean())
-        interval = float(np.mean([0.5 * (day[key].high - day[key].low) for day in days]))
+        half_widths = [0.5 * (day[key].high - day[key].low) for day in days]
+        interval = float(np.mean(half_widths))
         spread = 0.0
         if len(days) > 1:
             std, freedom = spreads[key]

@@ -8,11 +8,10 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 import pyarrow as pa
@@ -24,6 +23,7 @@ from ident.outputs import MARKER, is_begun, real_path
 from ident.recordings.load import is_dataset, is_run
 from ident.recordings.parquet import require_in_proportion
 from ident.recordings.session_toml import NAME, load_session_file
+from ident.records import JsonRecord, JsonTable
 from ident.safe_read import open_regular
 
 # Kind of the store's folder, by its marker: it may lie within the watched folder and is passed over
@@ -41,36 +41,30 @@ class NoSession(InputError):
     """A watched folder in which no session lies yet."""
 
 
-# Columns of each kind of table, in groups of one type.
-SCHEMAS = {
-    kind: pa.schema(
-        [(name, pa.type_for_alias(alias)) for names, alias in groups for name in names.split()]
-    )
-    for kind, groups in {
-        "figures": [
-            ("arm session date joint figure unit", "string"),
-            ("value low high std", "float64"),
-        ],
-        "effects": [
-            ("arm session date effect joints", "string"),
-            ("probability shrink", "float64"),
-            ("action", "string"),
-        ],
-        "sessions": [
-            ("arm session date status verdict reason", "string"),
-            ("samples", "int64"),
-            ("duration_s", "float64"),
-            ("stamp path robot", "string"),
-        ],
-        "alarms": [
-            ("arm joint figure session since", "string"),
-            (
-                "evidence probability before after low high spread scale scale_low scale_high",
-                "float64",
-            ),
-        ],
-    }.items()
+# Columns of each kind of table, by the names of their types.
+COLUMNS: dict[str, dict[str, str]] = {
+    "figures": {
+        **dict.fromkeys(("arm", "session", "date", "joint", "figure", "unit"), "string"),
+        **dict.fromkeys(("value", "low", "high", "std"), "float64"),
+    },
+    "effects": {
+        **dict.fromkeys(("arm", "session", "date", "effect", "joints"), "string"),
+        **dict.fromkeys(("probability", "shrink"), "float64"),
+        "action": "string",
+    },
+    "sessions": {
+        **dict.fromkeys(("arm", "session", "date", "status", "verdict", "reason"), "string"),
+        "samples": "int64",
+        "duration_s": "float64",
+        **dict.fromkeys(("stamp", "path", "robot"), "string"),
+    },
+    "alarms": {
+        **dict.fromkeys(("arm", "joint", "figure", "session", "since"), "string"),
+        **dict.fromkeys(("evidence", "probability", "before", "after", "low", "high"), "float64"),
+        **dict.fromkeys(("spread", "scale", "scale_low", "scale_high"), "float64"),
+    },
 }
+SCHEMAS = {kind: pa.schema(list(columns.items())) for kind, columns in COLUMNS.items()}
 DONE = "sessions"
 # Names of files have 255 bytes at the most; an ending and a temporary name's beginning need some.
 LONGEST_NAME = 180
@@ -229,13 +223,13 @@ class Store:
         """The page of an arm."""
         return self.folder / f"arm-{_file_name(arm)}.html"
 
-    def read(self, kind: str) -> list[dict[str, Any]]:
+    def read(self, kind: str) -> list[JsonRecord]:
         """All rows of a kind, in the order of their files' names; a file that is none of ours
         counts as not there.
 
         So does a table of other columns, and one that unpacks to more than any of ours.
         """
-        complete: list[dict[str, Any]] = []
+        complete: list[JsonRecord] = []
         for path in sorted((self.folder / kind).glob("*/*.parquet")):
             try:
                 with open_regular(path, "a watch writes it again") as stream:
@@ -255,7 +249,7 @@ class Store:
         return complete
 
 
-def write_rows(path: Path, kind: str, rows: Iterable[Mapping[str, Any]]) -> None:
+def write_rows(path: Path, kind: str, rows: Iterable[JsonTable]) -> None:
     """Writes a table of a kind, whole or not at all."""
     table = pa.Table.from_pylist([dict(row) for row in rows], schema=SCHEMAS[kind])
     with atomic_write(path) as temporary:

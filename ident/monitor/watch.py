@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import Any
 
 from ident.checks.gains import Gains
 from ident.command_options import WatchOptions
@@ -37,11 +36,12 @@ from ident.motion.motion import prepare
 from ident.outputs import begin_folder, real_path
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import load_session_file
+from ident.records import JsonRecord
 from ident.results import Result
 from ident.sessions import Given, inspect_sources
 from ident.workers import run_tasks
 
-Rows = Iterable[dict[str, Any]]
+Rows = Iterable[JsonRecord]
 
 
 def examine_session(task: tuple[FoundSession, Path, WatchOptions, Session | None]) -> str:
@@ -56,14 +56,14 @@ def examine_session(task: tuple[FoundSession, Path, WatchOptions, Session | None
     """
     session, folder, options, first = task
     store = Store(folder)
-    row: dict[str, Any] = {
+    row: JsonRecord = {
         "arm": session.arm,
         "session": session.name,
         "stamp": session.stamp,
         "path": as_text(session.path),
     }
-    tables: dict[str, list[dict[str, Any]]] = {}
-    end: dict[str, Any] = {"status": "done"}
+    tables: dict[str, list[JsonRecord]] = {}
+    end: JsonRecord = {"status": "done"}
     try:
         tables = _examine(session, options, row, store, Gains(first))
     except InputError as error:
@@ -84,8 +84,8 @@ def examine_session(task: tuple[FoundSession, Path, WatchOptions, Session | None
 
 
 def _examine(
-    folder: FoundSession, options: WatchOptions, row: dict[str, Any], store: Store, gains: Gains
-) -> dict[str, list[dict[str, Any]]]:
+    folder: FoundSession, options: WatchOptions, row: JsonRecord, store: Store, gains: Gains
+) -> dict[str, list[JsonRecord]]:
     """The rows of a session's estimates and effects; fills in its own row, and writes its diagnosis
     beside them.
     """
@@ -109,7 +109,7 @@ def _examine(
         {"joint": joint, "figure": name, **vars(estimate), "unit": UNITS[name]}
         for (joint, name), estimate in estimates.items()
     ]
-    effects: list[dict[str, Any]] = []
+    effects: list[JsonRecord] = []
     if options.diagnosed:
         diagnosis, _, _ = diagnose_reports([report], arm, CATALOGUE, model=model)
         record = diagnosis.to_dict()
@@ -145,15 +145,15 @@ class ArmHistory:
     """All that is known of an arm."""
 
     arm: str  # its name
-    sessions: tuple[dict[str, Any], ...]  # rows of its sessions, in order of time
+    sessions: tuple[JsonRecord, ...]  # rows of its sessions, in order of time
     # (joint, parameter) -> its points, in order of time
     figures: dict[tuple[str, str], list[Point]]
-    effects: tuple[dict[str, Any], ...] = ()  # rows of the effects that diagnoses named
+    effects: tuple[JsonRecord, ...] = ()  # rows of the effects that diagnoses named
     alarms: tuple[Alarm, ...] = ()  # what has changed
     odd: tuple[Outlier, ...] = ()  # sessions that stand out
     hint: Alarm | None = None  # what may be changing, without evidence enough for an alarm
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> JsonRecord:
         """For JSON; alarms and outliers stand beside the arms."""
         figures = {}
         for (joint, name), points in self.figures.items():
@@ -171,12 +171,12 @@ class ArmHistory:
         }
 
     @property
-    def done(self) -> list[dict[str, Any]]:
+    def done(self) -> list[JsonRecord]:
         """Rows of the sessions that were fit."""
         return [row for row in self.sessions if row["status"] == "done"]
 
     @property
-    def last_effects(self) -> list[dict[str, Any]]:
+    def last_effects(self) -> list[JsonRecord]:
         """Rows of the effects that the last of these shows."""
         last = self.done[-1:]
         return [row for row in self.effects if last and row["session"] == last[0]["session"]]
@@ -196,7 +196,7 @@ class Watch(Result):
         """Of all arms."""
         return tuple(alarm for arm in self.arms for alarm in arm.alarms)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """For JSON."""
         return {
             "schema": "ident.watch/1",
@@ -315,7 +315,7 @@ def look(
 
 def read_histories(store: Store, level: float = WatchOptions.level) -> tuple[ArmHistory, ...]:
     """Every arm's history and alarms, from the store alone."""
-    tables: list[dict[str, list[dict[str, Any]]]] = []
+    tables: list[dict[str, list[JsonRecord]]] = []
     for kind in ("sessions", "figures", "effects"):
         tables.append(defaultdict(list))
         for row in store.read(kind):

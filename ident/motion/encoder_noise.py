@@ -47,9 +47,12 @@ def mean_spectrum(
     starts = range(0, len(values) - length + 1, step)
     total = np.zeros((length // 2 + 1, values.shape[1]))
     for start in starts:
-        total += np.abs(np.fft.rfft(window[:, None] * values[start : start + length], axis=0)) ** 2
+        spectrum = np.fft.rfft(window[:, None] * values[start : start + length], axis=0)
+        total += np.abs(spectrum) ** 2
     total /= len(starts) * rate * np.sum(window**2)
-    total[1 : -1 if length % 2 == 0 else None] *= 2.0
+    # All frequencies but the first, and the last of an even length, stand for two.
+    last = -1 if length % 2 == 0 else None
+    total[1:last] *= 2.0
     return np.fft.rfftfreq(length, 1.0 / rate), total
 
 
@@ -71,20 +74,17 @@ def find_signal_band(
     known = settings.noise_known_to * rate
     length = min(len(ddq), max(16, round(settings.band_stretch_s * rate)))
     f, power = mean_spectrum(ddq, rate, length)
+    frequency = f[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         corner = levels.bandwidth(1.0 / rate)
-        noise = (
-            2
-            * levels.position
-            / rate
-            * (2 * np.pi * f[:, None]) ** 4
-            / (1 + (f[:, None] / corner) ** 6) ** 2
-        )
-        saved = np.cumsum(
-            np.where(f[:, None] <= known, power - (1.0 + settings.caution) * noise, 0.0), axis=0
-        )
+        position = 2 * levels.position / rate
+        smoothing = (1 + (frequency / corner) ** 6) ** 2
+        noise = position * (2 * np.pi * frequency) ** 4 / smoothing
+        gain = power - (1.0 + settings.caution) * noise
+        saved = np.cumsum(np.where(frequency <= known, gain, 0.0), axis=0)
     band = np.maximum(f[np.argmax(saved, axis=0)], settings.slowest_band_hz)
-    return np.where((levels.jerk > 0.0) & (band < known - f[1]), band, rate / 2)
+    is_banded = (levels.jerk > 0.0) & (band < known - f[1])
+    return np.where(is_banded, band, rate / 2)
 
 
 def keep_band(
@@ -103,39 +103,43 @@ def keep_band(
     """
     banded = states.copy()
     for j in np.flatnonzero(band < min(highest, 0.45 * rate)):
-        reach = min(len(states) - 1, round(ENCODER.padding_periods * rate / float(band[j])))
-        sections = design_lowpass(ENCODER.filter_order, float(band[j]), rate)
+        corner = float(band[j])
         column = states[:, j]
+        reach = min(len(states) - 1, round(ENCODER.padding_periods * rate / corner))
+        sections = design_lowpass(ENCODER.filter_order, corner, rate)
         time = np.arange(1, reach + 1) / rate
-        longer = np.concatenate(
-            [_coasted(column[0], -time[::-1]), column, _coasted(column[-1], time)]
-        )
+        before = _coasted(column[0], -time[::-1])
+        after = _coasted(column[-1], time)
+        longer = np.concatenate([before, column, after])
         cut = filter_both_ways(sections, longer, reach)[reach : reach + len(column)]
         # The smoother knows the ends of a run better than a filter does: there its states fade in.
-        end = (
-            np.minimum(np.arange(len(column)), np.arange(len(column))[::-1]) * float(band[j]) / rate
-        )
-        trust = np.sin(0.5 * np.pi * np.clip(end / ENCODER.fading_periods, 0.0, 1.0))[:, None] ** 2
-        banded[:, j, 1:] = (trust * cut + (1.0 - trust) * column)[:, 1:]
+        sample = np.arange(len(column))
+        periods_to_end = np.minimum(sample, sample[::-1]) * corner / rate
+        faded = np.clip(periods_to_end / ENCODER.fading_periods, 0.0, 1.0)
+        trust = np.sin(0.5 * np.pi * faded)[:, None] ** 2
+        mixed = trust * cut + (1.0 - trust) * column
+        banded[:, j, 1:] = mixed[:, 1:]
     return banded
 
 
 def _coasted(state: Float[Array, " 3"], time: Float[Array, " t"]) -> Float[Array, "t 3"]:
     """States before or after one, at constant acceleration: a low-pass leaves these as they are."""
     q, dq, ddq = state
-    return np.stack(
-        [q + dq * time + 0.5 * ddq * time**2, dq + ddq * time, np.full_like(time, ddq)], axis=1
-    )
+    position = q + dq * time + 0.5 * ddq * time**2
+    speed = dq + ddq * time
+    return np.stack([position, speed, np.full_like(time, ddq)], axis=1)
 
 
 def find_resolution(position: Float[Array, "T n"]) -> Float[Array, " n"]:
     """Step of each joint's encoder as logged; 0 where there is none to be seen [rad]."""
     steps = np.zeros(position.shape[1])
-    for j, change in enumerate(np.abs(np.diff(position, axis=0)).T):
+    changes = np.abs(np.diff(position, axis=0))
+    for j, change in enumerate(changes.T):
         moved = change[change > 1e-9]
         if len(moved) < ENCODER.least_changes:
             continue
-        step = float(np.median(moved[moved < 1.5 * moved.min()]))
+        smallest = moved[moved < 1.5 * moved.min()]
+        step = float(np.median(smallest))
         multiples = moved[moved < ENCODER.most_steps * step] / step
         whole = np.abs(multiples - np.round(multiples)) < ENCODER.whole_within
         if len(multiples) >= ENCODER.least_changes and np.mean(whole) > ENCODER.steps_share:
@@ -157,8 +161,9 @@ def draw_errors(
     steps = np.where(coarse, resolution, 1.0)
     # Steps alone have a variance of a twelfth of their square; what is beyond that is noise before
     # the step.
-    before = np.where(coarse, np.sqrt(np.maximum(levels.position - resolution**2 / 12, 0.0)), std)
+    beyond_steps = np.maximum(levels.position - resolution**2 / 12, 0.0)
+    before = np.where(coarse, np.sqrt(beyond_steps), std)
     error = before * rng.standard_normal(q.shape)
     shift = steps * rng.uniform(size=q.shape[1])
-    stepped = steps * np.round((q + error + shift) / steps) - shift - q
-    return np.where(coarse, stepped, error)
+    logged = steps * np.round((q + error + shift) / steps) - shift
+    return np.where(coarse, logged - q, error)

@@ -1,5 +1,4 @@
-"""The common filter: second-order sections of a Butterworth low-pass, both ways over many columns
-at once.
+"""The common filter: a Butterworth low-pass in sections, both ways over many columns at once.
 
 The numbers of scipy.signal's `butter`, `sosfilt_zi` and `sosfiltfilt`, whose import costs a second
 that a command has not: odd extension at both ends, sections started at the steady state of the
@@ -50,8 +49,9 @@ def design_lowpass(order: int, cutoff: float, rate: float) -> Float[Array, "s 6"
         damping = 2.0 * np.sin((2 * k + 1) * np.pi / (2 * order))
         lead = 1.0 + damping * corner + corner**2
         gain = corner**2 / lead
-        poles = 2 * (corner**2 - 1) / lead, (1 - damping * corner + corner**2) / lead
-        sections.append([gain, 2 * gain, gain, 1.0, *poles])
+        a1 = 2 * (corner**2 - 1) / lead
+        a2 = (1 - damping * corner + corner**2) / lead
+        sections.append([gain, 2 * gain, gain, 1.0, a1, a2])
     return np.array(sections[::-1])
 
 
@@ -165,6 +165,5 @@ class Lowpass:
     def together(self, parts: Sequence[Float[Array, "T ..."]]) -> Float[Array, "t k"]:
         """Filters several signals along the first axis and decimates them, columns side by side."""
         padding = min(len(parts[0]) - 1, int(3 * self.rate / self.cutoff))
-        return filter_together(
-            design_lowpass(FILTER_ORDER, self.cutoff, self.rate), parts, padding
-        )[:: self.factor]
+        sections = design_lowpass(FILTER_ORDER, self.cutoff, self.rate)
+        return filter_together(sections, parts, padding)[:: self.factor]

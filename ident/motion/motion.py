@@ -30,6 +30,9 @@ from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.recordings.recording import Payload, Recording, Session
 
+# Signals of a motion that have a column a joint.
+BY_COLUMN = ("q", "dq", "ddq", "tau", "std", "temperature", "position_command", "state_noise")
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -105,11 +108,11 @@ class Motion:
         """Filtered samples over which a stop or a turn of each joint is smeared; one that never
         moves has no band.
         """
-        band = (
-            np.full(self.n, np.inf) if self.band is None else np.maximum(self.band, LEAST_CUTOFF_HZ)
-        )
-        periods = self.settings.reversal_periods / np.minimum(self.lowpass.cutoff, band)
-        samples = np.round(periods / (self.interval * self.lowpass.factor))
+        band: Float[Array, " n"] = np.full(self.n, np.inf)
+        if self.band is not None:
+            band = np.maximum(self.band, LEAST_CUTOFF_HZ)
+        seconds = self.settings.reversal_periods / np.minimum(self.lowpass.cutoff, band)
+        samples = np.round(seconds / (self.interval * self.lowpass.factor))
         return np.asarray(np.maximum(1, samples), dtype=int)
 
     @cached_property
@@ -134,10 +137,9 @@ class Motion:
         q = self.q[self.coarse]
         travelled = np.maximum.accumulate(q) - np.minimum.accumulate(q)
         slid = np.abs(q - np.take_along_axis(q, last_turns(heading), axis=0))
-        known = (travelled > self.settings.forgetting_travel) & (
-            slid > self.settings.presliding_travel
-        )
-        return np.asarray(settled & known)
+        has_forgotten = travelled > self.settings.forgetting_travel
+        is_sliding = slid > self.settings.presliding_travel
+        return np.asarray(settled & (has_forgotten & is_sliding))
 
     @property
     def rest_speed(self) -> Float[Array, " n"]:
@@ -164,15 +166,15 @@ class Motion:
     def select(self, joints: tuple[str, ...]) -> Motion:
         """The same run of some joints only."""
         columns = [self.joints.index(name) for name in joints]
-        names = ("q", "dq", "ddq", "tau", "std", "temperature", "position_command", "state_noise")
-        channels = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        cut: dict[str, Any] = {
-            name: freeze(values[:, columns]) for name, values in channels.items()
-        }
-        by_joint = {name: getattr(self, name) for name in ("band", "density")}
-        cut |= {
-            name: freeze(values[columns]) for name, values in by_joint.items() if values is not None
-        }
+        cut: dict[str, Any] = {}
+        for name in BY_COLUMN:
+            values = getattr(self, name)
+            if values is not None:
+                cut[name] = freeze(values[:, columns])
+        for name in ("band", "density"):
+            values = getattr(self, name)
+            if values is not None:
+                cut[name] = freeze(values[columns])
         return replace(self, joints=tuple(joints), **cut)
 
 
@@ -201,16 +203,19 @@ def torque_band(motion: Motion, inertia: Float[Array, " n"], corner: float) -> f
     length = min(len(motion.time), max(16, round(settings.band_stretch_s * rate)))
     f, torque = mean_spectrum(np.asarray(motion.tau), rate, length)
     beyond = f > corner
-    lost = settings.caution * motion.density * (inertia * (2.0 * np.pi * f[beyond, None]) ** 2) ** 2
-    little = np.cumsum(lost, axis=0) <= settings.lost_share * np.cumsum(torque[beyond], axis=0)
-    return float(np.append(corner, f[beyond])[np.argmin(np.append(little.all(axis=1), False))])
+    torque_of_position = inertia * (2.0 * np.pi * f[beyond, None]) ** 2
+    lost = settings.caution * motion.density * torque_of_position**2
+    allowed = settings.lost_share * np.cumsum(torque[beyond], axis=0)
+    little = (np.cumsum(lost, axis=0) <= allowed).all(axis=1)
+    last_little = np.argmin(np.append(little, False))
+    return float(np.append(corner, f[beyond])[last_little])
 
 
 def session_noise(session: Session, settings: MotionSettings = USUAL_MOTION) -> NoiseLevels:
     """Noise levels of a session's joints, by maximum likelihood over all its runs."""
-    return fit_noise_levels(
-        [run.time for run in session.runs], [run.position for run in session.runs], settings
-    )
+    times = [run.time for run in session.runs]
+    positions = [run.position for run in session.runs]
+    return fit_noise_levels(times, positions, settings)
 
 
 def prepare_run(
@@ -226,22 +231,23 @@ def prepare_run(
     """
     states = smooth(run.time, run.position, levels, settings.smoother)
     rate = 1.0 / run.sample_interval
-    grid = run.time[0] + np.arange(int(np.floor(run.duration * rate + 1e-6)) + 1) / rate
+    steps = int(np.floor(run.duration * rate + 1e-6))
+    grid = run.time[0] + np.arange(steps + 1) / rate
     even = len(grid) == len(run) and bool(np.max(np.abs(grid - run.time)) < 1e-3 / rate)
+    new_times = None if even else grid
     lowpass = Lowpass.design(rate, cutoff, settings)
-    even_states = _on_grid(run.time, states, None if even else grid)
+    highest = 2 * lowpass.cutoff
+    even_states = _on_grid(run.time, states, new_times)
     band = find_signal_band(even_states[:, :, 2], rate, levels, settings)
-    q, dq, ddq = np.moveaxis(keep_band(even_states, rate, band, 2 * lowpass.cutoff), -1, 0)
+    q, dq, ddq = np.moveaxis(keep_band(even_states, rate, band, highest), -1, 0)
     noise = None
     if rng is not None:
-        drawn = smooth(
-            run.time, draw_errors(states.q, levels, find_resolution(run.position), rng), levels
-        )
-        noise = keep_band(
-            _on_grid(run.time, drawn, None if even else grid), rate, band, 2 * lowpass.cutoff
-        )
+        errors = draw_errors(states.q, levels, find_resolution(run.position), rng)
+        drawn = _on_grid(run.time, smooth(run.time, errors, levels), new_times)
+        noise = keep_band(drawn, rate, band, highest)
 
     def on_grid(values: Float[Array, "T n"] | None) -> Float[Array, "T n"] | None:
+        """A signal at the even times."""
         if values is None or even:
             return values
         return np.stack([np.interp(grid, run.time, column) for column in values.T], axis=1)
@@ -323,6 +329,7 @@ def _on_grid(time: Array, states: Smoothed, grid: Array | None) -> Float[Array, 
         return np.stack([states.q, states.dq, states.ddq], axis=-1)
     left = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 2)
     h = (time[left + 1] - time[left])[:, None]
+    # Place between both neighbours, from 0 to 1, by which the quintic and its derivatives go.
     u = ((grid - time[left])[:, None]) / h
     q0 = states.q[left]
     q1 = states.q[left + 1]

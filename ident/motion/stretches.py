@@ -64,14 +64,13 @@ def hold(motions: Iterable[Motion], most: int | None = None) -> Held:
     """
     most = HELD_SAMPLES if most is None else most
     rng = np.random.default_rng(CHOICE_SEED)
-    stretches = list[_Stretch]()
+    stretches: list[_Stretch] = []
     samples = 0
     whole: list[Motion] = []
     for number, motion in enumerate(motions):
         samples += len(motion.time)
-        stretches += [
-            _Stretch(rng.random(), number, piece) for piece in cut(motion, STRETCH_SAMPLES)
-        ]
+        pieces = cut(motion, STRETCH_SAMPLES)
+        stretches += [_Stretch(rng.random(), number, piece) for piece in pieces]
         if samples <= most:
             whole.append(motion)
             continue
@@ -80,13 +79,13 @@ def hold(motions: Iterable[Motion], most: int | None = None) -> Held:
             stretches = _sample(stretches, most)
     if samples <= most:
         return Held(tuple(whole), tuple(range(len(whole))), samples)
-    stretches = _sample(stretches, most)
-    sources = [stretch.source for stretch in stretches]
-    goes_on = [source == last for source, last in zip(sources, [-1, *sources], strict=False)]
-    chosen = (
-        replace(stretch.motion, continues=again)
-        for stretch, again in zip(stretches, goes_on, strict=True)
-    )
+    chosen = []
+    sources = []
+    last = -1
+    for stretch in _sample(stretches, most):
+        chosen.append(replace(stretch.motion, continues=stretch.source == last))
+        sources.append(stretch.source)
+        last = stretch.source
     return Held(tuple(chosen), tuple(sources), samples)
 
 
@@ -95,13 +94,14 @@ def _sample(stretches: list[_Stretch], most: int) -> list[_Stretch]:
     longer motion.
     """
     order = np.argsort([stretch.key for stretch in stretches])
-    held = list(accumulate(len(stretches[k].motion.time) for k in order))
-    chosen = sorted(order[: max(1, int(np.searchsorted(held, most, side="right")))])
-    chosen_stretches = []
-    for stretch in (stretches[k] for k in chosen):
-        channels = {name: values.copy() for name, values in _channels(stretch.motion).items()}
-        chosen_stretches.append(stretch._replace(motion=_with_channels(stretch.motion, channels)))
-    return chosen_stretches
+    samples = list(accumulate(len(stretches[k].motion.time) for k in order))
+    count = max(1, int(np.searchsorted(samples, most, side="right")))
+    chosen = []
+    for k in sorted(order[:count]):
+        motion = stretches[k].motion
+        channels = {name: values.copy() for name, values in _channels(motion).items()}
+        chosen.append(stretches[k]._replace(motion=_with_channels(motion, channels)))
+    return chosen
 
 
 def within_band(motions: Sequence[Motion], inertia: Float[Array, " n"]) -> tuple[Motion, ...]:
@@ -112,15 +112,12 @@ def within_band(motions: Sequence[Motion], inertia: Float[Array, " n"]) -> tuple
     half kept stand against torques that are whole: where that is more than a little (`torque_band`)
     it looks like elasticity, whose torque grows towards its resonance.
     """
-    known = [
-        (motion.band, motion.settings.whole_share) for motion in motions if motion.band is not None
-    ]
-    # Of most joints in most runs; infinite where nobody knows.
-    corner = (
-        known[0][1] * float(np.median(np.median([band for band, _ in known], axis=0)))
-        if known
-        else np.inf
-    )
+    banded = [motion for motion in motions if motion.band is not None]
+    corner = np.inf  # where nobody knows a band
+    if banded:
+        # Of most joints in most runs.
+        usual_band = float(np.median(np.median([motion.band for motion in banded], axis=0)))
+        corner = banded[0].settings.whole_share * usual_band
     if np.isfinite(corner):
         corner = float(np.median([torque_band(motion, inertia, corner) for motion in motions]))
     return tuple(motion.below(corner) for motion in motions)

@@ -83,18 +83,16 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
     for number, file in enumerate(data_files(path)):
         with unchanged(file, RecordingError):
             columns = load_columns(file, labels)
-        own = (
-            [name for name in columns if name.startswith("observation.state.")]
-            if number == 0
-            else []
-        )
+        states: list[str] = []
+        if number == 0:
+            states = [name for name in columns if name.startswith("observation.state.")]
         far = [
             np.nanmax(np.abs(column_numbers(columns[name], name, file)), initial=0.0)
-            for name in own
+            for name in states
         ]
         given = session_file.lerobot_calibration
         if given is None and session_file.angle_factor is None:
-            require_angles(path, own, max(far, default=0.0))
+            require_angles(path, states, max(far, default=0.0))
         if (
             given is None
             and session_file.angle_factor is None

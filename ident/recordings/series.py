@@ -8,14 +8,14 @@ moments of its own: the noise of its torque is another.
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.records import JsonRecord, JsonTable
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
@@ -97,7 +97,7 @@ class Series:
         """Whether a run holds so many of the moments that it is this one again, or a part of it."""
         return self.found_in(run) >= max(LEAST, len(self.moments) / (SHARE * len(self.joints)))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """As a model's record holds it: numbers as text, for they are for no reader."""
         numbers = np.vstack([self.scale, self.moments]).astype("<f4")
         return {
@@ -106,7 +106,7 @@ class Series:
         }
 
     @classmethod
-    def from_dict(cls, record: Mapping[str, Any]) -> Self:
+    def from_dict(cls, record: JsonTable) -> Self:
         """Reverse of `to_dict`.
 
         Raises:

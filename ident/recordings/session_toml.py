@@ -9,10 +9,10 @@ import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from ident.errors import RecordingError
 from ident.recordings.recording import Payload
+from ident.records import JsonRecord, JsonTable
 from ident.safe_read import read_toml, urdf_from
 
 NAME = "session.toml"
@@ -72,7 +72,7 @@ class SessionFile:
     # The same of efforts and currents, where they stand elsewhere than the other columns.
     effort_order: Mapping[str, str] = field(default_factory=dict)
     # what of `FREE` the file has, and own keys
-    metadata: Mapping[str, Any] = field(default_factory=dict)
+    metadata: JsonTable = field(default_factory=dict)
     with_effort: bool = True  # whether a torque is needed; without, the recording's effort is zero
     # gravity in the base's frame [m/s²]; None for the URDF's
     gravity: tuple[float, float, float] | None = None
@@ -164,7 +164,7 @@ def load_session_file(path: Path) -> SessionFile:
 class _Keys:
     """The keys of a file, each checked when it is asked for."""
 
-    def __init__(self, path: Path, data: dict[str, Any]) -> None:
+    def __init__(self, path: Path, data: JsonRecord) -> None:
         self.path = path
         self.data = data
 
@@ -181,7 +181,7 @@ class _Keys:
             )
             raise RecordingError(self.path, f"{where}unknown key {key!r}", remedy)
 
-    def table(self, key: str) -> dict[str, Any]:
+    def table(self, key: str) -> JsonRecord:
         table = self.data.get(key, {})
         if not isinstance(table, dict):
             raise RecordingError(self.path, f"{key} is {table!r}", f"make it a table: [{key}]")

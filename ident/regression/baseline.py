@@ -50,18 +50,27 @@ class UrdfError:
 
 @dataclass(frozen=True, eq=False)
 class Baseline:
-    """The tuned model."""
+    """The tuned model.
 
-    nominal: ArmModel  # the arm as the URDF describes it
-    arm: ArmModel  # the arm after tuning
-    base: BaseParameters  # its base parameters
-    # information on the base parameters' change that lies in the URDF, shape (r, r)
+    Attributes:
+        nominal: The arm as the URDF describes it.
+        arm: The arm after tuning.
+        base: Its base parameters.
+        prior: Information on the base parameters' change that lies in the URDF, shape (r, r).
+        loss: Tuned loss parameters.
+        sliding: How each joint's dry friction turns round.
+        number_std: Standard deviation of each link's inertial numbers, as believed.
+        settings: What the regression counts with.
+    """
+
+    nominal: ArmModel
+    arm: ArmModel
+    base: BaseParameters
     prior: Float[Array, "r r"]
-    loss: LossParameters  # tuned loss parameters
-    sliding: Sliding  # how each joint's dry friction turns round
-    # standard deviation of each link's inertial numbers, as believed
+    loss: LossParameters
+    sliding: Sliding
     number_std: Float[Array, " 10n"]
-    settings: RegressionSettings = USUAL_REGRESSION  # what the regression counts with
+    settings: RegressionSettings = USUAL_REGRESSION
 
     def prior_of(
         self, error: UrdfError, wrong_link: int | None = None, factor: float = 1.0
@@ -69,24 +78,25 @@ class Baseline:
         """Information on the base parameters' change in a URDF that is so far off, and at one link
         more by a factor.
         """
-        # What centres of mass so far off change of mass, first moments and moments of inertia.
+        shifted = self._shift_by_centres(error.com_m)
+        std = np.hypot(error.scale * self.number_std, shifted)
+        for link in error.usual:
+            numbers = slice(10 * link, 10 * (link + 1))
+            std[numbers] = min(error.scale, 1.0) * self.number_std[numbers]
+        if wrong_link is not None:
+            std[10 * wrong_link : 10 * (wrong_link + 1)] *= factor
+        return base_prior(self.base, std)
+
+    def _shift_by_centres(self, com_m: float) -> Float[Array, " 10n"]:
+        """What centres of mass so far off change of mass, first moments and moments of inertia."""
         links = self.nominal.inertial_parameters.reshape(-1, 10)
-        axis = error.com_m / np.sqrt(3.0)
+        axis = com_m / np.sqrt(3.0)
         mass = links[:, :1]
         lever = np.linalg.norm(links[:, 1:4], axis=1, keepdims=True)
         moment = mass * axis
         inertia = 2.0 * lever * axis + mass * axis**2
-        shifted = np.concatenate(
-            [0.0 * mass, np.repeat(moment, 3, 1), np.repeat(inertia, 6, 1)], axis=1
-        ).ravel()
-        std = np.hypot(error.scale * self.number_std, shifted)
-        for link in error.usual:
-            std[10 * link : 10 * (link + 1)] = (
-                min(error.scale, 1.0) * self.number_std[10 * link : 10 * (link + 1)]
-            )
-        if wrong_link is not None:
-            std[10 * wrong_link : 10 * (wrong_link + 1)] *= factor
-        return base_prior(self.base, std)
+        numbers = [0.0 * mass, np.repeat(moment, 3, 1), np.repeat(inertia, 6, 1)]
+        return np.concatenate(numbers, axis=1).ravel()
 
 
 def fit_baseline(
@@ -118,37 +128,71 @@ def fit_baseline(
     base = base_parameters(arm)
     number_std = share * parameter_scale(arm)
     lift = lift_base(base, number_std)
-    n = arm.n
-    rank = base.rank
-    moving = np.sum([motion.moving.sum(axis=0) for motion in motions], axis=0)
-    for j in sorted(set(np.flatnonzero(moving < LEAST_MOVING).tolist()) - set(still)):
-        what = f"{motions[0].joints[j]} hardly moves: its loss can't be fitted"
-        raise RecordingError(motions[0].name, what, "add runs that move it, or lock it")
+    _require_moving(motions, still)
     sums = _sums_of_joints(motions, arm, base)
     sums[list(still)] = 0.0
-    change = np.zeros(rank)
-    noise = np.ones(n)
+    prior = lift.T @ (lift / number_std[:, None] ** 2)
+    change = np.zeros(base.rank)
+    noise = np.ones(arm.n)
     for last in (False, True):
         widths = _transition_widths(sums, change)
-        whole = np.zeros((rank + LOSSES * n + 1, rank + LOSSES * n + 1))
-        whole[:rank, :rank] = lift.T @ (lift / number_std[:, None] ** 2)
-        for j in range(n):
-            of_joint = np.array([*range(rank), *(rank + LOSSES * j + np.arange(LOSSES)), -1])
-            columns = np.array([*range(rank), rank, rank + 1, rank + LOSSES + widths[j], -1])
-            whole[np.ix_(of_joint, of_joint)] += sums[j][np.ix_(columns, columns)] / noise[j] ** 2
-        solution = solve_partly_non_negative(whole, range(rank, rank + LOSSES * n))
-        change = solution[:rank]
-        (rotor, viscous, coulomb) = solution[rank:].reshape(n, LOSSES).T
-        loss = LossParameters(
-            rotor, viscous, coulomb, np.zeros(n), np.asarray(TRANSITION_GRID)[widths]
-        )
+        change, losses = _solve_joints(sums, prior, widths, noise)
+        rotor, viscous, coulomb = losses.T
+        speeds = np.asarray(TRANSITION_GRID)[widths]
+        loss = LossParameters(rotor, viscous, coulomb, np.zeros(arm.n), speeds)
         tuned = arm.with_inertial_parameters(arm.inertial_parameters + lift @ change)
-        noise = noise if last else _effective_noise(motions, tuned, loss)
+        if not last:
+            noise = _effective_noise(motions, tuned, loss)
     if sliding is None:
         sliding = fit_sliding(motions, [rigid_torque(tuned, motion) for motion in motions])
     return Baseline(
-        arm, tuned, base, base_prior(base, number_std), loss, sliding, number_std, settings
+        nominal=arm,
+        arm=tuned,
+        base=base,
+        prior=base_prior(base, number_std),
+        loss=loss,
+        sliding=sliding,
+        number_std=number_std,
+        settings=settings,
     )
+
+
+def _require_moving(motions: Sequence[Motion], still: Collection[int]) -> None:
+    """Raises RecordingError where a joint that is not known to stand still hardly moves."""
+    moving = np.sum([motion.moving.sum(axis=0) for motion in motions], axis=0)
+    hardly = set(np.flatnonzero(moving < LEAST_MOVING).tolist())
+    for j in sorted(hardly - set(still)):
+        what = f"{motions[0].joints[j]} hardly moves: its loss can't be fitted"
+        raise RecordingError(motions[0].name, what, "add runs that move it, or lock it")
+
+
+def _solve_joints(
+    sums: Float[Array, "n p p"],
+    prior: Float[Array, "r r"],
+    widths: Int[Array, " n"],
+    noise: Float[Array, " n"],
+) -> tuple[Float[Array, " r"], Float[Array, "n l"]]:
+    """Base parameters and losses of least squares; no loss is negative.
+
+    Args:
+        sums: As `_sums_of_joints` has them.
+        prior: Information on the base parameters that lies in the URDF.
+        widths: Place in the grid of each joint's transition width.
+        noise: By which each joint's rows are divided [N m].
+    """
+    n = len(sums)
+    rank = len(prior)
+    unknown = rank + LOSSES * n
+    whole = np.zeros((unknown + 1, unknown + 1))
+    whole[:rank, :rank] = prior
+    for j in range(n):
+        losses = rank + LOSSES * j + np.arange(LOSSES)
+        unknowns = np.array([*range(rank), *losses, -1])
+        columns = np.array([*range(rank), rank, rank + 1, rank + LOSSES + widths[j], -1])
+        of_joint = sums[j][np.ix_(columns, columns)] / noise[j] ** 2
+        whole[np.ix_(unknowns, unknowns)] += of_joint
+    solution = solve_partly_non_negative(whole, range(rank, unknown))
+    return solution[:rank], solution[rank:].reshape(n, LOSSES)
 
 
 def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:
@@ -164,18 +208,15 @@ def _sums_of_joints(
     Columns: base parameters, acceleration, speed, one, direction at each width of the grid, and the
     torque beside the rigid arm's.
     """
-    sums = np.zeros((arm.n, *2 * (base.rank + LOSSES + len(TRANSITION_GRID) + 1,)))
+    size = base.rank + LOSSES + len(TRANSITION_GRID) + 1
+    sums = np.zeros((arm.n, size, size))
     for motion in motions:
-        rows = motion.filtered(arm.regressor(motion.q, motion.dq, motion.ddq, list(base.columns)))
+        regressor = arm.regressor(motion.q, motion.dq, motion.ddq, list(base.columns))
+        rows = motion.filtered(regressor)
         turning = [np.tanh(motion.dq / width) for width in TRANSITION_GRID]
-        beside = [
-            motion.ddq,
-            motion.dq,
-            np.ones_like(motion.dq),
-            *turning,
-            rigid_torque(arm, motion),
-        ]
-        filtered = motion.filtered(np.stack(beside, axis=-1))
+        losses = [motion.ddq, motion.dq, np.ones_like(motion.dq), *turning]
+        beside = np.stack([*losses, rigid_torque(arm, motion)], axis=-1)
+        filtered = motion.filtered(beside)
         filtered[..., -1] = motion.tau_filtered - filtered[..., -1]
         for j in range(arm.n):
             there = motion.moving[:, j]
@@ -189,14 +230,13 @@ def _transition_widths(sums: Float[Array, "n p p"], change: Float[Array, " r"]) 
     base parameters.
     """
     rank = len(change)
-    explained = []
     moments = sums[..., -1] - sums[..., :rank] @ change
+    explained = []
     for k in range(len(TRANSITION_GRID)):
-        of_loss = np.array([rank, rank + 1, rank + 2, rank + LOSSES + k])
-        inverse = np.linalg.pinv(sums[:, of_loss[:, None], of_loss], hermitian=True)
-        explained.append(
-            np.einsum("nk,nkl,nl->n", moments[:, of_loss], inverse, moments[:, of_loss])
-        )
+        columns = np.array([rank, rank + 1, rank + 2, rank + LOSSES + k])
+        inverse = np.linalg.pinv(sums[:, columns[:, None], columns], hermitian=True)
+        score = moments[:, columns]
+        explained.append(np.einsum("nk,nkl,nl->n", score, inverse, score))
     return np.argmax(explained, axis=0)
 
 
@@ -219,7 +259,8 @@ def _effective_noise(
                 inflation[j] += len(residual) * correlation_time(residual)
                 counts[j] += len(residual)
     counts = np.maximum(counts, 1.0)
-    return np.sqrt(np.maximum(sums, 1e-12) / counts * np.maximum(inflation / counts, 1.0))
+    square = np.maximum(sums, 1e-12) / counts
+    return np.sqrt(square * np.maximum(inflation / counts, 1.0))
 
 
 def correlation_time(residual: Float[Array, " T"]) -> float:

@@ -33,10 +33,10 @@ Halves = list[Float[Array, " h"]] | SpooledArrays
 class SymmetricSums:
     """Sums Σ x xᵀ of the same p columns over several blocks or folds."""
 
-    # Of each block the h = a (a + 1) / 2 sums of the kept columns below the diagonal and on it, row
-    # by row.
+    # Of each block the h = a (a + 1) / 2 sums of its nonzero columns below the diagonal and on it,
+    # row by row.
     half: Halves
-    kept: Int[Array, " a"]  # number of each column that is kept; the sums of all others are zero
+    nonzero: Int[Array, " a"]  # number of each column that is; the sums of all others are zero
     size: int  # number p of columns
     # further rows x that are not in `half`
     rows: Float[Array, "k p"] = field(default_factory=lambda: np.zeros((0, 0)))
@@ -68,10 +68,10 @@ class SymmetricSums:
         their columns.
         """
         rows = rows / np.sqrt(self.factor)
-        numbers = len(self) * half_size(len(self.kept))
-        if rows.size <= numbers or np.delete(rows, self.kept, axis=1).any():
+        numbers = len(self) * half_size(len(self.nonzero))
+        if rows.size <= numbers or np.delete(rows, self.nonzero, axis=1).any():
             return replace(self, rows=rows, place=place)
-        of_block = (rows[place == block][:, self.kept] for block in range(len(self)))
+        of_block = (rows[place == block][:, self.nonzero] for block in range(len(self)))
         halves = (
             half + pack(some.T @ some) for half, some in zip(self.half, of_block, strict=True)
         )
@@ -110,12 +110,12 @@ class SymmetricSums:
     def over(self, blocks: Sequence[int] | Int[Array, " b"] | None = None) -> Float[Array, "p p"]:
         """Sums over some blocks, or all."""
         members = range(len(self)) if blocks is None else blocks
-        half = np.zeros(half_size(len(self.kept)))
+        half = np.zeros(half_size(len(self.nonzero)))
         for block in members:  # none of them is copied
             half += self.half[block]
         sums = np.zeros((self.size, self.size))
-        upper = dtpttr(len(self.kept), half, uplo="U")[0]
-        sums[np.ix_(self.kept, self.kept)] = np.triu(upper) + np.triu(upper, 1).T
+        upper = dtpttr(len(self.nonzero), half, uplo="U")[0]
+        sums[np.ix_(self.nonzero, self.nonzero)] = np.triu(upper) + np.triu(upper, 1).T
         if len(self.rows):
             members_rows = self.rows[np.isin(self.place, np.asarray(members))]
             sums += members_rows.T @ members_rows
@@ -123,9 +123,9 @@ class SymmetricSums:
 
     def diagonal(self) -> Float[Array, " p"]:
         """Sum of each column's squares over all blocks."""
-        index = np.arange(len(self.kept))
+        index = np.arange(len(self.nonzero))
         diagonal = np.zeros(self.size)
-        diagonal[self.kept] = sum(
+        diagonal[self.nonzero] = sum(
             (half[index * (index + 3) // 2] for half in self.half), np.zeros(len(index))
         )
         return np.asarray(
@@ -134,10 +134,10 @@ class SymmetricSums:
 
     def times(self, weights: Float[Array, " p"]) -> Float[Array, "K p"]:
         """Sums of each block times weights of the columns."""
-        packed_weights = weights[self.kept]
+        packed_weights = weights[self.nonzero]
         products = np.zeros((len(self), self.size))
         if len(packed_weights):
-            products[:, self.kept] = [
+            products[:, self.nonzero] = [
                 dspmv(len(packed_weights), 1.0, half, packed_weights) for half in self.half
             ]
         if len(self.rows):
@@ -146,9 +146,9 @@ class SymmetricSums:
 
     @cached_property
     def _spot(self) -> Int[Array, " p"]:
-        """Where each column stands among the kept, -1 of those that are zero."""
+        """Where each column stands among the nonzero ones, -1 of those that are zero."""
         spots = np.full(self.size, -1)
-        spots[self.kept] = np.arange(len(self.kept))
+        spots[self.nonzero] = np.arange(len(self.nonzero))
         return spots
 
 

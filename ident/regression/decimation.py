@@ -1,6 +1,4 @@
-"""Fast logs on a slower grid: what lies far above the common corner need not be computed column by
-column.
-
+"""Fast logs on a slower grid: what lies far above the common corner is not computed.
 A log of 1 kHz that is filtered at 25 Hz says no more than its samples at 125 Hz, and every column
 of every effect would cost eight times as much. States and torque go through one and the same
 zero-phase filter, whose corner lies well above the common one, so that neither side is changed
@@ -11,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -46,20 +43,24 @@ def decimate(motion: Motion) -> Motion:
         return motion
     keep = Lowpass(rate, settings.guard * cutoff, factor)
 
-    def slower(values: Float[Array, "T ..."] | None) -> Float[Array, "t ..."] | None:
-        return None if values is None else freeze(keep(values))
+    def slower(values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
+        """A signal on the slower grid."""
+        return freeze(keep(values))
 
-    states: dict[str, Any] = {
-        name: freeze(keep(getattr(motion, name))) for name in ("q", "dq", "ddq", "tau")
-    }
+    temperature = motion.temperature
+    command = motion.position_command
+    noise = motion.state_noise
     return replace(
         motion,
-        **states,
+        q=slower(motion.q),
+        dq=slower(motion.dq),
+        ddq=slower(motion.ddq),
+        tau=slower(motion.tau),
         time=freeze(motion.time[::factor]),
         lowpass=Lowpass.design(rate / factor, cutoff, settings),
-        temperature=None if motion.temperature is None else freeze(motion.temperature[::factor]),
-        position_command=slower(motion.position_command),
-        state_noise=slower(motion.state_noise),
+        temperature=None if temperature is None else freeze(temperature[::factor]),
+        position_command=None if command is None else slower(command),
+        state_noise=None if noise is None else slower(noise),
     )
 
 

@@ -44,11 +44,8 @@ class Group:
     @cached_property
     def key(self) -> Key:
         """Effect, joint and other joint: what is named, whatever the inner parameters."""
-        return (
-            self.effect.id,
-            self.joint if self.effect.scope == "joint" else -1,
-            self.variant.other,
-        )
+        joint = self.joint if self.effect.scope == "joint" else -1
+        return (self.effect.id, joint, self.variant.other)
 
     @cached_property
     def signed(self) -> tuple[int, ...]:
@@ -80,21 +77,30 @@ class NotTestable:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Columns of the big regression."""
+    """Columns of the big regression.
 
-    rank: int  # number of base parameters
-    n: int  # number of joints
-    groups: tuple[Group, ...]  # all candidates
-    # for each joint, the columns of candidates that act on it alone
-    own: tuple[Int[Array, " k"], ...]
-    shared: Int[Array, " k"]  # the columns of candidates that act on several joints
-    silent: tuple[NotTestable, ...]  # what can't be tested at all
-    # columns of effects, right after the loss parameters, that are part of the baseline
+    Attributes:
+        rank: Number of base parameters.
+        n: Number of joints.
+        groups: All candidates.
+        by_joint: For each joint, the columns of candidates that act on it alone.
+        shared: The columns of candidates that act on several joints.
+        silent: What can't be tested at all.
+        further: Columns of effects, right after the loss parameters, that are part of the baseline.
+        further_std: Standard deviation of the coefficient of each of them beforehand; () where a
+            prior says it.
+        flexible: For each joint the blocks of its discrepancy, which are no candidates; () where
+            the layout has none.
+    """
+
+    rank: int
+    n: int
+    groups: tuple[Group, ...]
+    by_joint: tuple[Int[Array, " k"], ...]
+    shared: Int[Array, " k"]
+    silent: tuple[NotTestable, ...]
     further: int = 0
-    # Standard deviation of the coefficient of each of them beforehand; () where a prior says it.
     further_std: tuple[float, ...] = ()
-    # For each joint the blocks of its discrepancy, which are no candidates; () where the layout has
-    # none.
     flexible: tuple[tuple[Group, ...], ...] = ()
 
     @property
@@ -105,7 +111,7 @@ class Layout:
     @property
     def size(self) -> int:
         """Number of columns; the torque itself is column `size`."""
-        candidates = sum(len(columns) for columns in self.own) + len(self.shared)
+        candidates = sum(len(columns) for columns in self.by_joint) + len(self.shared)
         return self.rank + LOSS_PARAMETERS * self.n + candidates
 
     @cached_property
@@ -113,27 +119,22 @@ class Layout:
         """For each joint, the columns that its rows carry: base, own loss, own candidates, shared,
         torque.
         """
-        return tuple(
-            np.concatenate(
-                [
-                    np.arange(self.rank),
-                    self.rank + LOSS_PARAMETERS * j + np.arange(LOSS_PARAMETERS),
-                    self.own[j],
-                    self.shared,
-                    [self.size],
-                ]
-            ).astype(int)
-            for j in range(self.n)
-        )
+        base = np.arange(self.rank)
+        columns = []
+        for j, candidates in enumerate(self.by_joint):
+            loss = self.rank + LOSS_PARAMETERS * j + np.arange(LOSS_PARAMETERS)
+            of_joint = np.concatenate([base, loss, candidates, self.shared, [self.size]])
+            columns.append(of_joint.astype(int))
+        return tuple(columns)
 
     @cached_property
     def flexible_places(self) -> tuple[Int[Array, " m"], ...]:
         """For each joint, where the columns of its discrepancy stand in its rows."""
-        columns = [_columns_of(blocks) for blocks in self.flexible]
-        return tuple(
-            np.flatnonzero(np.isin(local, smooth))
-            for local, smooth in zip(self.local, columns or [[]] * self.n, strict=True)
-        )
+        columns: list[list[int]] = [_columns_of(blocks) for blocks in self.flexible]
+        if not columns:
+            columns = [[] for _ in range(self.n)]
+        pairs = zip(self.local, columns, strict=True)
+        return tuple(np.flatnonzero(np.isin(local, smooth)) for local, smooth in pairs)
 
     @cached_property
     def places(self) -> tuple[dict[int, int], ...]:
@@ -197,6 +198,55 @@ def find_grids(
     return silent, grids
 
 
+class _LayoutBuilder:
+    """Gives columns to effects, one after the other; asks a short stretch for how many they have.
+
+    Args:
+        session: The runs.
+        rank: Number of base parameters.
+    """
+
+    def __init__(self, session: SessionContext, rank: int) -> None:
+        self.session = session
+        # What it computes goes with it.
+        self.sample = replace(session, runs=(session.runs[0].copied(),))
+        self.next_column = rank + LOSS_PARAMETERS * session.n
+        self.of_joints: list[list[int]] = [[] for _ in range(session.n)]
+        self.shared: list[int] = []
+
+    def columns_for(self, effect: Effect, joint: int, variant: Variant) -> Int[Array, " k"]:
+        """New columns for a point of an effect at a joint."""
+        width = effect.columns(self.sample, joint, variant)[0].shape[-1]
+        columns = np.arange(self.next_column, self.next_column + width)
+        self.next_column += width
+        acting = self.of_joints[joint] if effect.rows == "own" else self.shared
+        acting.extend(columns)
+        return columns
+
+    def groups_of(self, grids: Sequence[Grid], searched: bool) -> list[Group]:
+        """Groups of all points of some grids; with parts of them, if names are looked for."""
+        groups: list[Group] = []
+        for effect, joint, variants in grids:
+            for variant in variants:
+                columns = self.columns_for(effect, joint, variant)
+                prior = optional.size_prior(effect, self.session, joint, variant)
+                groups.append(Group(effect, joint, variant, columns, prior))
+                parts = optional.parts(effect, variant) if searched else ()
+                for point, places in parts:
+                    of_point = columns[list(places)]
+                    groups.append(Group(effect, joint, point, of_point, prior, borrows=True))
+        return groups
+
+    def discrepancy_of(self, joint: int, flexible: Sequence[Effect]) -> tuple[Group, ...]:
+        """Groups of the blocks of a joint's discrepancy."""
+        inputs = flexible[0].variants(self.session, joint)[0]
+        blocks = []
+        for effect in flexible:
+            columns = self.columns_for(effect, joint, inputs)
+            blocks.append(Group(effect, joint, inputs, columns))
+        return tuple(blocks)
+
+
 def layout_of(
     session: SessionContext,
     rank: int,
@@ -220,50 +270,27 @@ def layout_of(
             with a prior scale.
         flexible: Blocks of each joint's discrepancy, in columns after all others.
     """
-    own_joints = [
-        (effect, j)
-        for effect in beside
-        for j in range(session.n)
-        if effect.untestable(session, j) is None
-    ]
-    nuisances = [(effect, j, (Variant(),)) for effect, j in own_joints]
-    std = [effect.prior_scale(session, j, Variant()) for effect, j in own_joints]
-    sample = replace(session, runs=(session.runs[0].copied(),))  # what it computes goes with it
-    start = rank + LOSS_PARAMETERS * session.n
-    groups: list[Group] = []
-    own_columns: list[list[int]] = [[] for _ in range(session.n)]
-    shared: list[int] = []
-    for effect, joint, variants in [*nuisances, *grids]:
-        for variant in variants:
-            width = effect.columns(sample, joint, variant)[0].shape[-1]
-            columns = np.arange(start, start + width)
-            start += width
-            prior = optional.size_prior(effect, session, joint, variant)
-            groups.append(Group(effect, joint, variant, columns, prior))
-            for point, some in optional.parts(effect, variant) if searched else ():
-                groups.append(Group(effect, joint, point, columns[list(some)], prior, borrows=True))
-            (own_columns[joint] if effect.rows == "own" else shared).extend(columns)
-    blocks: list[tuple[Group, ...]] = []
-    for joint in range(session.n if flexible else 0):
-        inputs = flexible[0].variants(session, joint)[0]
-        of_joint = []
-        for effect in flexible:
-            width = effect.columns(sample, joint, inputs)[0].shape[-1]
-            columns = np.arange(start, start + width)
-            of_joint.append(Group(effect, joint, inputs, columns))
-            own_columns[joint].extend(columns)
-            start += width
-        blocks.append(tuple(of_joint))
+    nuisances: list[Grid] = []
+    deviations: list[float] = []
+    for effect in beside:
+        for joint in range(session.n):
+            if effect.untestable(session, joint) is None:
+                nuisances.append((effect, joint, (Variant(),)))
+                scale = effect.prior_scale(session, joint, Variant())
+                deviations += [] if scale is None else map(float, scale)
+    builder = _LayoutBuilder(session, rank)
+    further = builder.groups_of(nuisances, searched=False)
+    groups = builder.groups_of(grids, searched)
+    joints = range(session.n if flexible else 0)
+    blocks = tuple(builder.discrepancy_of(joint, flexible) for joint in joints)
     return Layout(
         rank=rank,
         n=session.n,
-        groups=tuple(groups[len(nuisances) :]),
-        own=tuple(np.array(columns, dtype=int) for columns in own_columns),
-        shared=np.array(shared, dtype=int),
+        groups=tuple(groups),
+        by_joint=tuple(np.array(columns, dtype=int) for columns in builder.of_joints),
+        shared=np.array(builder.shared, dtype=int),
         silent=tuple(silent),
-        further=sum(len(group.columns) for group in groups[: len(nuisances)]),
-        further_std=tuple(
-            float(deviation) for each in std if each is not None for deviation in each
-        ),
-        flexible=tuple(blocks),
+        further=sum(len(group.columns) for group in further),
+        further_std=tuple(deviations),
+        flexible=blocks,
     )

@@ -86,6 +86,7 @@ class Discrepancy(Effect):
         return {}
 
     def _columns_of(self, run: RunContext, joint: int, variant: Variant) -> Float[Array, "t k"]:
+        """The block's columns at the filtered samples of a run."""
         shape = variant.shape
         width = 5 + 3 * (run.n - 1)
         centre = np.array([shape[f"centre_{k}"] for k in range(width)])
@@ -98,18 +99,15 @@ class Discrepancy(Effect):
         if self.block == "coupling":
             return _features(x[:, 5:], direction, SHAPE.coupling_columns, 2, 200 + joint)
         if self.block == "memory":
-            age, moved = since_reversal(
-                run.motion.time, run.motion.q[:, joint], run.motion.dq[:, joint]
-            )
+            motion = run.motion
+            age, moved = since_reversal(motion.time, motion.q[:, joint], motion.dq[:, joint])
             fade = [np.exp(-np.abs(moved) / travel) for travel in SHAPE.travels_rad]
             fade += [np.exp(-age / age_scale) for age_scale in SHAPE.ages_s]
             fading = np.stack(fade, axis=1)[coarse]
-            return np.concatenate(
-                [fading, fading * direction, fading * direction * x[:, 2:3]], axis=1
-            )
-        instant = (run.motion.time[coarse] - shape["start"]) / max(
-            shape["end"] - shape["start"], 1e-9
-        )
+            turned = fading * direction
+            return np.concatenate([fading, turned, turned * x[:, 2:3]], axis=1)
+        duration = max(shape["end"] - shape["start"], 1e-9)
+        instant = (run.motion.time[coarse] - shape["start"]) / duration
         waves = np.cos(np.pi * instant[:, None] * np.arange(1, SHAPE.waves + 1))
         return np.concatenate([waves, waves * direction, waves * x[:, 1:2]], axis=1)
 
@@ -118,11 +116,10 @@ KINDS = tuple(Discrepancy(block) for block in BLOCKS)
 
 
 def _inputs(run: RunContext, joint: int) -> Float[Array, "t k"]:
-    """What the function depends on: the joint's own position, speed, load, its slow speeds spread
-    out, its direction;
+    """What the function depends on, at the samples that the common filter keeps.
 
-    then position, speed and direction of each other joint. Of the samples that the common filter
-    keeps.
+    The joint's position, speed, load, its slow speeds spread out, its direction; then position,
+    speed and direction of each other joint.
     """
     coarse = run.motion.coarse
     q = run.motion.q[coarse]
@@ -136,10 +133,11 @@ def _inputs(run: RunContext, joint: int) -> Float[Array, "t k"]:
         np.arcsinh(dq[:, joint] / usual),
         direction[:, joint],
     ]
-    others = [k for k in range(run.n) if k != joint]
-    return np.stack(
-        of_joint + [signal[:, k] for k in others for signal in (q, dq, direction)], axis=1
-    )
+    of_others = []
+    for k in range(run.n):
+        if k != joint:
+            of_others += [q[:, k], dq[:, k], direction[:, k]]
+    return np.stack(of_joint + of_others, axis=1)
 
 
 def _features(
@@ -164,9 +162,12 @@ def _draw_features(
     rng = np.random.default_rng(seed)
     weights = np.zeros((inputs, count), dtype=np.float32)
     for m in range(count):
-        used = rng.choice(inputs, min(int(rng.integers(1, active + 1)), inputs), replace=False)
-        weights[used, m] = rng.standard_normal(len(used)) / SHAPE.lengths[m % len(SHAPE.lengths)]
-    return freeze(weights), freeze(rng.uniform(0.0, 2.0 * np.pi, count).astype(np.float32))
+        width = min(int(rng.integers(1, active + 1)), inputs)
+        used = rng.choice(inputs, width, replace=False)
+        length = SHAPE.lengths[m % len(SHAPE.lengths)]
+        weights[used, m] = rng.standard_normal(len(used)) / length
+    phases = rng.uniform(0.0, 2.0 * np.pi, count).astype(np.float32)
+    return freeze(weights), freeze(phases)
 
 
 def since_reversal(time: Array, q: Array, dq: Array) -> tuple[Array, Array]:
@@ -197,23 +198,23 @@ def unusual_torque(
         session: All runs.
         leftover: For each run what the tuned model leaves of the torque, filtered and decimated.
     """
-    parts = list(zip(session.runs, leftover, strict=True))
-    steps = [
-        np.full(len(values), run.motion.interval * run.motion.lowpass.factor)
-        for run, values in parts
-    ]
+    steps = []
+    for run, values in zip(session.runs, leftover, strict=True):
+        step = run.motion.interval * run.motion.lowpass.factor
+        steps.append(np.full(len(values), step))
     clock = np.cumsum(np.concatenate(steps))
-    pieces = int(
-        np.clip(clock[-1] / UNUSUAL.shortest_piece, UNUSUAL.fewest_pieces, UNUSUAL.most_pieces)
-    )
-    ends = np.cumsum([len(values) for values in leftover])[:-1]
-    piece = np.minimum((clock / clock[-1] * pieces).astype(int), pieces - 1)
+    duration = clock[-1]
+    wanted = duration / UNUSUAL.shortest_piece
+    pieces = int(np.clip(wanted, UNUSUAL.fewest_pieces, UNUSUAL.most_pieces))
+    piece = np.minimum((clock / duration * pieces).astype(int), pieces - 1)
     every = np.concatenate(leftover)
-    moves = np.concatenate([run.motion.settled for run in session.runs]) & ~np.isnan(every)
+    settled = np.concatenate([run.motion.settled for run in session.runs])
+    known = settled & ~np.isnan(every)
     by_joint = [
-        _of_joint(session, joint, every[:, joint], moves[:, joint], piece)
+        _of_joint(session, joint, every[:, joint], known[:, joint], piece)
         for joint in range(session.n)
     ]
+    ends = np.cumsum([len(values) for values in leftover])[:-1]
     return np.split(np.stack(by_joint, axis=1), ends)
 
 
@@ -230,43 +231,42 @@ def _of_joint(
     usual = float(np.median(np.abs(left[known]))) if known.any() else 0.0
     if usual == 0.0:
         return left
-    blocks = [Discrepancy(block) for block in ("state", "coupling")]
-    (inputs,) = blocks[0].variants(session, joint)
-    features = np.concatenate(
-        [np.concatenate(block.columns(session, joint, inputs)) for block in blocks], axis=1
-    )
+    features = _state_features(session, joint)
     values = np.nan_to_num(left)
     weight = known * np.minimum(1.0, UNUSUAL.far_out * usual / np.maximum(np.abs(values), usual))
     pieces = int(piece[-1]) + 1
-    width = features.shape[1]
     starts = np.searchsorted(piece, np.arange(pieces + 1))
     rows = [slice(*ends) for ends in itertools.pairwise(starts.tolist())]
-    weighted = (
-        features[rows_of_piece] * weight[rows_of_piece, None].astype(np.float32)
-        for rows_of_piece in rows
-    )
-    both = [
-        (weighted_rows.T @ features[rows_of_piece], weighted_rows.T @ values[rows_of_piece])
-        for weighted_rows, rows_of_piece in zip(weighted, rows, strict=True)
-    ]
-    grams = np.stack([gram_of_piece for gram_of_piece, _ in both]).astype(float)
-    sums = np.stack([sum_of_piece for _, sum_of_piece in both])
-    others = np.abs(np.subtract.outer(np.arange(pieces), np.arange(pieces))) > 1
-    gram = np.tensordot(others, grams, 1)
-    target = others @ sums
-    ridge = float(np.trace(grams.sum(axis=0))) / width * np.eye(width)
+    grams = []
+    scores = []
+    for where in rows:
+        weighted = (features[where] * weight[where, None].astype(np.float32)).T
+        grams.append(weighted @ features[where])
+        scores.append(weighted @ values[where])
+    gram_of_piece = np.stack(grams).astype(float)
+    # Each piece from all others but its neighbours.
+    distance = np.abs(np.subtract.outer(np.arange(pieces), np.arange(pieces)))
+    others = distance > 1
+    gram = np.tensordot(others, gram_of_piece, 1)
+    score = others @ np.stack(scores)
+    width = features.shape[1]
+    ridge = float(np.trace(gram_of_piece.sum(axis=0))) / width * np.eye(width)
     best = left
     least = UNUSUAL.most_left * usual
     for share in UNUSUAL.ridges:
-        along = np.linalg.solve(gram + share * ridge, target[:, :, None])[:, :, 0]
-        predicted = np.concatenate(
-            [
-                features[rows_of_piece] @ slope
-                for rows_of_piece, slope in zip(rows, along, strict=True)
-            ]
-        )
+        slopes = np.linalg.solve(gram + share * ridge, score[:, :, None])[:, :, 0]
+        by_piece = [features[where] @ slope for where, slope in zip(rows, slopes, strict=True)]
+        predicted = np.concatenate(by_piece)
         unusual = float(np.median(np.abs((values - predicted)[known])))
         if unusual < least:
             best = np.where(known, left - predicted, left)
             least = unusual
     return best
+
+
+def _state_features(session: SessionContext, joint: int) -> Float[Array, "t k"]:
+    """Features of the joint's own state and of the other joints, of all runs together."""
+    blocks = [Discrepancy(block) for block in ("state", "coupling")]
+    (inputs,) = blocks[0].variants(session, joint)
+    columns = [np.concatenate(block.columns(session, joint, inputs)) for block in blocks]
+    return np.concatenate(columns, axis=1)

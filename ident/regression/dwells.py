@@ -47,26 +47,37 @@ class Hold:
 
 @dataclass(frozen=True, eq=False)
 class DwellRows:
-    """What a joint's holds say: k rows, one a hold or a block's part of one."""
+    """What a joint's holds say: k rows, one a hold or a block's part of one.
 
-    # means of the columns and, last, of the torque [N m]; in half the room
+    Attributes:
+        rows: Means of the columns and, last, of the torque [N m]; in half the room.
+        sign: Of the motion that ended in each row's hold; 0 where nobody knows.
+        hold: Number of each row's hold.
+        sample: Middle sample (filtered) of each row in its run.
+        block: Block of time that each row lies in.
+        length: Samples behind each row.
+        angle: Mean position of the joint [rad or m].
+        friction: Level f_s of static friction [N m].
+        noise: Standard deviation of the torque's noise times the root of the samples that a mean
+            is over [N m].
+    """
+
     rows: Float[Array, "k p"]
-    sign: Float[Array, " k"]  # of the motion that ended in each row's hold; 0 where nobody knows
-    hold: Int[Array, " k"]  # number of each row's hold
-    sample: Int[Array, " k"]  # middle sample (filtered) of each row in its run
-    block: Int[Array, " k"]  # block of time that each row lies in
-    length: Int[Array, " k"]  # samples behind each row
-    angle: Float[Array, " k"]  # mean position of the joint [rad or m]
-    friction: float  # level f_s of static friction [N m]
-    # standard deviation of the torque's noise times the root of the samples that a mean is over [N
-    # m]
+    sign: Float[Array, " k"]
+    hold: Int[Array, " k"]
+    sample: Int[Array, " k"]
+    block: Int[Array, " k"]
+    length: Int[Array, " k"]
+    angle: Float[Array, " k"]
+    friction: float
     noise: float
 
     @property
     def std(self) -> Float[Array, " k"]:
         """Standard deviation of each row's torque [N m]."""
-        parts = np.bincount(self.hold)[self.hold] if len(self.hold) else np.zeros(0)
-        return np.sqrt(parts * self.friction**2 / 3.0 + self.noise**2 / np.maximum(self.length, 1))
+        rows_of_hold = np.bincount(self.hold)[self.hold] if len(self.hold) else np.zeros(0)
+        of_friction = rows_of_hold * self.friction**2 / 3.0
+        return np.sqrt(of_friction + self.noise**2 / np.maximum(self.length, 1))
 
     @property
     def weighted(self) -> Float[Array, "k p"]:
@@ -78,20 +89,30 @@ def find_holds(motion: Motion) -> tuple[tuple[Hold, ...], ...]:
     """Each joint's holds in a run."""
     moving = motion.moving
     heading = np.sign(motion.dq[motion.coarse])
-    return tuple(
-        _holds_of(moving[:, j], heading[:, j], int(motion.blurred[j])) for j in range(motion.n)
-    )
+    holds = []
+    for j, reach in enumerate(motion.blurred.tolist()):
+        holds.append(_holds_of(moving[:, j], heading[:, j], reach))
+    return tuple(holds)
 
 
 def _holds_of(
     moving: Bool[Array, " t"], heading: Float[Array, " t"], reach: int
 ) -> tuple[Hold, ...]:
+    """A joint's holds in a run.
+
+    Args:
+        moving: Where it surely moves.
+        heading: Sign of its speed.
+        reach: Samples over which a stop is smeared; a shorter rest is a turn.
+    """
     holds = []
     for start, stop in _stretches(~moving):
-        if stop - start < reach:  # a turn
+        length = stop - start
+        if length < reach:
             continue
-        cut = min(reach, int((1.0 - LIMIT.kept_share) * (stop - start) / 2.0))
-        holds.append(Hold(start + cut, stop - cut, float(heading[start - 1]) if start else 0.0))
+        blurred = min(reach, int((1.0 - LIMIT.kept_share) * length / 2.0))
+        sign = float(heading[start - 1]) if start else 0.0
+        holds.append(Hold(start + blurred, stop - blurred, sign))
     return tuple(holds)
 
 
@@ -166,38 +187,49 @@ def dwell_rows(
             mean [N m].
         blocks: Block of time of each filtered sample; one for all if None.
     """
-    blocks = np.zeros(motion.filtered_length, dtype=int) if blocks is None else blocks
+    if blocks is None:
+        blocks = np.zeros(motion.filtered_length, dtype=int)
     changes = 1 + np.flatnonzero(np.diff(blocks))  # where another block of time begins
     rows = []
     for j, (holds, turns) in enumerate(zip(find_holds(motion), find_turns(motion), strict=True)):
         q = motion.q[motion.coarse, j]
         jump = LIMIT.jump_levels * friction[j] + LIMIT.jump_noise * noise[j]
         parted = _parted((*holds, *turns), tables[j][:, -1], q, jump, motion)
-        pieces = [
-            (start, stop, hold.sign, number)
-            for number, hold in enumerate(parted)
-            for start, stop in pairwise(
-                [hold.start, *changes[(hold.start < changes) & (changes < hold.stop)], hold.stop]
-            )
-        ]
+        pieces = _pieces_by_block(parted, changes)
         start, stop, sign, hold = np.array(pieces, dtype=float).reshape(-1, 4).T
         first = start.astype(int)
         last = stop.astype(int)
         middle = (first + last) // 2
-        rows.append(
-            DwellRows(
-                rows=_means(tables[j], first, last).astype(np.float32),
-                sign=sign,
-                hold=hold.astype(int),
-                sample=middle,
-                block=blocks[middle],
-                length=last - first,
-                angle=_means(q[:, None], first, last)[:, 0],
-                friction=float(friction[j]),
-                noise=float(noise[j]),
-            )
+        of_joint = DwellRows(
+            rows=_means(tables[j], first, last).astype(np.float32),
+            sign=sign,
+            hold=hold.astype(int),
+            sample=middle,
+            block=blocks[middle],
+            length=last - first,
+            angle=_means(q[:, None], first, last)[:, 0],
+            friction=float(friction[j]),
+            noise=float(noise[j]),
         )
+        rows.append(of_joint)
     return tuple(rows)
+
+
+def _pieces_by_block(
+    holds: Sequence[Hold], changes: Int[Array, " c"]
+) -> list[tuple[int, int, float, int]]:
+    """First sample, the one after the last, sign and number of each hold's part in each block.
+
+    Args:
+        holds: The holds.
+        changes: Samples with which another block of time begins.
+    """
+    pieces = []
+    for number, hold in enumerate(holds):
+        inside = changes[(hold.start < changes) & (changes < hold.stop)]
+        for start, stop in pairwise([hold.start, *inside, hold.stop]):
+            pieces.append((start, stop, hold.sign, number))
+    return pieces
 
 
 def _parted(
@@ -211,16 +243,15 @@ def _parted(
     that nobody knows.
     """
     least = round(LIMIT.shortest_s / (motion.interval * motion.lowpass.factor)) + 1
+    travel = motion.settings.forgetting_travel
     parted = []
     for hold in holds:
+        quiet = [(0, hold.stop - hold.start)]
+        if not hold.turn:
+            quiet = _quiet(torque[hold.start : hold.stop], jump, least)
         sign = hold.sign
-        whole = [(0, hold.stop - hold.start)]
-        for first, last in (
-            whole if hold.turn else _quiet(torque[hold.start : hold.stop], jump, least)
-        ):
-            for start, stop in _within(
-                q, hold.start + first, hold.start + last, motion.settings.forgetting_travel
-            ):
+        for first, last in quiet:
+            for start, stop in _within(q, hold.start + first, hold.start + last, travel):
                 parted.append(Hold(start, stop, sign))
                 sign = 0.0
     return parted
@@ -239,11 +270,13 @@ def _quiet(torque: Float[Array, " t"], jump: float, least: int) -> list[tuple[in
         return []
     sums = np.cumsum(torque)
     first = np.arange(least, count - least + 1)
-    apart = sums[first - 1] / first - (sums[-1] - sums[first - 1]) / (count - first)
-    score = np.abs(apart) * np.sqrt(first * (count - first))
+    mean_before = sums[first - 1] / first
+    mean_after = (sums[-1] - sums[first - 1]) / (count - first)
+    score = np.abs(mean_before - mean_after) * np.sqrt(first * (count - first))
     middle = int(first[np.argmax(score)])
+    earlier = _quiet(torque[:middle], jump, least)
     later = _quiet(torque[middle:], jump, least)
-    return [*_quiet(torque[:middle], jump, least), *((middle + a, middle + b) for a, b in later)]
+    return earlier + [(middle + start, middle + stop) for start, stop in later]
 
 
 def _within(q: Float[Array, " t"], start: int, stop: int, travel: float) -> list[tuple[int, int]]:
@@ -260,9 +293,10 @@ def _within(q: Float[Array, " t"], start: int, stop: int, travel: float) -> list
 def _means(
     table: Float[Array, "t p"], start: Int[Array, " k"], stop: Int[Array, " k"]
 ) -> Float[Array, "k p"]:
-    return np.array([table[a:b].mean(axis=0) for a, b in zip(start, stop, strict=True)]).reshape(
-        -1, table.shape[1]
-    )
+    """Mean row of each of some stretches."""
+    stretches = zip(start, stop, strict=True)
+    means = [table[first:last].mean(axis=0) for first, last in stretches]
+    return np.array(means).reshape(-1, table.shape[1])
 
 
 def join_runs(parts: Sequence[DwellRows], alike: int | None = None) -> DwellRows:
@@ -337,8 +371,10 @@ class HeldFriction(Effect):
         return {"held_Nm": coefficient_interval(0, coefficients, covariance)}
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        signs = (hold.sign for run in session.runs for hold in find_holds(run.motion)[joint])
-        return None if any(signs) else f"{session.joint_names[joint]} never comes to rest"
+        for run in session.runs:
+            if any(hold.sign for hold in find_holds(run.motion)[joint]):
+                return None
+        return f"{session.joint_names[joint]} never comes to rest"
 
     def prior_scale(
         self, session: SessionContext, joint: int, variant: Variant

@@ -1,5 +1,6 @@
-"""What each stretch's own friction level goes with: kept apart, so that how much it varies may be
-learnt afterwards.
+"""What each stretch's own friction level goes with.
+
+Kept apart, so that how much it varies may be learnt afterwards.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ class FrictionSums:
             spread: Relative standard deviation of its friction level from stretch to stretch.
         """
         pieces, follow = self._followed(joint, spread, None)
-        half = pieces.reshape(-1, pieces.shape[-1]).T @ follow.reshape(-1, pieces.shape[-1])
+        size = pieces.shape[-1]
+        half = pieces.reshape(-1, size).T @ follow.reshape(-1, size)
         return np.asarray(0.5 * (half + half.T))
 
     def _followed(
@@ -83,14 +85,14 @@ class FrictionSums:
         whole = self._wholes[joint][self._place]
         place = self._place
         root = self._root(joint, spread)[place]
-        ours, theirs = (_times(root, sums @ weights) for sums in (pieces, whole))
-        again = _times(root, _times(pieces[:, :, self.columns], theirs))
-        products = np.einsum("kap,ka->kp", pieces, theirs) + np.einsum(
-            "kap,ka->kp", whole, ours - again
-        )
-        members = csr_array(
-            (np.ones(len(products)), (self.block, np.arange(len(products)))), (count, len(products))
-        )
+        of_piece = _times(root, pieces @ weights)
+        of_stretch = _times(root, whole @ weights)
+        again = _times(root, _times(pieces[:, :, self.columns], of_stretch))
+        products = np.einsum("kap,ka->kp", pieces, of_stretch)
+        products = products + np.einsum("kap,ka->kp", whole, of_piece - again)
+        number = len(products)
+        places = (self.block, np.arange(number))
+        members = csr_array((np.ones(number), places), (count, number))
         return np.asarray(members @ products)
 
     def is_cut(self, folds: Int[Array, " B"]) -> bool:
@@ -131,7 +133,8 @@ class FrictionSums:
         rest = of_fold.sum(axis=0) - of_fold
         of_fold = of_fold.copy()
         for fold in range(len(of_fold)):
-            for side, inside in ((of_fold, fold_of_piece == fold), (rest, fold_of_piece != fold)):
+            in_fold = fold_of_piece == fold
+            for side, inside in ((of_fold, in_fold), (rest, ~in_fold)):
                 whole = self._whole(joint, inside)
                 known = self._known(whole, joint, spread)
                 whole = _columns(whole, places)
@@ -181,12 +184,11 @@ class FrictionSums:
         inner = self._wholes[joint][:, :, self.columns]
         squares, axes = np.linalg.eigh(0.5 * (inner + np.swapaxes(inner, 1, 2)))
         sizes = np.sqrt(np.maximum(squares, LEAST_SQUARE * np.maximum(squares[:, -1:], 1e-300)))
-        root, back = (
-            (axes * size[:, None, :]) @ np.swapaxes(axes, 1, 2) for size in (sizes, 1.0 / sizes)
-        )
-        values, vectors = np.linalg.eigh(
-            root @ self._known(self._wholes[joint], joint, spread) @ root
-        )
+        turned_back = np.swapaxes(axes, 1, 2)
+        root = (axes * sizes[:, None, :]) @ turned_back
+        back = (axes * (1.0 / sizes)[:, None, :]) @ turned_back
+        known = self._known(self._wholes[joint], joint, spread)
+        values, vectors = np.linalg.eigh(root @ known @ root)
         less = 1.0 - np.sqrt(1.0 - np.clip(values, 0.0, 1.0))
         turned = back @ vectors
         return np.asarray((turned * less[:, None, :]) @ np.swapaxes(turned, 1, 2))

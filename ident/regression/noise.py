@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,13 +34,17 @@ VARIANCES = 10.0 ** np.arange(-4.0, 8.1, 0.5)
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """The noise of each joint."""
+    """The noise of each joint.
 
-    # prediction-error filter (1, −a₁, …, −a_p) of each joint, shape (n, p + 1)
+    Attributes:
+        coefficients: Prediction-error filter (1, −a₁, …, −a_p) of each joint, shape (n, p + 1).
+        innovation: Standard deviation of what can't be predicted from the past [N m].
+        level: Standard deviation of the noise itself, encoder noise in the columns not counted
+            [N m].
+    """
+
     coefficients: Float[Array, "n p"]
-    # standard deviation of what can't be predicted from the past [N m]
     innovation: Float[Array, " n"]
-    # standard deviation of the noise itself, encoder noise in the columns not counted [N m]
     level: Float[Array, " n"]
 
     @property
@@ -47,7 +52,8 @@ class Whitening:
         """Standard deviation of a long mean times the root of its samples: noise at zero frequency
         [N m].
         """
-        return np.asarray(self.innovation / np.maximum(np.abs(self.coefficients.sum(axis=1)), 1e-3))
+        gain = np.abs(self.coefficients.sum(axis=1))
+        return np.asarray(self.innovation / np.maximum(gain, 1e-3))
 
 
 def whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Float[Array, "t p"]:
@@ -57,6 +63,7 @@ def whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Floa
 
 @compiled(error_model="numpy", nogil=True)
 def _whiten(table: Array, coefficients: Array) -> Array:
+    """The same, compiled."""
     left = np.empty_like(table)
     for k in range(len(table)):
         for c in range(table.shape[1]):
@@ -84,10 +91,10 @@ def shorter_filters(
         filters.append(filtering[: order + 1] / np.sqrt(variance))
         reflection = float(filtering[order])
         if order and reflection:
-            filtering = (
-                filtering - reflection * np.append(filtering[order::-1], filtering[order + 1 :])
-            ) / (1.0 - reflection**2)
-            variance /= 1.0 - reflection**2
+            unpredicted = 1.0 - reflection**2
+            reversed_filter = np.append(filtering[order::-1], filtering[order + 1 :])
+            filtering = (filtering - reflection * reversed_filter) / unpredicted
+            variance /= unpredicted
     return filters[::-1]
 
 
@@ -102,9 +109,9 @@ def whiten_after_gaps(
         filters: `shorter_filters`.
     """
     left = whiten(table, filters[-1])
-    since = np.arange(len(counts)) - np.maximum.accumulate(
-        np.where(counts, -1, np.arange(len(counts)))
-    )
+    row = np.arange(len(counts))
+    last_gap = np.maximum.accumulate(np.where(counts, -1, row))
+    since = row - last_gap
     for order, filtering in enumerate(filters[:-1]):
         rows = np.flatnonzero(counts & (since == order + 1))
         left[rows] = sum(weight * table[rows - lag] for lag, weight in enumerate(filtering))
@@ -126,49 +133,75 @@ def estimate_noise(
 def _noise_of_joint(
     j: int, held: Sequence[Rows], settings: RegressionSettings
 ) -> tuple[Array, float, float]:
+    """A joint's prediction-error filter, innovation and level, as in `Whitening`.
+
+    Args:
+        j: The joint.
+        held: Rows of the first runs.
+        settings: Order of the filter, and limits.
+    """
     x = np.concatenate([rows.tables[j][rows.counts[:, j]] for rows in held])
     order = min(settings.noise_order, len(x) // LEAST_ROWS)
     if not order:
-        # Next to nothing is in motion: by second differences, of which half are less (Gasser, Sroka
-        # and Jennen-Steinmetz 1986).
-        second = np.concatenate([np.diff(rows.tables[j][:, -1], 2) for rows in held])
-        level = (
-            max(float(np.median(np.abs(second))) / (0.6745 * np.sqrt(6.0)), 1e-9)
-            if len(second)
-            else 1.0
-        )
+        level = _level_of_differences([rows.tables[j][:, -1] for rows in held])
         return np.eye(1, settings.noise_order + 1)[0], level, level
-    # Encoder noise is not taken off here: with hundreds of columns that would leave sums that are
-    # not positive. What it does to the coefficients is little, and what it adds to the residual is
-    # known.
-    gram = x.T @ x
-    silent = _mostly_noise(j, held, settings.mostly_noise * np.diag(gram)[:-1])
-    losses = slice(held[0].rank, held[0].rank + LOSS_PARAMETERS)
-    ridge = np.diag(
-        np.diag(gram)[:-1] * np.where(silent, HELD_AT_ZERO, _ridge(gram, len(x), losses, silent))
-        + 1e-9
-    )
-    inverse = np.linalg.inv(gram[:-1, :-1] + ridge)
-    estimate = inverse @ gram[:-1, -1]
-    # Every coefficient takes a share of the noise with it.
-    freedom = float(np.trace(inverse @ gram[:-1, :-1]))
-    inflate = len(x) / max(len(x) - freedom, 0.2 * len(x))
-    weights = np.concatenate([-estimate, [1.0]])
+    weights, inflate = _residual_weights(x, j, held, settings)
     left = [_left_of_run(rows, j, weights) for rows in held]
     quiet = _without_bursts(left, [rows.counts[:, j] for rows in held], settings)
     covariance = inflate * _autocovariance(list(zip(left, quiet, strict=True)), order)
-    encoder = [
-        (rows.noise[j] @ weights, where)
-        for rows, where in zip(held, quiet, strict=True)
-        if rows.noise is not None
-    ]
-    variance = covariance[0] - (_autocovariance(encoder, order)[0] if encoder else 0.0)
+    encoder = []
+    for rows, where in zip(held, quiet, strict=True):
+        if rows.noise is not None:
+            encoder.append((rows.noise[j] @ weights, where))
+    of_encoder = _autocovariance(encoder, order)[0] if encoder else 0.0
+    variance = covariance[0] - of_encoder
     covariance[0] *= 1.0 + 1e-6
     filtering, innovation = prediction_error(covariance)
     filtering = np.pad(filtering, (0, settings.noise_order - order))
     innovation = max(innovation, 1e-3 * covariance[0], 1e-18)
-    level = max(variance, settings.least_own_noise * covariance[0])
-    return filtering, float(np.sqrt(innovation)), float(np.sqrt(level))
+    own_variance = max(variance, settings.least_own_noise * covariance[0])
+    return filtering, float(np.sqrt(innovation)), float(np.sqrt(own_variance))
+
+
+def _level_of_differences(torques: Sequence[Float[Array, " t"]]) -> float:
+    """Noise level where next to nothing is in motion [N m]: by second differences of the torque.
+
+    Half of them are less than 0.6745 deviations, and theirs is √6 times the noise's.
+
+    Source: Gasser, Sroka and Jennen-Steinmetz 1986.
+    """
+    second = np.concatenate([np.diff(torque, 2) for torque in torques])
+    if len(second) == 0:
+        return 1.0
+    return max(float(np.median(np.abs(second))) / (0.6745 * np.sqrt(6.0)), 1e-9)
+
+
+def _residual_weights(
+    x: Float[Array, "m p"], j: int, held: Sequence[Rows], settings: RegressionSettings
+) -> tuple[Float[Array, " p"], float]:
+    """What all columns of a joint together leave of a row is its product with these.
+
+    Encoder noise is not taken off here: with hundreds of columns that would leave sums that are not
+    positive. What it does to the coefficients is little, and what it adds to the residual is known.
+
+    Args:
+        x: The joint's rows that count, the torque last.
+        j, held, settings: As `_noise_of_joint` takes them.
+
+    Returns:
+        The weights; and by what squares of what is left are to be multiplied, for every coefficient
+        takes a share of the noise with it.
+    """
+    gram = x.T @ x
+    power = np.diag(gram)[:-1]
+    silent = _mostly_noise(j, held, settings.mostly_noise * power)
+    losses = slice(held[0].rank, held[0].rank + LOSS_PARAMETERS)
+    shares = np.where(silent, HELD_AT_ZERO, _ridge(gram, len(x), losses, silent))
+    inverse = np.linalg.inv(gram[:-1, :-1] + np.diag(power * shares + 1e-9))
+    estimate = inverse @ gram[:-1, -1]
+    freedom = float(np.trace(inverse @ gram[:-1, :-1]))
+    inflate = len(x) / max(len(x) - freedom, 0.2 * len(x))
+    return np.concatenate([-estimate, [1.0]]), inflate
 
 
 def _ridge(
@@ -197,22 +230,25 @@ def _ridge(
     ridge = np.full(len(gram) - 1, NOISE_RIDGE)
     if count > MANY_ROWS * len(gram):
         return ridge
-    drawn = np.setdiff1d(
-        np.flatnonzero(~silent & (np.diag(gram)[:-1] > 0.0)), np.arange(free.start, free.stop)
-    )
+    power = np.diag(gram)
+    heard = np.flatnonzero(~silent & (power[:-1] > 0.0))
+    drawn = np.setdiff1d(heard, np.arange(free.start, free.stop))
     places = np.append(drawn, len(gram) - 1)
-    inner = gram[free, free] + NOISE_RIDGE * np.diag(np.diag(gram[free, free]) + 1e-9)
-    rest = gram[np.ix_(places, places)] - gram[places, free] @ np.linalg.solve(
-        inner, gram[free, places]
-    )
-    scale = 1.0 / np.sqrt(np.diag(gram)[drawn])
+    of_free = gram[free, free]
+    of_free = of_free + NOISE_RIDGE * np.diag(np.diag(of_free) + 1e-9)
+    explained = gram[places, free] @ np.linalg.solve(of_free, gram[free, places])
+    rest = gram[np.ix_(places, places)] - explained
+    scale = 1.0 / np.sqrt(power[drawn])
     values, vectors = np.linalg.eigh(scale[:, None] * rest[:-1, :-1] * scale)
     values = np.maximum(values, 0.0)
     along = (vectors.T @ (scale * rest[:-1, -1])) ** 2
+    torque_square = rest[-1, -1]
     left = max(count - (free.stop - free.start), 1)
 
     def likelihood(v: float) -> float:
-        variance = max(float(rest[-1, -1] - np.sum(v * along / (1.0 + v * values))) / left, 1e-300)
+        """Restricted log likelihood of a variance."""
+        square = float(torque_square - np.sum(v * along / (1.0 + v * values)))
+        variance = max(square / left, 1e-300)
         return -0.5 * float(left * np.log(variance) + np.sum(np.log1p(v * values)))
 
     ridge[drawn] = 1.0 / max(VARIANCES, key=likelihood)
@@ -247,9 +283,8 @@ def _mostly_noise(j: int, held: Sequence[Rows], most: Float[Array, " p"]) -> Boo
     noise = np.zeros(len(most))
     for rows in held:
         if rows.noise is not None:
-            noise += rows.weight * np.sum(
-                rows.noise[j][rows.counts[:, j], :-1] ** 2, axis=0, dtype=float
-            )
+            columns = rows.noise[j][rows.counts[:, j], :-1]
+            noise += rows.weight * np.sum(columns**2, axis=0, dtype=float)
     noise[: held[0].rank + LOSS_PARAMETERS] = 0.0
     return np.asarray(noise > most)
 
@@ -259,13 +294,21 @@ def _left_of_run(rows: Rows, j: int, weights: Float[Array, " p"]) -> Float[Array
     separately.
     """
     left: Array = rows.tables[j] @ weights
-    friction = rows.tables[j][:, rows.rank + FRICTION.start : rows.rank + FRICTION.stop]
     where = rows.counts[:, j]
     if not where.any():
         return left
-    return np.asarray(
-        left - friction @ np.linalg.lstsq(friction[where], left[where], rcond=1e-9)[0]
-    )
+    friction = rows.tables[j][:, rows.rank + FRICTION.start : rows.rank + FRICTION.stop]
+    level = np.linalg.lstsq(friction[where], left[where], rcond=1e-9)[0]
+    return np.asarray(left - friction @ level)
+
+
+class _Piece(NamedTuple):
+    """A stretch of what is left of a run."""
+
+    run: int  # its number
+    where: slice
+    square: float  # mean square of the samples that count
+    samples: int  # how many these are
 
 
 def _without_bursts(
@@ -278,23 +321,23 @@ def _without_bursts(
     Noise grows with load by some per cent, not manifold for some seconds: that is something else (a
     resonance, knocks), which would pass for noise, at all times, if the noise were learnt there.
     """
-    pieces: list[tuple[int, slice, float, int]] = []
-    for k, (values, where) in enumerate(zip(left, counts, strict=True)):
+    pieces: list[_Piece] = []
+    for run, (values, counted) in enumerate(zip(left, counts, strict=True)):
         for start in range(0, len(values), settings.burst_samples):
-            piece = slice(start, start + settings.burst_samples)
-            count = int(np.count_nonzero(where[piece]))
-            if count:
-                pieces.append(
-                    (k, piece, float(np.sum(values[piece][where[piece]] ** 2)) / count, count)
-                )
-    power = np.array([piece[2] for piece in pieces])
-    counted = np.array([piece[3] for piece in pieces])
-    order = np.argsort(power)
-    middle = power[order][np.searchsorted(np.cumsum(counted[order]), 0.5 * counted.sum())]
-    quiet = [where.copy() for where in counts]
-    for k, piece, mean_square, _ in pieces:
-        if mean_square > settings.burst_power * middle:
-            quiet[k][piece] = False
+            where = slice(start, start + settings.burst_samples)
+            samples = values[where][counted[where]]
+            if len(samples):
+                square = float(np.sum(samples**2)) / len(samples)
+                pieces.append(_Piece(run, where, square, len(samples)))
+    squares = np.array([piece.square for piece in pieces])
+    samples_of_piece = np.array([piece.samples for piece in pieces])
+    order = np.argsort(squares)
+    half = 0.5 * samples_of_piece.sum()
+    middle = squares[order][np.searchsorted(np.cumsum(samples_of_piece[order]), half)]
+    quiet = [counted.copy() for counted in counts]
+    for piece in pieces:
+        if piece.square > settings.burst_power * middle:
+            quiet[piece.run][piece.where] = False
     return quiet
 
 

@@ -57,19 +57,18 @@ class Partition:
             deal: Gives each block its fold, by the number of its run.
             settings: How long a stretch is.
         """
-        counts, parts = (
-            np.maximum(1, np.round(seconds / length)).astype(int)
-            for length in (block_s, settings.stretch_s)
-        )
-        pairs = list(zip(lengths, counts, strict=True))
-        starts = tuple(
-            np.linspace(0, length, count, endpoint=False).astype(int) for length, count in pairs
-        )
-        run = np.repeat(np.arange(len(counts)), counts)
-        first = np.cumsum(counts) - counts
-        within = np.arange(len(run)) - first[run]
-        stretches = (np.cumsum(parts) - parts)[run] + within * parts[run] // counts[run]
-        return cls(starts, first, deal(run), stretches)
+        blocks = np.maximum(1, np.round(seconds / block_s)).astype(int)
+        stretches = np.maximum(1, np.round(seconds / settings.stretch_s)).astype(int)
+        starts = []
+        for length, count in zip(lengths, blocks, strict=True):
+            edges = np.linspace(0, length, count, endpoint=False)
+            starts.append(edges.astype(int))
+        run = np.repeat(np.arange(len(blocks)), blocks)
+        first_block = np.cumsum(blocks) - blocks
+        first_stretch = np.cumsum(stretches) - stretches
+        within = np.arange(len(run)) - first_block[run]
+        stretch = first_stretch[run] + within * stretches[run] // blocks[run]
+        return cls(tuple(starts), first_block, deal(run), stretch)
 
     @property
     def run_of_block(self) -> Int[Array, " B"]:
@@ -78,11 +77,8 @@ class Partition:
 
     def blocks_of(self, run: int, count: int) -> Int[Array, " t"]:
         """Block of every filtered sample of a run."""
-        return (
-            self.first_block[run]
-            + np.searchsorted(self.starts[run], np.arange(count), side="right")
-            - 1
-        )
+        begun = np.searchsorted(self.starts[run], np.arange(count), side="right")
+        return self.first_block[run] + begun - 1
 
 
 def build_partition(
@@ -102,38 +98,32 @@ def partition_motions(
     motions: Sequence[Motion], settings: RegressionSettings = USUAL_REGRESSION
 ) -> Partition:
     """The same, of motions."""
-    facts = [
-        (
-            each.filtered_length,
-            each.interval * each.lowpass.factor,
-            each.continues,
-            each.interval * np.abs(each.dq).sum(axis=0),
-        )
-        for each in motions
-    ]
-    lengths, steps, continues, travel = (np.array(values) for values in zip(*facts, strict=True))
+    lengths = np.array([motion.filtered_length for motion in motions])
+    steps = np.array([motion.interval * motion.lowpass.factor for motion in motions])
+    continues = np.array([motion.continues for motion in motions])
+    travel = np.array([motion.interval * np.abs(motion.dq).sum(axis=0) for motion in motions])
     recorded = np.cumsum(~continues) - 1
     few = _few(travel, recorded, settings.fewest_runs)
     folds = settings.folds
     if len(lengths) > settings.most_lone_runs:
         block, run_of_block = _share_blocks(recorded, settings)
-        alone = np.arange(len(run_of_block))
-        starts = (np.zeros(1, dtype=int),) * len(lengths)
-        fold = _deal_folds(run_of_block, folds, few)
-        draws = choose_draws(
-            block, lengths, settings.block_draws, np.random.default_rng(CHOICE_SEED)
+        rng = np.random.default_rng(CHOICE_SEED)
+        return Partition(
+            starts=(np.zeros(1, dtype=int),) * len(lengths),
+            first_block=block,
+            folds=_deal_folds(run_of_block, folds, few),
+            stretches=np.arange(len(run_of_block)),
+            draws=choose_draws(block, lengths, settings.block_draws, rng),
         )
-        return Partition(starts, block, fold, alone, draws)
     seconds = lengths * steps
     total = float(seconds.sum())
     target = block_length(total, settings.shortest_block_s, settings.most_blocks)
-    return Partition.cut(
-        lengths,
-        seconds,
-        target,
-        lambda run: _deal_folds(recorded[run], folds, few),
-        settings,
-    )
+
+    def deal(run_of_block: Int[Array, " B"]) -> Int[Array, " B"]:
+        """Fold of each block, by the run that it lies in."""
+        return _deal_folds(recorded[run_of_block], folds, few)
+
+    return Partition.cut(lengths, seconds, target, deal, settings)
 
 
 def choose_draws(
@@ -155,7 +145,8 @@ def choose_draws(
         Weight of each run's draw, 0 where none is needed.
     """
     weights = np.zeros(len(block))
-    for members in (np.flatnonzero(block == number) for number in np.unique(block)):
+    for number in np.unique(block):
+        members = np.flatnonzero(block == number)
         shuffled = rng.permutation(members)
         before = np.cumsum(lengths[shuffled]) - lengths[shuffled]
         chosen = shuffled[before < most]

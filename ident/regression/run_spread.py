@@ -42,13 +42,11 @@ LEAST_LEFT = 0.05
 
 def squares_left(evidence: Evidence, projection: Projection) -> Float[Array, "n B"]:
     """What a model leaves of each joint's rows in each block, in squares of the noise."""
-    weights = projection.weights
-    return np.array(
-        [
-            evidence.times(j, weights[local]) @ weights[local]
-            for j, local in enumerate(evidence.layout.local)
-        ]
-    )
+    squares = []
+    for j, local in enumerate(evidence.layout.local):
+        weights = projection.weights[local]
+        squares.append(evidence.times(j, weights) @ weights)
+    return np.array(squares)
 
 
 def block_sums_left(evidence: Evidence, projection: Projection) -> Float[Array, "B P"]:
@@ -68,25 +66,22 @@ def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array
     left = block_sums_left(evidence, projection)[:, projection.inside]
     blocks = len(left)
     meat = left.T @ left * blocks / max(blocks - 1, 1)
-    return floor_at_model_variance(projection.spread @ meat @ projection.spread, projection.spread)
+    spread = projection.spread
+    return floor_at_model_variance(spread @ meat @ spread, spread)
 
 
 def floor_at_model_variance(
     sandwich: Float[Array, "z z"], spread: Float[Array, "z z"]
 ) -> Float[Array, "z z"]:
     """A block sandwich covariance with variances that are not below the model's own, `spread`."""
-    own_variance = np.diag(spread)
+    of_model = np.diag(spread)
     between = np.diag(sandwich)
     # A column that is nearly zero in all blocks has no variance between them: the model's holds.
-    silent = between <= LEAST_BLOCK_VARIANCE * own_variance
-    lift = np.where(
-        silent,
-        0.0,
-        np.sqrt(np.maximum(1.0, own_variance / np.where(silent, own_variance, between))),
-    )
-    return np.asarray(
-        sandwich * np.outer(lift, lift) + np.diag(np.where(silent, own_variance, 0.0))
-    )
+    silent = between <= LEAST_BLOCK_VARIANCE * of_model
+    ratio = of_model / np.where(silent, of_model, between)
+    lift = np.where(silent, 0.0, np.sqrt(np.maximum(1.0, ratio)))
+    floor = np.diag(np.where(silent, of_model, 0.0))
+    return np.asarray(sandwich * np.outer(lift, lift) + floor)
 
 
 def measure_inflation(
@@ -123,18 +118,18 @@ def worth_of_rows(evidence: Evidence, projection: Projection) -> Float[Array, " 
         places_of_rows = np.flatnonzero(np.isin(local, projection.inside))
         places = projection.places(local[places_of_rows])
         gram = evidence.total[j].over()
-        ratio = [
-            1.0 / evidence.dispersion[j],
-            weights @ gram @ weights / max(float(evidence.samples[j]), 1.0),
-        ]
+        of_residual = weights @ gram @ weights / max(float(evidence.samples[j]), 1.0)
+        ratios = [1.0 / evidence.dispersion[j], of_residual]
         gram = gram[np.ix_(places_of_rows, places_of_rows)]
+        covariance = projection.spread[np.ix_(places, places)]
         alone = np.diag(gram)
-        expected = np.diag(gram - gram @ projection.spread[np.ix_(places, places)] @ gram)
+        expected = np.diag(gram - gram @ covariance @ gram)
         used = (alone > LEAST_COLUMN * alone.max(initial=0.0)) & (expected > LEAST_LEFT * alone)
         if used.any():
             scores = evidence.times(j, weights)[:, places_of_rows[used]]
-            ratio.append(np.median((scores**2).sum(axis=0) / expected[used]))
-        worths[j] = evidence.dispersion[j] * max(ratio)
+            squares = (scores**2).sum(axis=0)
+            ratios.append(np.median(squares / expected[used]))
+        worths[j] = evidence.dispersion[j] * max(ratios)
     return worths
 
 
@@ -150,13 +145,15 @@ def estimate_run_spread(evidence: Evidence, weights: Float[Array, " P"]) -> Floa
 
 
 def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]) -> float:
+    """A joint's spread; the usual one where a single stretch says nothing of it."""
     settings = evidence.settings
     follow, noise = evidence.friction.levels(joint, evidence.misfit(joint, weights))
     levels = (follow @ weights[evidence.layout.local[joint]]).reshape(-1, 2)
     if len(levels) < 2:
         return settings.usual_spread
     tried = np.geomspace(*SPREADS)
-    return float(tried[np.argmax(_likelihood(levels, noise, tried, settings))])
+    likelihoods = _likelihood(levels, noise, tried, settings)
+    return float(tried[np.argmax(likelihoods)])
 
 
 def _likelihood(
@@ -168,14 +165,18 @@ def _likelihood(
     """Restricted log likelihoods of friction levels that vary by so much, times what is known of it
     beforehand.
     """
-    each = np.linalg.inv(noise + spreads[:, None, None, None] ** 2 * np.eye(2))
-    total = each.sum(axis=1)
-    mean = np.linalg.solve(total, np.einsum("krab,rb->ka", each, levels)[..., None])[..., 0]
+    varying = spreads[:, None, None, None] ** 2 * np.eye(2)
+    information = np.linalg.inv(noise + varying)
+    total = information.sum(axis=1)
+    weighted = np.einsum("krab,rb->ka", information, levels)
+    mean = np.linalg.solve(total, weighted[..., None])[..., 0]
     off = levels - mean[:, None]
-    left = np.einsum("kra,krab,krb->k", off, each, off)
-    weight = np.linalg.slogdet(each)[1].sum(axis=1) - np.linalg.slogdet(total)[1]
+    squares = np.einsum("kra,krab,krb->k", off, information, off)
+    log_information = np.linalg.slogdet(information)[1].sum(axis=1)
+    log_total = np.linalg.slogdet(total)[1]
+    weight = log_information - log_total
     usual = settings.usual_runs * (2.0 * np.log(spreads) + (settings.usual_spread / spreads) ** 2)
-    return np.asarray(0.5 * (weight - left - usual))
+    return np.asarray(0.5 * (weight - squares - usual))
 
 
 def estimate_held(
@@ -197,9 +198,8 @@ def estimate_held(
         rows = held.weighted
         used = np.flatnonzero(np.isin(local, model.inside))
         taken = float(np.sum((rows[:, used] @ root[model.places(local[used])]) ** 2))
+        left = float(np.sum((rows @ model.weights[local]) ** 2))
         holds = len(np.unique(held.hold))
-        factor = (GUESS + float(np.sum((rows @ model.weights[local]) ** 2))) / (
-            GUESS + max(holds - taken, 0.0)
-        )
+        factor = (GUESS + left) / (GUESS + max(holds - taken, 0.0))
         levels.append(held.friction * float(np.sqrt(factor)))
     return tuple(levels)

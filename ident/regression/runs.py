@@ -18,20 +18,23 @@ def build_session(
     baseline: Baseline, motions: Sequence[Motion], common_clock: bool
 ) -> SessionContext:
     """What the effects know of the runs: modelled torques only, never the measured one."""
+    nominal = baseline.nominal
+    runs = []
+    for motion in motions:
+        carrying = baseline.arm.with_payload(motion.payload)
+        runs.append(_run_of(baseline, motion, carrying))
     return SessionContext(
-        runs=tuple(
-            _run_of(baseline, motion, baseline.arm.with_payload(motion.payload))
-            for motion in motions
-        ),
+        runs=tuple(runs),
         common_clock=common_clock,
-        joint_names=baseline.nominal.joint_names,
-        gear_ratios=baseline.nominal.gear_ratios,
-        rated_torque=baseline.nominal.effort_limit,
-        tuned=baseline.arm.inertial_parameters - baseline.nominal.inertial_parameters,
+        joint_names=nominal.joint_names,
+        gear_ratios=nominal.gear_ratios,
+        rated_torque=nominal.effort_limit,
+        tuned=baseline.arm.inertial_parameters - nominal.inertial_parameters,
     )
 
 
 def _run_of(baseline: Baseline, motion: Motion, arm: ArmModel) -> RunContext:
+    """A run as the effects see it, with the arm that carries its payload."""
     rigid = arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)
     slip = baseline.sliding.direction(motion)
     friction = baseline.loss.viscous * motion.dq + baseline.loss.coulomb * slip
@@ -65,13 +68,15 @@ def leftover_torque(session: SessionContext) -> Sequence[Float[Array, "t n"]]:
     torques = []
     held = static_level(session)
     for run in session.runs:
-        left = run.motion.tau_filtered - run.motion.filtered(run.total)
-        rests = resting(run.motion)[run.motion.coarse]
-        settled = run.motion.settled
+        motion = run.motion
+        left = motion.tau_filtered - motion.filtered(run.total)
+        rests = resting(motion)[motion.coarse]
         friction = np.where(rests, held, 2.0 * held)
         beyond = left - np.clip(left, -friction, friction)
-        torque = np.where(settled, left, np.where(rests | (beyond != 0.0), beyond, np.nan))
-        for j, reach in enumerate(run.motion.blurred):
-            torque[: int(reach), j] = torque[len(torque) - int(reach) :, j] = np.nan
+        of_rest_and_turns = np.where(rests | (beyond != 0.0), beyond, np.nan)
+        torque = np.where(motion.settled, left, of_rest_and_turns)
+        for j, reach in enumerate(motion.blurred.tolist()):
+            torque[:reach, j] = np.nan
+            torque[len(torque) - reach :, j] = np.nan
         torques.append(torque)
     return torques

@@ -65,9 +65,10 @@ def known_limits(
             than any joint has.
         speed, effort: Unknown where they are placeholders or beyond all measure.
     """
-    lower, upper, speed, effort = (
-        np.asarray(values, dtype=float) for values in (lower, upper, speed, effort)
-    )
+    lower = np.asarray(lower, dtype=float)
+    upper = np.asarray(upper, dtype=float)
+    speed = np.asarray(speed, dtype=float)
+    effort = np.asarray(effort, dtype=float)
     bounded = has_room(lower, upper) & (upper - lower < LARGEST_POSITION)
     moves = (speed > 0.0) & (speed < LARGEST_SPEED) & ~is_placeholder(speed)
     pulls = (effort > 0.0) & (effort < LARGEST_EFFORT) & ~is_placeholder(effort)

@@ -119,8 +119,9 @@ def _along_link(
     across, joint axis.
     """
     frame = np.stack([direction, np.cross(axis, direction), axis])
-    moments = np.diag(frame @ pose.rotation @ link.inertia @ pose.rotation.T @ frame.T)
-    return float(direction @ pose.rotation @ link.lever), tuple(float(moment) for moment in moments)
+    inertia = frame @ pose.rotation @ link.inertia @ pose.rotation.T @ frame.T
+    distance = float(direction @ pose.rotation @ link.lever)
+    return distance, tuple(float(moment) for moment in np.diag(inertia))
 
 
 def build_lumped_arm(arm: ArmModel) -> ArmModel:
@@ -129,7 +130,6 @@ def build_lumped_arm(arm: ArmModel) -> ArmModel:
     """
     p = lumped_parameters(arm)
     half = np.pi / 2
-    names = arm.joint_names[:3]
     m34 = p.m3 + p.m4
     com34 = (p.m3 * p.l3 + p.m4 * p.a3) / m34
     # Link 3 and the point mass as one body: parallel axes about the common centre of mass.
@@ -139,33 +139,37 @@ def build_lumped_arm(arm: ArmModel) -> ArmModel:
         (p.m2, p.l2, (p.I2x, p.I2y, p.I2z)),
         (m34, com34, (p.I3x, p.I3y + extra, p.I3z + extra)),
     ]
+    # Joint 2's zero is turned within its own plane.
+    upright = pin.rpy.rpyToMatrix(np.array((-half, -half, 0.0)))
+    turned = upright @ pin.utils.rotate("z", p.offset[1])
     origins = [
         (f"0 0 {p.d1!r}", (0.0, 0.0, p.offset[0])),
-        ("0 0 0", (-half, -half, 0.0)),
+        ("0 0 0", tuple(pin.rpy.matrixToRpy(turned))),
         (f"{p.a2!r} 0 0", (0.0, 0.0, p.offset[2])),
     ]
-    limits = zip(arm.lower, arm.upper, arm.velocity_limit, arm.effort_limit, strict=True)
-    parts = ['<robot name="' + arm.name + '_lumped">', '  <link name="base"/>']
-    for i, ((mass, com, moments), (xyz, rpy), limit) in enumerate(
-        zip(links, origins, limits, strict=False)
-    ):
-        if i == 1:  # turn joint 2's zero within its own plane
-            turned = pin.rpy.rpyToMatrix(np.array(rpy)) @ pin.utils.rotate("z", p.offset[1])
-            rpy = tuple(pin.rpy.matrixToRpy(turned))
-        lower, upper, velocity, effort = (repr(float(value)) for value in limit)
+    elements = ['<robot name="' + arm.name + '_lumped">', '  <link name="base"/>']
+    for i, ((mass, com, moments), (xyz, rpy)) in enumerate(zip(links, origins, strict=True)):
         ixx, iyy, izz = (repr(float(value)) for value in moments)
         turn = " ".join(repr(float(value)) for value in rpy)
         parent = "base" if i == 0 else f"lumped_{i}"
-        parts.append(
-            f'  <joint name="{names[i]}" type="revolute"><parent link="{parent}"/>'
+        elements.append(
+            f'  <joint name="{arm.joint_names[i]}" type="revolute"><parent link="{parent}"/>'
             f'<child link="lumped_{i + 1}"/><origin xyz="{xyz}" rpy="{turn}"/>'
-            f'<axis xyz="0 0 {p.sign[i]}"/>'
-            f'<limit lower="{lower}" upper="{upper}" velocity="{velocity}" effort="{effort}"/>'
+            f'<axis xyz="0 0 {p.sign[i]}"/>{_limit_element(arm, i)}'
             f'</joint><link name="lumped_{i + 1}">'
             f'<inertial><origin xyz="{com!r} 0 0"/><mass value="{mass!r}"/>'
             f'<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/>'
             "</inertial></link>"
         )
-    return ArmModel.from_urdf("\n".join([*parts, "</robot>"]), arm.source).with_gravity(
-        arm.model.gravity.linear
-    )
+    elements.append("</robot>")
+    lumped = ArmModel.from_urdf("\n".join(elements), arm.source)
+    return lumped.with_gravity(arm.model.gravity.linear)
+
+
+def _limit_element(arm: ArmModel, joint: int) -> str:
+    """A joint's limits as a URDF writes them."""
+    lower = repr(float(arm.lower[joint]))
+    upper = repr(float(arm.upper[joint]))
+    velocity = repr(float(arm.velocity_limit[joint]))
+    effort = repr(float(arm.effort_limit[joint]))
+    return f'<limit lower="{lower}" upper="{upper}" velocity="{velocity}" effort="{effort}"/>'

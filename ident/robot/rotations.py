@@ -19,8 +19,9 @@ def rotation_about(axis: Float[Array, " 3"], angle: float) -> Float[Array, "3 3"
     """
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return np.asarray(turn)
+    sine = np.sin(angle) * cross
+    versine = (1 - np.cos(angle)) * cross @ cross
+    return np.asarray(np.eye(3) + sine + versine)
 
 
 def rpy_to_matrix(rpy: Float[Array, " 3"]) -> Float[Array, "3 3"]:
@@ -37,6 +38,8 @@ def matrix_to_rpy(rotation: Float[Array, "3 3"]) -> Float[Array, " 3"]:
     cosine = np.hypot(rotation[0, 0], rotation[1, 0])
     pitch = np.arctan2(-rotation[2, 0], cosine)
     if cosine < GIMBAL_LOCK:
-        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
+        roll = np.arctan2(-rotation[1, 2], rotation[1, 1])
+        return np.array([roll, pitch, 0.0])
     roll = np.arctan2(rotation[2, 1], rotation[2, 2])
-    return np.array([roll, pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    return np.array([roll, pitch, yaw])

@@ -19,9 +19,12 @@ LEAST_LENGTH_SHARE = 0.054
 def parameter_scale(arm: ArmModel) -> Float[Array, " 10n"]:
     """Natural size of each inertial number: mass, mass × length and mass × length² of its link."""
     links = arm.inertial_parameters.reshape(arm.n, 10)
-    mass = np.maximum(links[:, 0], max(LEAST_MASS_SHARE * float(links[:, 0].sum()), 1e-9))
+    least_mass = max(LEAST_MASS_SHARE * float(links[:, 0].sum()), 1e-9)
+    mass = np.maximum(links[:, 0], least_mass)
     lever = np.linalg.norm(links[:, 1:4], axis=1) / mass
-    radius = np.sqrt(np.maximum(links[:, 4] + links[:, 6] + links[:, 9], 0.0) / (2 * mass))
+    # The moments of inertia about three axes add up to twice the polar one.
+    polar = np.maximum(links[:, 4] + links[:, 6] + links[:, 9], 0.0)
+    radius = np.sqrt(polar / (2 * mass))
     placements = list(arm.model.jointPlacements)[2:]
     steps = [float(np.linalg.norm(place.translation)) for place in placements]
     reach = max(sum(steps) + float(lever.max()), 1e-6)

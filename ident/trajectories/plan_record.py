@@ -8,13 +8,13 @@ the record.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError, RobotError
+from ident.records import JsonRecord
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json
 from ident.trajectories.gentle_ends import RAMP_SHARE, GentleEnds
@@ -54,7 +54,7 @@ def read_plan(path: str | Path, arm: ArmModel) -> ReferenceMotion:
     return _follow(file.stem, times, points, ramp).held(PLAN_REST_S, PLAN_REST_S)
 
 
-def _read_record(file: Path, arm: ArmModel) -> dict[str, Any]:
+def _read_record(file: Path, arm: ArmModel) -> JsonRecord:
     """The record of a plan that was found for the arm."""
     record = read_json(file, GIVE_PLAN, RecordingError)
     if record.get("schema") != SCHEMA:
@@ -68,7 +68,7 @@ def _read_record(file: Path, arm: ArmModel) -> dict[str, Any]:
     return record
 
 
-def _times(file: Path, record: dict[str, Any]) -> tuple[Float[Array, " K"], float]:
+def _times(file: Path, record: JsonRecord) -> tuple[Float[Array, " K"], float]:
     """Times of the plan's points, slowed down as they are executed, and its ramp [s]."""
     try:
         execution = dict(record.get("execution") or {})
@@ -100,7 +100,7 @@ def _follow(
     return ReferenceMotion(name, curve(s), dq, ddq)
 
 
-def _points(file: Path, record: dict[str, Any], arm: ArmModel) -> Float[Array, "K n"]:
+def _points(file: Path, record: JsonRecord, arm: ArmModel) -> Float[Array, "K n"]:
     """Start, via points and goal of all joints of the arm, the held ones at their places [rad]."""
     try:
         given = [record["start_rad"], *record["via_points_rad"], record["goal_rad"]]

@@ -27,10 +27,10 @@ MANY_LINES = 1e9
 # Any effect of the catalogue may have changed.
 CHANGEABLE = sorted(
     (
-        replace(one, chance=MANY_LINES) if isinstance(one, TorqueRipple) else one
-        for one in CATALOGUE
+        replace(effect, chance=MANY_LINES) if isinstance(effect, TorqueRipple) else effect
+        for effect in CATALOGUE
     ),
-    key=lambda one: one.as_change.order,
+    key=lambda effect: effect.as_change.order,
 )
 CHANGES: tuple[Effect, ...] = (*CHANGEABLE, FrictionChange(), UnlistedChange())
 MASS = "mass_kg"
@@ -41,19 +41,19 @@ COPIED = (
 )
 
 
-def ids(flag: str) -> frozenset[str]:
-    """Ids of the changes whose `AsChange` has a flag set."""
-    return frozenset(one.id for one in CHANGES if getattr(one.as_change, flag))
-
-
 # Effects whose columns, shared by all runs, are in the span of the tuned baseline.
-IN_THE_BASELINE = (
-    ids("body") | {one.id for one in CHANGES if one.event or one.remembers} | {FrictionChange.id}
+IN_THE_BASELINE = frozenset(
+    effect.id
+    for effect in CHANGES
+    if effect.as_change.body
+    or effect.event
+    or effect.remembers
+    or isinstance(effect, FrictionChange)
 )
 # Laws of friction, which varies between runs: one run a side does not show a change.
-OF_FRICTION = ids("friction")
+OF_FRICTION = frozenset(effect.id for effect in CHANGES if effect.as_change.friction)
 # The change of what the arm carries.
-(CARRIED,) = ids("taken_off")
+(CARRIED,) = (effect.id for effect in CHANGES if effect.as_change.taken_off)
 
 
 def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Variant]:
@@ -63,13 +63,14 @@ def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Vari
     """
     grid = effect.variants(session, joint)
     if effect.partner:
-        return [
-            point for point in grid if point.other is not None and abs(point.other - joint) == 1
-        ]
-    if len(grid) <= CHANGE.grid_points or effect.as_change.later_alone or effect.as_change.body:
+        with_other = [(point, point.other) for point in grid if point.other is not None]
+        return [point for point, other in with_other if abs(other - joint) == 1]
+    kind = effect.as_change
+    if len(grid) <= CHANGE.grid_points or kind.later_alone or kind.body:
         return grid
     inner = np.linspace(0, len(grid) - 1, CHANGE.grid_points + 2)[1:-1]
-    return [grid[k] for k in sorted({round(float(at)) for at in inner})]
+    nearest = {round(place) for place in inner.tolist()}
+    return [grid[k] for k in sorted(nearest)]
 
 
 def finer_grids(
@@ -83,14 +84,14 @@ def finer_grids(
         changes: Changes at their points of the usual grid.
         session, later: The runs of both sets, and those of the later one.
     """
-    found: list[Grid] = []
+    grids: list[Grid] = []
     for group in changes:
         effect = group.effect.effect if isinstance(group.effect, ChangeOf) else group.effect
         runs = later if effect.as_change.later_alone else session
         finer = optional.refined(effect, runs, group.joint, group.variant)
         if len(finer) > 1 and not effect.as_change.body:
-            found.append((effect, group.joint, tuple(finer)))
-    return found
+            grids.append((effect, group.joint, tuple(finer)))
+    return grids
 
 
 @dataclass(eq=False)
@@ -120,18 +121,15 @@ class ChangeOf(Effect):
         covariance: Array,
     ) -> dict[str, Interval]:
         gone = self.as_change.taken_off and coefficients[0] < 0.0
-        estimates = self.effect.parameters(
-            session, joint, variant, -coefficients if gone else coefficients, covariance
-        )
+        size = -coefficients if gone else coefficients
+        estimates = self.effect.parameters(session, joint, variant, size, covariance)
         return self._negated(estimates) if gone else estimates
 
     def _negated(self, estimates: Mapping[str, Interval]) -> dict[str, Interval]:
         """The parameters of an amount that was taken off, with its sign reversed."""
         name = self.as_change.taken_off
-        return {
-            **estimates,
-            name: Interval(-estimates[name].value, -estimates[name].high, -estimates[name].low),
-        }
+        amount = estimates[name]
+        return {**estimates, name: Interval(-amount.value, -amount.high, -amount.low)}
 
     def physical(
         self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]
@@ -141,22 +139,17 @@ class ChangeOf(Effect):
             return {}
         if self.as_change.taken_off and estimates[self.as_change.taken_off].value < 0.0:
             estimates = self._negated(estimates)
-        found = {
-            # An effect may vanish, so the negative of its largest size is plausible.
-            name: replace(one, low=min(one.low, -one.high)) if np.isfinite(one.high) else one
-            for name, one in self.effect.physical(session, joint, estimates).items()
-        }
-        # A parameter is outside its bounds only if its whole interval is.
-        outside = {
-            n
-            for n, one in found.items()
-            if estimates[n].high < one.low or estimates[n].low > one.high
-        }
-        return {
-            name: one
-            for name, one in found.items()
-            if name in outside or not np.isfinite(estimates[name].value)
-        }
+        ranges: dict[str, Range] = {}
+        for name, bounds in self.effect.physical(session, joint, estimates).items():
+            if np.isfinite(bounds.high):
+                # An effect may vanish, so the negative of its largest size is plausible.
+                bounds = replace(bounds, low=min(bounds.low, -bounds.high))
+            # A parameter is outside its bounds only if its whole interval is.
+            estimate = estimates[name]
+            outside = estimate.high < bounds.low or estimate.low > bounds.high
+            if outside or not np.isfinite(estimate.value):
+                ranges[name] = bounds
+        return ranges
 
     def parts(self, variant: Variant) -> Sequence[tuple[Variant, Sequence[int]]]:
         return optional.parts(self.effect, variant)

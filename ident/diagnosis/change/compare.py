@@ -1,7 +1,4 @@
-"""What changed between two sets of recordings of one arm.
-
-From motions to changes with their evidence.
-
+"""What changed between two sets of recordings of one arm: from motions to changes with evidence.
 Both sets share one baseline: the arm's inertias with a loose prior, its losses, and every law in
 all runs alike. Errors of the model that are the same before and after cancel in it. The candidates
 are the same laws in the later set alone, and what changed is inferred from them as a session's
@@ -89,17 +86,15 @@ def _too_few(
     design: PairedDesign, arm: ArmModel, sides: tuple[Side, Side], used: tuple[SamplesUsed, ...]
 ) -> ArmComparison:
     """The record of sets with fewer samples than the baseline has columns."""
-    few = [
-        NotTestable(group.effect, group.joint, TOO_FEW)
-        for group in design.sums.evidence.layout.groups
-    ]
-    hidden = {(one.effect.id, one.joint): one for one in (*design.untestable, *few)}.values()
+    untestable = {(entry.effect.id, entry.joint): entry for entry in design.untestable}
+    for group in design.sums.evidence.layout.groups:
+        untestable[group.effect.id, group.joint] = NotTestable(group.effect, group.joint, TOO_FEW)
     return ArmComparison(
         robot=arm.name,
         joints=arm.joint_names,
         verdict="not_testable",
         sides=sides,
-        not_testable=tuple(hidden),
+        not_testable=tuple(untestable.values()),
         still=design.still,
         used=used,
     )
@@ -108,20 +103,20 @@ def _too_few(
 def _find_untestable(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestable]:
     """Changes that these two sets cannot show, with the reason."""
     evidence = design.sums.evidence
-    found = list(design.untestable)
-    gram = design.sums.evidence.gram()
-    loose = project(gram, evidence, design.prior)
-    right = project(
-        gram, evidence, design.prior.tightened(CHANGE.urdf_share / USUAL_REGRESSION.inertia_share)
-    )
+    untestable = list(design.untestable)
+    gram = evidence.gram()
+    correct_urdf = design.prior.tightened(CHANGE.urdf_share / USUAL_REGRESSION.inertia_share)
+    model = project(gram, evidence, design.prior)
+    model_of_correct_urdf = project(gram, evidence, correct_urdf)
     first = {group.key: group for group in reversed(evidence.layout.groups)}
     for group in reversed(first.values()):
-        seen = [float(one.visibility(group.columns).max()) for one in (loose, right)]
+        seen = float(model.visibility(group.columns).max())
+        seen_by_correct_urdf = float(model_of_correct_urdf.visibility(group.columns).max())
         if group.effect.id in OF_FRICTION and design.moves_once[group.joint]:
             reason = ONE_RUN_A_SIDE
-        elif seen[0] >= CHANGE.least_seen:
+        elif seen >= CHANGE.least_seen:
             continue
-        elif seen[1] >= 2.0 * CHANGE.least_seen:
+        elif seen_by_correct_urdf >= 2.0 * CHANGE.least_seen:
             reason = TOO_DIFFERENT
         elif group.effect.rows == "own" and used[group.joint].in_motion < 0.5:
             share = 100.0 * used[group.joint].in_motion
@@ -129,8 +124,8 @@ def _find_untestable(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[
             reason = f"{moves}; the rest can't show it"
         else:
             reason = "the two sets have too little motion in common to show it"
-        found.append(NotTestable(group.effect, group.joint, reason))
-    return found
+        untestable.append(NotTestable(group.effect, group.joint, reason))
+    return untestable
 
 
 def _result(
@@ -140,9 +135,8 @@ def _result(
     design = told.likely.design
     joints = arm.joint_names
     evidence = design.sums.evidence
-    changes = sorted(
-        (_change(name, told, arm) for name in told.names), key=lambda change: -change.closed
-    )
+    changes = [_change(name, told, arm) for name in told.names]
+    changes.sort(key=lambda change: -change.closed)
     with_rows = design.joints_with_rows
 
     def by_joint(values: Float[Array, " n"]) -> dict[str, float]:
@@ -187,7 +181,9 @@ def _change(name: Named, told: ToldChanges, arm: ArmModel) -> ArmChange:
     names = [joints[j] for j in acts]
     against = against_runs(likely, name.group)
     tests = len({group.key for group in likely.search.names.groups})
-    elsewhere = other_places(name.described, told.calibration.temper)
+    elsewhere = []
+    for effect, joint in other_places(name.described, told.calibration.temper):
+        elsewhere.append((effect, "" if joint < 0 else joints[joint]))
     return ArmChange(
         estimate=name.estimate,
         joints=joints_of(name, joints),
@@ -199,7 +195,5 @@ def _change(name: Named, told: ToldChanges, arm: ArmModel) -> ArmChange:
         log_score=name.log_score,
         evidence=name.log_evidence,
         run_spread=against.run_deviation(likely.design.sides.counts),
-        elsewhere=tuple(
-            (effect, "" if joint < 0 else joints[joint]) for effect, joint in elsewhere
-        ),
+        elsewhere=tuple(elsewhere),
     )

@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import polygamma
@@ -41,6 +41,7 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.change.paired_design import PairedDesign
 from ident.diagnosis.change.permuted_sets import parts_of
 from ident.diagnosis.change.settings import CHANGE
+from ident.records import JsonRecord
 from ident.regression.design import Group
 from ident.regression.least_squares import factorise, positive, ridge_of
 
@@ -65,7 +66,7 @@ class ForetoldJoint:
     # Whether the later set is not foretold by the earlier one; else the earlier by the later.
     forwards: bool
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """The record, with units in its keys."""
         return {
             "joint": self.joint,
@@ -102,33 +103,33 @@ class _Sums:
     @cached_property
     def members(self) -> list[Int[Array, " b"]]:
         """Blocks of each part."""
-        return [np.flatnonzero(self.label == part) for part in range(int(self.label.max()) + 1)]
+        parts = range(int(self.label.max()) + 1)
+        return [np.flatnonzero(self.label == number) for number in parts]
 
     @cached_property
     def later(self) -> Bool[Array, " K"]:
         """Set of each part."""
-        return np.array(
-            [bool(self.design.sides.later_blocks[blocks[0]]) for blocks in self.members]
-        )
+        first_blocks = np.array([blocks[0] for blocks in self.members])
+        return self.design.sides.later_blocks[first_blocks]
 
     @cached_property
     def columns(self) -> Int[Array, " z"]:
         """Columns of the baseline and of the changes and, last, the torque."""
         layout = self.design.sums.evidence.layout
-        changes = np.unique([column for group in self.changes for column in group.columns]).astype(
-            int
-        )
+        changed = [column for group in self.changes for column in group.columns]
+        changes = np.unique(changed).astype(int)
         return np.concatenate([np.arange(layout.tuned), changes, [layout.size]])
 
     @cached_property
     def places(self) -> list[tuple[Int[Array, " k"], Int[Array, " k"]]]:
         """Of each joint's rows the places of these columns, and which of them they are."""
         layout = self.design.sums.evidence.layout
-        found = []
+        places = []
         for local in layout.local:
-            own = np.flatnonzero(np.isin(local, self.columns))
-            found.append((own, np.searchsorted(self.columns, local[own])))
-        return found
+            in_rows = np.flatnonzero(np.isin(local, self.columns))
+            in_columns = np.searchsorted(self.columns, local[in_rows])
+            places.append((in_rows, in_columns))
+        return places
 
     @cached_property
     def rows(self) -> Float[Array, "K n"]:
@@ -145,10 +146,12 @@ class _Sums:
     def alike(self) -> list[Float[Array, "K k k"]]:
         """Each joint's whitened sums over each part."""
         evidence = self.design.sums.evidence
-        found = []
-        for sums, (own, _) in zip(evidence.free, self.places, strict=True):
-            found.append(np.stack([sums.over(blocks)[np.ix_(own, own)] for blocks in self.members]))
-        return found
+        by_joint = []
+        for sums, (in_rows, _) in zip(evidence.free, self.places, strict=True):
+            square = np.ix_(in_rows, in_rows)
+            by_part = [sums.over(blocks)[square] for blocks in self.members]
+            by_joint.append(np.stack(by_part))
+        return by_joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,20 +166,24 @@ class _Models:
     def varied(self) -> list[Float[Array, "K k k"]]:
         """Each joint's whitened sums over each part, friction free in each run within the share."""
         tied = self.sums.design.sums.evidence.friction
-        sums = [one[:, :, own] for one, (own, _) in zip(tied.sums, self.sums.places, strict=True)]
-        tied = replace(tied, sums=tuple(sums))
-        each = enumerate(zip(self.sums.alike, self.spread.tolist(), strict=True))
-        return [tied.part(one, j, share, self.sums.label)[1] for j, (one, share) in each]
+        pairs = zip(tied.sums, self.sums.places, strict=True)
+        of_columns = tuple(sums[:, :, in_rows] for sums, (in_rows, _) in pairs)
+        tied = replace(tied, sums=of_columns)
+        shares = self.spread.tolist()
+        by_joint = []
+        for joint, (alike, share) in enumerate(zip(self.sums.alike, shares, strict=True)):
+            _, varied = tied.part(alike, joint, share, self.sums.label)
+            by_joint.append(varied)
+        return by_joint
 
     @cached_property
     def solved(self) -> Float[Array, "K z z"]:
         """Sums of all joints over each part that models are solved with."""
-        count = len(self.sums.members)
         size = len(self.sums.columns)
-        found = np.zeros((count, size, size))
-        for sums, (_, into) in zip(self.varied, self.sums.places, strict=True):
-            found[:, into[:, None], into] += sums
-        return found
+        total = np.zeros((len(self.sums.members), size, size))
+        for sums, (_, in_columns) in zip(self.varied, self.sums.places, strict=True):
+            total[:, in_columns[:, None], in_columns] += sums
+        return total
 
     def solve(self, parts: Bool[Array, " K"], free: bool = False) -> _Model:
         """The baseline solved on some parts.
@@ -196,62 +203,73 @@ class _Models:
         information[np.diag_indices(len(information))] += ridge
         factor = factorise(information)
         covariance = factor.solve(np.eye(len(information)))
-        return _Model(np.append(-factor.solve(sums[:-1, -1]), 1.0), covariance)
+        coefficients = factor.solve(sums[:-1, -1])
+        return _Model(np.append(-coefficients, 1.0), covariance)
 
     def left(
         self, model: _Model, parts: Bool[Array, " K"], daily: Float[Array, " n"] | None
     ) -> Float[Array, "k n"]:
-        """Logarithm of the mean square that a model leaves of some parts, over what it should
-        leave.
+        """What a model leaves of some parts, over what it should leave.
 
         Args:
             model, parts: The model, and the parts.
             daily: Variance of each joint's friction between these parts and the model's, as a share
                 of its square, where friction is the same in all runs; None where it is free within
                 the share.
+
+        Returns:
+            Logarithms of the mean squares' ratios, by part and joint.
         """
-        found = np.zeros((int(parts.sum()), len(self.sums.places)))
+        logs = np.zeros((int(parts.sum()), len(self.sums.places)))
         every = self.varied if daily is None else self.sums.alike
-        for j, (sums, (_, into)) in enumerate(zip(every, self.sums.places, strict=True)):
-            own = sums[parts]
-            root = np.linalg.cholesky(positive(model.covariance[np.ix_(into[:-1], into[:-1])]))
-            seen_as = np.stack([model.weights[into], *self._friction(j, len(into))])
-            left = np.array([_unexplained(part, seen_as, root) for part in own])
-            expected = self.sums.rows[parts, j]
+        for joint, (sums, (_, in_columns)) in enumerate(zip(every, self.sums.places, strict=True)):
+            coefficients = in_columns[:-1]
+            covariance = model.covariance[np.ix_(coefficients, coefficients)]
+            root = np.linalg.cholesky(positive(covariance))
+            friction = self._friction(joint, len(in_columns))
+            combinations = np.stack([model.weights[in_columns], *friction])
+            squares = np.array([_unexplained(over, combinations, root) for over in sums[parts]])
+            expected = self.sums.rows[parts, joint]
             if daily is not None:
-                expected = expected + daily[j] * np.maximum(left[:, 1:], 0.0).sum(axis=1)
-            found[:, j] = np.log(np.maximum(left[:, 0], 1.0) / np.maximum(expected, 1.0))
-        return found
+                of_friction = np.maximum(squares[:, 1:], 0.0).sum(axis=1)
+                expected = expected + daily[joint] * of_friction
+            of_residual = np.maximum(squares[:, 0], 1.0)
+            logs[:, joint] = np.log(of_residual / np.maximum(expected, 1.0))
+        return logs
 
     def _friction(self, joint: int, size: int) -> Float[Array, "2 k"]:
         """Weights of a joint's columns that make its viscous and its Coulomb torque."""
         tied = self.sums.design.sums.evidence.friction
-        found = np.zeros((len(tied.level[joint]), size))
-        found[np.arange(len(found)), np.arange(size)[tied.columns]] = tied.level[joint]
-        return found
+        level = tied.level[joint]
+        weights = np.zeros((len(level), size))
+        weights[np.arange(len(level)), np.arange(size)[tied.columns]] = level
+        return weights
 
     def left_out(
         self, parts: Bool[Array, " K"], daily: Float[Array, " n"] | None, free: bool = False
     ) -> Float[Array, "k n"]:
         """The same of each of some parts by the model of the others of them."""
-        found = []
-        for part in np.flatnonzero(parts):
-            alone = np.arange(len(parts)) == part
-            found.append(self.left(self.solve(parts & ~alone, free), alone, daily)[0])
-        return np.array(found)
+        logs = []
+        for index in np.flatnonzero(parts):
+            alone = np.arange(len(parts)) == index
+            model_of_others = self.solve(parts & ~alone, free)
+            logs.append(self.left(model_of_others, alone, daily)[0])
+        return np.array(logs)
 
     def permuted_rises(self, daily: Float[Array, " n"] | None) -> Float[Array, "h n"]:
-        """By how much more the model of one half of permuted parts leaves of the other than of its
-        own parts.
+        """By how much more a model of half of permuted parts leaves of the others than of its own.
+
+        Args:
+            daily: Variance of friction between halves, as in `left`.
         """
-        found = []
+        rises = []
         for later in self.sums.design.permuted.permutations:
             half = np.isin(np.arange(len(self.sums.members)), later)
-            for own in (half, ~half):
-                other = self.left(self.solve(own), ~own, daily)
-                home = self.left_out(own, daily)
-                found.append(other.mean(axis=0) - home.mean(axis=0))
-        return np.array(found)
+            for solved in (half, ~half):
+                across = self.left(self.solve(solved), ~solved, daily)
+                home = self.left_out(solved, daily)
+                rises.append(across.mean(axis=0) - home.mean(axis=0))
+        return np.array(rises)
 
 
 def _unexplained(
@@ -268,9 +286,9 @@ def _unexplained(
     scores = sums @ weights.T
     turned = root.T @ scores[:-1]
     inner = np.eye(len(root)) + root.T @ sums[:-1, :-1] @ root
-    return np.asarray(
-        (weights.T * scores).sum(axis=0) - (turned * factorise(inner).solve(turned)).sum(axis=0)
-    )
+    squares = (weights.T * scores).sum(axis=0)
+    explained = (turned * factorise(inner).solve(turned)).sum(axis=0)
+    return np.asarray(squares - explained)
 
 
 class _Logs(NamedTuple):
@@ -279,6 +297,14 @@ class _Logs(NamedTuple):
     across: Float[Array, "k n"]  # of one set by the other's model
     within: Float[Array, "k n"]  # of the same parts by the model of their own set's others
     home: Float[Array, "m n"]  # of the model's own set, each part by the others
+
+
+class _Test(NamedTuple):
+    """Rise of a joint's logarithm across the sets."""
+
+    rise: float
+    reach: float  # half-width of its 95 % interval
+    p_value: float  # of this joint alone
 
 
 def find_unforetold(
@@ -296,20 +322,22 @@ def find_unforetold(
     counts = design.sides.counts
     between = CHANGE.day_to_day**2 + spread**2 * sum(1.0 / count for count in counts)
     sums = _Sums(design)
-    if min(int(sums.later.sum()), int((~sums.later).sum())) < 2:
+    parts_later = int(sums.later.sum())
+    parts_earlier = int((~sums.later).sum())
+    if min(parts_later, parts_earlier) < 2:
         return ()
     # What friction of another day may do by chance; its two levels have a χ² of two degrees of
     # freedom.
     most = spread**2 - 2.0 * np.log(CHANGE.risen_by_chance) * between
-    found: dict[int, ForetoldJoint] = {}
-    free = _Models(sums, np.sqrt(spread**2 + between)), None, None
-    alike = _Models(sums, spread), spread**2, most
-    for models, within, across in (free, alike):
+    free = _Models(sums, np.sqrt(spread**2 + between))
+    alike = _Models(sums, spread)
+    surest: dict[int, ForetoldJoint] = {}
+    for models, within, across in ((free, None, None), (alike, spread**2, most)):
         permuted = replace(models, sums=_Sums(design, tuple(changes)))
-        for j, one in _unforetold_of(models, permuted, within, across):
-            if j not in found or one.p_value < found[j].p_value:
-                found[j] = one
-    return tuple(found[j] for j in sorted(found))
+        for j, joint in _unforetold_of(models, permuted, within, across):
+            if j not in surest or joint.p_value < surest[j].p_value:
+                surest[j] = joint
+    return tuple(surest[j] for j in sorted(surest))
 
 
 def _unforetold_of(
@@ -332,34 +360,41 @@ def _unforetold_of(
     home = {side: models.left_out(sets[side], within) for side in sets}
     # What changed may be more than both sets' common laws can be: then its own set foretells it by
     # nothing but itself.
-    own = {
-        side: np.minimum(home[side], models.left_out(sets[side], within, free=True))
-        for side in home
-    }
+    best_home: dict[bool, Float[Array, "k n"]] = {}
+    for side, logs in home.items():
+        best_home[side] = np.minimum(logs, models.left_out(sets[side], within, free=True))
     seen = sums.seen
-    usual: Float[Array, "h n"] | None = (
-        None  # what permuted sets say; only needed where something is beyond chance
-    )
-    found: list[tuple[int, ForetoldJoint]] = []
+    tests_made = WAYS * len(seen)
+    # What permuted sets say; only needed where something is beyond chance.
+    usual: Float[Array, "h n"] | None = None
+    unforetold: list[tuple[int, ForetoldJoint]] = []
     for forwards in (True, False):
         model = models.solve(sets[not forwards])
         other = models.left(model, sets[forwards], across)
-        logs = _Logs(other, own[forwards], home[not forwards])
-        tests = _test(logs, sums.rows, seen)
-        if any(WAYS * len(seen) * chance < CHANGE.risen_by_chance for _, _, chance in tests):
+        of_direction = _Logs(other, best_home[forwards], home[not forwards])
+        tests = _test(of_direction, sums.rows, seen)
+        if any(tests_made * test.p_value < CHANGE.risen_by_chance for test in tests):
             usual = permuted.permuted_rises(within) if usual is None else usual
-            tests = _test(logs, sums.rows, seen, usual)
+            tests = _test(of_direction, sums.rows, seen, usual)
         error = _error(sums.design, model, forwards)
-        for j, (rise, reach, chance) in zip(seen.tolist(), tests, strict=True):
-            p_value = min(1.0, WAYS * len(seen) * chance)
-            ratio, low, high = np.exp(0.5 * (rise + reach * np.array([0.0, -1.0, 1.0]))).tolist()
+        for j, test in zip(seen.tolist(), tests, strict=True):
+            p_value = min(1.0, tests_made * test.p_value)
             if p_value < CHANGE.risen_by_chance:
-                size = float(error[j])
-                one = ForetoldJoint(
-                    joints[j], size, size / ratio, ratio, low, high, p_value, forwards
-                )
-                found.append((j, one))
-    return found
+                joint = _as_unforetold(joints[j], float(error[j]), test, p_value, forwards)
+                unforetold.append((j, joint))
+    return unforetold
+
+
+def _as_unforetold(
+    joint: str, error: float, test: _Test, p_value: float, forwards: bool
+) -> ForetoldJoint:
+    """A joint with its error [N m], and with the ratio of roots of mean squares that a test tells.
+
+    A rise of a logarithm of squares by x is a ratio of roots of exp(x / 2).
+    """
+    ends = test.rise + test.reach * np.array([0.0, -1.0, 1.0])
+    ratio, low, high = np.exp(0.5 * ends).tolist()
+    return ForetoldJoint(joint, error, error / ratio, ratio, low, high, p_value, forwards)
 
 
 def _test(
@@ -367,9 +402,8 @@ def _test(
     rows: Float[Array, "K n"],
     seen: Int[Array, " s"],
     usual: Float[Array, "h n"] | None = None,
-) -> list[tuple[float, float, float]]:
-    """Rise of the logarithm across the sets, its 95 % half-width and its p-value, of each joint
-    seen.
+) -> list[_Test]:
+    """The less certain of both differences, at each joint seen.
 
     The variance between parts is that within the sets: the joint's own or the mean of all joints,
     whichever is more, and at least that of a mean square of so many rows.
@@ -379,41 +413,44 @@ def _test(
         usual: Rises between permuted sets, by set and joint; none if None.
     """
     across, within, home = (log[:, seen] for log in logs)
-    counts = len(across), len(home)
-    freedom = sum(counts) - 2
-    variance = (len(within) * within.var(axis=0) + len(home) * home.var(axis=0)) / freedom
+    freedom = len(across) + len(home) - 2
+    scatter = (len(within) * within.var(axis=0) + len(home) * home.var(axis=0)) / freedom
     least = polygamma(1, 0.5 * rows[:, seen]).mean(axis=0)
-    variance = np.maximum(np.maximum(variance, variance.mean()), least)
-    rises = across.mean(axis=0) - home.mean(axis=0), (across - within).mean(axis=0)
-    shares = sum(1.0 / count for count in counts), 2.0 / counts[0]
-    tested = []
+    variance = np.maximum(np.maximum(scatter, scatter.mean()), least)
+    over_home = across.mean(axis=0) - home.mean(axis=0)
+    over_home_square = variance * (1.0 / len(across) + 1.0 / len(home))
+    over_within = (across - within).mean(axis=0)
+    over_within_square = variance * (2.0 / len(across))
     if usual is not None:
-        rises = rises[0] - np.maximum(usual[:, seen].mean(axis=0), 0.0), rises[1]
-    for k, (rise, share) in enumerate(zip(rises, shares, strict=True)):
-        square = variance * share
-        if usual is not None and k == 0:
-            scatter = usual[:, seen].var(axis=0)
-            square = np.maximum(square, np.maximum(scatter, scatter.mean()))
+        permuted = usual[:, seen]
+        over_home = over_home - np.maximum(permuted.mean(axis=0), 0.0)
+        by_permutation = permuted.var(axis=0)
+        at_least = np.maximum(by_permutation, by_permutation.mean())
+        over_home_square = np.maximum(over_home_square, at_least)
+    pooled = freedom * len(seen)
+    quantile = float(student.ppf(0.975, pooled))
+    tested = []
+    for rise, square in ((over_home, over_home_square), (over_within, over_within_square)):
         error = np.sqrt(square + CHANGE.usual_rise**2)
-        reach = float(student.ppf(0.975, freedom * len(seen))) * error
-        tested.append((rise, reach, student.sf(rise / error, freedom * len(seen))))
+        tested.append((rise, quantile * error, student.sf(rise / error, pooled)))
     values = np.array(tested)
     worst = values[:, 2].argmax(axis=0)
-    return [tuple(values[worst[k], :, k].tolist()) for k in range(len(seen))]
+    return [_Test(*values[worst[k], :, k].tolist()) for k in range(len(seen))]
 
 
 def _error(design: PairedDesign, model: _Model, later: bool) -> Float[Array, " n"]:
     """Root mean square of what a model leaves of one of the sets, joint by joint [N m]."""
     evidence = design.sums.evidence
     layout = evidence.layout
-    found = np.zeros(evidence.layout.n)
+    error = np.zeros(layout.n)
     folds = design.sides.later_folds == later
     for j, local in enumerate(layout.local):
-        own = np.flatnonzero((local < layout.tuned) | (local == layout.size))
-        columns = local[own]
-        weights = np.where(
-            columns == layout.size, 1.0, model.weights[np.minimum(columns, layout.tuned - 1)]
-        )
-        square = float(weights @ evidence.plain[j].part(own)[folds].sum(axis=0) @ weights)
-        found[j] = np.sqrt(max(square, 0.0) / max(float(evidence.weights[folds, j].sum()), 1e-300))
-    return found
+        is_torque = local == layout.size
+        inside = np.flatnonzero((local < layout.tuned) | is_torque)
+        coefficient = np.minimum(local[inside], layout.tuned - 1)
+        weights = np.where(is_torque[inside], 1.0, model.weights[coefficient])
+        sums = evidence.plain[j].part(inside)[folds].sum(axis=0)
+        square = max(float(weights @ sums @ weights), 0.0)
+        rows = max(float(evidence.weights[folds, j].sum()), 1e-300)
+        error[j] = np.sqrt(square / rows)
+    return error

@@ -46,10 +46,9 @@ def compare_reports(
     """
     stage("smoothing", 0.0, 0.1)
     reports = [*before, *after]
-    issues = tuple(
-        as_compared(issue, before, after) for report in reports for issue in report.issues
-    )
-    sides = _side(before), _side(after)
+    told = [issue for report in reports for issue in report.issues]
+    issues = tuple(as_compared(issue, before, after) for issue in told)
+    sides = (_side(before), _side(after))
     fatal = {issue.issue for issue in issues if issue.severity == "fatal"}
     if fatal:
         verdict = "refused" if fatal - {"too_few_runs"} else "not_testable"
@@ -62,11 +61,12 @@ def compare_reports(
                 where, "its joints differ from those of the first session", "compare it alone"
             )
     sets = _motions(before, after, arm, cutoff)
-    currents = any(run.current is not None for report in reports for run in report.session.runs)
-    gain_uncertainty = BY_CURRENT if currents else STATED
-    found = compare(*sets, arm.keeping(joints), sides, seed, gain_uncertainty=gain_uncertainty)
-    weighed = tuple(as_explained(issue, before, found) for issue in issues)
-    return replace(found, telemetry=weighed, cutoff=sets[0][0].lowpass.cutoff)
+    runs = [run for report in reports for run in report.session.runs]
+    has_currents = any(run.current is not None for run in runs)
+    gain_uncertainty = BY_CURRENT if has_currents else STATED
+    comparison = compare(*sets, arm.keeping(joints), sides, seed, gain_uncertainty=gain_uncertainty)
+    weighed = tuple(as_explained(issue, before, comparison) for issue in issues)
+    return replace(comparison, telemetry=weighed, cutoff=sets[0][0].lowpass.cutoff)
 
 
 def _motions(
@@ -76,25 +76,21 @@ def _motions(
     cutoff: float | None,
 ) -> tuple[list[Motion], list[Motion]]:
     """The runs of both sets through one filter: different ones would look like a change."""
-    reports = [*before, *after]
     joints = before[0].session.joints
-    slowest = min(
-        1.0 / run.sample_interval
-        for report in reports
-        for run in report.session.runs
-        if len(run) > 1
-    )
+    runs = [run for report in (*before, *after) for run in report.session.runs]
+    slowest = min(1.0 / run.sample_interval for run in runs if len(run) > 1)
     corner = Lowpass.design(slowest, cutoff, FOR_DIAGNOSIS).cutoff
     motions: Sequence[Motion] = []
     for side in (before, after):
-        own = [motion for report in side for motion in prepare_slower(report.session, corner)]
-        if not own:
+        of_side: list[Motion] = []
+        for report in side:
+            of_side += prepare_slower(report.session, corner)
+        if not of_side:
             raise no_motion(side[0].session.path or side[0].session.name)
         earlier = len(motions)
-        motions = [
-            *motions,
-            *(own[k] for k in choose_runs(len(own), -(-len(own) // CHANGE.most_runs))),
-        ]
+        stride = -(-len(of_side) // CHANGE.most_runs)
+        chosen = [of_side[k] for k in choose_runs(len(of_side), stride)]
+        motions = [*motions, *chosen]
     if cutoff is None:
         motions = within_band(motions, moved_inertia(arm.keeping(joints), motions))
     return list(motions[:earlier]), list(motions[earlier:])
@@ -110,31 +106,36 @@ def as_compared(
     Torque that does not follow the model in either set may be due to a URDF of guessed masses;
     joints that stand still show torque beyond their static friction.
     """
-    sides = [
-        {i.issue for report in side for i in report.issues if i.severity == "fatal"}
-        for side in (before, after)
-    ]
-    alike = issue.issue == "effort_not_torque" and all(issue.issue in found for found in sides)
-    if issue.severity != "fatal" or not (alike or issue.issue == "insufficient_excitation"):
+    if issue.severity != "fatal":
         return issue
-    remedy = (
-        f"{issue.remedy}; before and after alike: sizes in kg are as right as the URDF's masses"
-    )
-    return replace(issue, severity="warning", remedy=remedy if alike else issue.remedy)
+    in_both = _is_fatal(issue.issue, before) and _is_fatal(issue.issue, after)
+    if issue.issue == "effort_not_torque" and in_both:
+        alike = "before and after alike: sizes in kg are as right as the URDF's masses"
+        return replace(issue, severity="warning", remedy=f"{issue.remedy}; {alike}")
+    if issue.issue == "insufficient_excitation":
+        return replace(issue, severity="warning")
+    return issue
+
+
+def _is_fatal(kind: str, reports: Sequence[TelemetryReport]) -> bool:
+    """Whether an issue of a kind is fatal in any of some sessions."""
+    issues = [issue for report in reports for issue in report.issues]
+    return any(issue.issue == kind and issue.severity == "fatal" for issue in issues)
 
 
 def as_explained(
-    issue: TelemetryIssue, before: Sequence[TelemetryReport], found: ArmComparison
+    issue: TelemetryIssue, before: Sequence[TelemetryReport], comparison: ArmComparison
 ) -> TelemetryIssue:
     """A torque that is off by a factor in the later set is no warning where a change of load or
     gain is why.
 
     What the earlier set read stays one: the later reads so much of it, too.
     """
-    kinds = [(change, change.estimate.group.effect.as_change) for change in found.changes]
-    explained = {
-        name for change, kind in kinds if kind.body or kind.exact for name in change.rms_before
-    }
+    explained: set[str] = set()
+    for change in comparison.changes:
+        kind = change.estimate.group.effect.as_change
+        if kind.body or kind.exact:
+            explained.update(change.rms_before)
     earlier = any(issue in report.issues for report in before)
     if issue.issue != MISREAD or earlier or not explained.issuperset(issue.joints):
         return issue

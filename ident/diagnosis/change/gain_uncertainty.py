@@ -1,6 +1,6 @@
 """Size of a body when each joint's torque is read with an uncertain gain.
 
-A body's torque at joint j is read as (1 + γ_j) times its value, γ ~ N(0, own² I + common² 11ᵀ).
+A body's torque at joint j is read as (1 + γ_j) times its value, γ ~ N(0, single² I + common² 11ᵀ).
 With e_j the body's torque at joint j, the columns e_j with that prior stand beside the body's own:
 joints need not agree on a mass to the last per cent. The torque that both sets have in common does
 not matter, for it is read with the same gains.
@@ -25,26 +25,28 @@ from ident.regression.least_squares import Projection, positive
 from ident.regression.run_spread import block_sums_left, floor_at_model_variance
 
 # Effects whose size is proportional to the gains of the readings: bodies.
-BODIES = frozenset(one.id for one in CATALOGUE if one.as_change.body)
+BODIES = frozenset(effect.id for effect in CATALOGUE if effect.as_change.body)
 
 
 @dataclass(frozen=True)
 class GainUncertainty:
     """Prior standard deviations of the gains of the torque readings."""
 
-    own: float  # standard deviation of each joint's own error [1]
+    single: float  # standard deviation of each joint's own error [1]
     common: float = 0.0  # standard deviation of the error that all joints share [1]
-
-    def information(self, n: int) -> Float[Array, "n n"]:
-        """Inverse of the covariance of the gain errors of n joints."""
-        return np.asarray(np.linalg.inv(self.own**2 * np.eye(n) + self.common**2 * np.ones((n, n))))
 
 
 # Torque by the drive or a sensor: larger errors (2 to 10 %) are an effect of the catalogue.
-STATED = GainUncertainty(own=0.02)
+STATED = GainUncertainty(single=0.02)
 # Current times a gain: each motor's constant is within ± 10 % (two standard deviations) of its data
 # sheet, and magnets that are 30 K warmer weaken all of them alike.
-BY_CURRENT = GainUncertainty(own=0.05, common=0.033)
+BY_CURRENT = GainUncertainty(single=0.05, common=0.033)
+
+
+def gain_information(uncertainty: GainUncertainty, n: int) -> Float[Array, "n n"]:
+    """Inverse of the covariance of the gain errors of n joints."""
+    covariance = uncertainty.single**2 * np.eye(n) + uncertainty.common**2 * np.ones((n, n))
+    return np.asarray(np.linalg.inv(covariance))
 
 
 def solve_body(
@@ -77,7 +79,7 @@ def solve_body(
     power = body @ sums
     scores = np.concatenate([block_sums_left(evidence, model)[:, inside], torques], axis=1)
     information = np.linalg.inv(model.spread)
-    gains = uncertainty.information(n)
+    gains = gain_information(uncertainty, n)
     whole = np.block([[information, cross], [cross.T, np.diag(power) + gains]])
     bread = np.linalg.inv(positive(0.5 * (whole + whole.T)))
     # The model's scores are zero at its estimate, so only those of the gains' columns shift it.
@@ -85,5 +87,5 @@ def solve_body(
     meat = scores.T @ scores * blocks / max(blocks - 1, 1)
     meat += block_diag(np.zeros((size, size)), gains)
     covariance = floor_at_model_variance(bread @ meat @ bread, bread)
-    own = model.places(group.columns)
-    return beta + shift[own], covariance[np.ix_(own, own)]
+    places = model.places(group.columns)
+    return beta + shift[places], covariance[np.ix_(places, places)]

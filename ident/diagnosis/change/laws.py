@@ -145,8 +145,7 @@ class UnlistedChange(Effect):
 
 
 def _hats(place: Float[Array, " T"], points: int) -> Float[Array, "T p"]:
-    """Piecewise linear basis functions over [0, 1], each one at its own node and zero at all
-    others.
-    """
-    at = np.clip(place, 0.0, 1.0)[:, None] * (points - 1)
-    return np.asarray(np.maximum(0.0, 1.0 - np.abs(at - np.arange(points))))
+    """Piecewise linear basis functions over [0, 1]: each one at its node, zero at all others."""
+    in_nodes = np.clip(place, 0.0, 1.0)[:, None] * (points - 1)
+    distance = np.abs(in_nodes - np.arange(points))
+    return np.asarray(np.maximum(0.0, 1.0 - distance))

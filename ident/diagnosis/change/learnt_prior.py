@@ -1,5 +1,4 @@
-"""Empirical Bayes prior of the shared laws and of the URDF's error, and variance inflation of each
-joint's blocks.
+"""Empirical Bayes prior of the shared laws and of the URDF's error; inflation of joints' blocks.
 
 The baseline has hundreds of columns. At their largest plausible size they would explain whatever
 short recordings hold, and leave nothing of a change; but most arms have few of these laws. So each
@@ -19,7 +18,7 @@ term).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +26,32 @@ from ident.arrays import Array, Float, Int
 from ident.diagnosis.change.settings import PRIOR
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import RIDGE, Prior, factorise
+
+
+@dataclass(frozen=True, eq=False)
+class _Terms:
+    """The columns that stand beside losses and inertias, and the term that each belongs to.
+
+    Terms are the shared laws and, behind them, the changes.
+    """
+
+    columns: Int[Array, " f"]  # which of all each column is
+    information: Float[Array, " f"]  # prior information on it at the largest plausible size
+    term: Int[Array, " f"]  # number of its term
+    widths: Int[Array, " g"]  # columns of each term
+
+
+@dataclass(frozen=True, eq=False)
+class _Variances:
+    """What the fixed point estimates, as shares of the largest plausible variances."""
+
+    terms: Float[Array, " g"]  # of each term
+    urdf: float  # of the URDF's error
+
+    def largest_step(self, earlier: _Variances) -> float:
+        """By how much the logarithm of any of them changed."""
+        of_terms = np.abs(np.log(self.terms / earlier.terms))
+        return float(max([*of_terms, abs(np.log(self.urdf / earlier.urdf))]))
 
 
 def learn_prior(
@@ -47,46 +72,82 @@ def learn_prior(
     layout = evidence.layout
     gram = evidence.gram()
     first = layout.tuned - layout.further
-    tuned = layout.tuned
-    rank = layout.rank
-    assert prior.further is not None
-    # Of each further column: which of all it is, what is known of it, and the term it belongs to.
-    columns = np.concatenate([np.arange(first, tuned), *(own for own, _ in later)]).astype(int)
-    information = np.concatenate([prior.further, *(known for _, known in later)])
-    widths = np.array([*shared, *(len(own) for own, _ in later)], dtype=int)
-    term = np.repeat(np.arange(len(widths)), widths)
-    # A variance of each term, and of the URDF's error.
-    variance = np.ones(len(widths))
-    urdf = 1.0
-    present = np.arange(len(columns))
+    terms = _terms(evidence, prior, shared, later)
+    variances = _Variances(np.ones(len(terms.widths)), 1.0)
+    present = np.arange(len(terms.columns))
     for _ in range(PRIOR.rounds):
-        term_of = term[present]
-        loose = information[present]
-        inside = np.concatenate([np.arange(first), columns[present]])
-        base = prior.base / urdf
-        mean, spread = _posterior(evidence, gram, inside, base, loose / variance[term_of])
-        square = np.bincount(term_of, mean[first:] ** 2 * loose, len(widths))
-        left_open = np.bincount(term_of, np.diag(spread)[first:] * loose, len(widths))
-        freedom = np.maximum(widths - left_open / variance, 1e-6 * widths)
-        free = np.maximum(square / freedom, PRIOR.shrink * variance)
-        free = np.clip(free, PRIOR.absent, 1.0)
-        new = np.where(variance > PRIOR.absent, free, PRIOR.absent)
-        open_links = float(np.sum(spread[:rank, :rank] * prior.base)) / urdf
-        links = max(rank - open_links, 1e-3 * rank)
-        error_square = mean[:rank] @ prior.base @ mean[:rank]
-        error = float(np.clip(error_square / links, PRIOR.least_urdf, 1.0))
-        steps = [*np.abs(np.log(new / variance)), abs(np.log(error / urdf))]
-        variance = new
-        urdf = error
-        if max(steps) < PRIOR.close:
+        inside = np.concatenate([np.arange(first), terms.columns[present]])
+        base = prior.base / variances.urdf
+        largest = variances.terms[terms.term[present]]
+        further = terms.information[present] / largest
+        mean, covariance = _posterior(evidence, gram, inside, base, further)
+        earlier = variances
+        variances = _Variances(
+            _term_variances(terms, present, mean[first:], np.diag(covariance)[first:], earlier),
+            _urdf_variance(prior, mean, covariance, earlier.urdf),
+        )
+        if variances.largest_step(earlier) < PRIOR.close:
             break
-        present = np.flatnonzero(variance[term] > PRIOR.absent)
+        present = np.flatnonzero(variances.terms[terms.term] > PRIOR.absent)
     weights = np.zeros(layout.size + 1)
     weights[inside] = -mean
     weights[-1] = 1.0
-    of_shared = variance[term[: layout.further]]
-    further = prior.further / np.maximum(of_shared, PRIOR.least)
-    return replace(prior, base=prior.base / urdf, further=further), weights
+    of_shared = variances.terms[terms.term[: layout.further]]
+    assert prior.further is not None
+    learnt = prior.further / np.maximum(of_shared, PRIOR.least)
+    return replace(prior, base=prior.base / variances.urdf, further=learnt), weights
+
+
+def _terms(
+    evidence: Evidence,
+    prior: Prior,
+    shared: Sequence[int],
+    later: Sequence[tuple[Int[Array, " k"], Float[Array, " k"]]],
+) -> _Terms:
+    """The terms of shared laws and changes; arguments as in `learn_prior`."""
+    layout = evidence.layout
+    assert prior.further is not None
+    further = np.arange(layout.tuned - layout.further, layout.tuned)
+    columns = np.concatenate([further, *(of_change for of_change, _ in later)]).astype(int)
+    information = np.concatenate([prior.further, *(known for _, known in later)])
+    widths = np.array([*shared, *(len(of_change) for of_change, _ in later)], dtype=int)
+    return _Terms(columns, information, np.repeat(np.arange(len(widths)), widths), widths)
+
+
+def _term_variances(
+    terms: _Terms,
+    present: Int[Array, " z"],
+    mean: Float[Array, " z"],
+    variance: Float[Array, " z"],
+    earlier: _Variances,
+) -> Float[Array, " g"]:
+    """The next variance of each term: λ ← |μ / s|² / γ, within bounds; absent ones stay absent.
+
+    Args:
+        terms, present: The terms, and the columns that take part.
+        mean, variance: Posterior of these columns' coefficients.
+        earlier: The variances before.
+    """
+    term = terms.term[present]
+    information = terms.information[present]
+    count = len(terms.widths)
+    square = np.bincount(term, mean**2 * information, count)
+    left_open = np.bincount(term, variance * information, count)
+    freedom = np.maximum(terms.widths - left_open / earlier.terms, 1e-6 * terms.widths)
+    proposed = np.maximum(square / freedom, PRIOR.shrink * earlier.terms)
+    proposed = np.clip(proposed, PRIOR.absent, 1.0)
+    return np.where(earlier.terms > PRIOR.absent, proposed, PRIOR.absent)
+
+
+def _urdf_variance(
+    prior: Prior, mean: Float[Array, " z"], covariance: Float[Array, "z z"], earlier: float
+) -> float:
+    """The next variance of the URDF's error, from the posterior of the base parameters."""
+    rank = len(prior.base)
+    left_open = float(np.sum(covariance[:rank, :rank] * prior.base)) / earlier
+    freedom = max(rank - left_open, 1e-3 * rank)
+    square = mean[:rank] @ prior.base @ mean[:rank]
+    return float(np.clip(square / freedom, PRIOR.least_urdf, 1.0))
 
 
 def _posterior(
@@ -126,12 +187,14 @@ def measure_block_dispersion(evidence: Evidence, weights: Float[Array, " P"]) ->
         weights: Residual weights of a model: its residual of a row is their product.
     """
     layout = evidence.layout
-    found = np.ones(evidence.layout.n)
+    inflation = np.ones(layout.n)
     for j, local in enumerate(layout.local):
-        own = np.flatnonzero((local < layout.tuned) & (local >= layout.rank))
-        score = evidence.times(j, weights[local])[:, own]
-        power = evidence.total[j].diagonal()[own]
+        tuned = np.flatnonzero((local < layout.tuned) & (local >= layout.rank))
+        score = evidence.times(j, weights[local])[:, tuned]
+        power = evidence.total[j].diagonal()[tuned]
         seen = power > 1e-9 * power.max(initial=0.0)
-        if seen.any():
-            found[j] = max(1.0, float(np.median(np.sum(score[:, seen] ** 2, axis=0) / power[seen])))
-    return found
+        if not seen.any():
+            continue
+        squares = np.sum(score[:, seen] ** 2, axis=0)
+        inflation[j] = max(1.0, float(np.median(squares / power[seen])))
+    return inflation

@@ -1,5 +1,4 @@
-"""Two looks for what changed: at every law on a coarse grid, then on finer grids about what was
-found.
+"""Two looks for what changed: on coarse grids of every law, then on fine ones about the changes.
 
 Bodies are laid out anew about the place at which they were found.
 """
@@ -8,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from ident.diagnosis.change.body_places import place_bodies
 from ident.diagnosis.change.candidates import CARRIED, OF_FRICTION, finer_grids
 from ident.diagnosis.change.change_sets import ChangeSet, choose_set
 from ident.diagnosis.change.gain_uncertainty import BODIES, STATED, GainUncertainty
-from ident.diagnosis.change.paired_design import PairedDesign, build_design
+from ident.diagnosis.change.paired_design import EarlierEstimates, PairedDesign, build_design
 from ident.diagnosis.change.static_joints import StaticJoint
+from ident.effects.base import Effect
 from ident.effects.rigid_body import LinkInertialError
 from ident.motion.motion import Motion
 from ident.regression.design import Key
@@ -34,17 +33,22 @@ class TwoSets:
     gain_uncertainty: GainUncertainty = STATED  # prior of the gains
     seed: int = 0  # seed of the permutations of runs
 
-    def design(self, **options: Any) -> PairedDesign:
+    def design(
+        self, earlier: EarlierEstimates | None = None, effects: tuple[Effect, ...] | None = None
+    ) -> PairedDesign:
         """The regression of both sets.
 
         Args:
-            **options: What `build_design` takes beside the sets.
+            earlier, effects: As `build_design` takes them.
         """
         one_clock = self.sessions[1] <= 1
-        sets = (self.before, self.after, self.arm)
-        design = build_design(*sets, still=self.still, one_clock=one_clock, **options)
+        design = build_design(self.before, self.after, self.arm, earlier, effects, one_clock)
         return replace(
-            design, gain_uncertainty=self.gain_uncertainty, seed=self.seed, sessions=self.sessions
+            design,
+            still=self.still,
+            gain_uncertainty=self.gain_uncertainty,
+            seed=self.seed,
+            sessions=self.sessions,
         )
 
 
@@ -64,7 +68,7 @@ def look_twice(sets: TwoSets, design: PairedDesign) -> ChangeSet:
     if bodies:
         others = [group for group in first.chosen if group not in bodies]
         effects = place_bodies(first.search, others, design.session, effects)
-    second = sets.design(earlier=design.estimates, effects=effects, finer=finer)
+    second = sets.design(replace(design.estimates, finer=finer), effects)
     return choose_set(second, hidden_changes(second), first.odds)
 
 
@@ -80,9 +84,6 @@ def hidden_changes(design: PairedDesign) -> frozenset[Key]:
     keys = {group.key for group in groups if group.effect.id in OF_FRICTION and once[group.joint]}
     if any(group.effect.id == CARRIED for group in groups):
         last = len(once) - 1
-        keys |= {
-            group.key
-            for group in groups
-            if group.effect.id == LinkInertialError.id and group.joint == last
-        }
+        of_links = [group for group in groups if group.effect.id == LinkInertialError.id]
+        keys |= {group.key for group in of_links if group.joint == last}
     return frozenset(keys)

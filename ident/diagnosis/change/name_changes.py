@@ -26,7 +26,7 @@ from ident.regression.cross_validation import HeldOutScore
 from ident.regression.least_squares import project
 
 # Gains as good as known.
-CERTAIN = GainUncertainty(own=1e-4)
+CERTAIN = GainUncertainty(single=1e-4)
 FILE = Path(__file__).with_name("calibration_changes.toml")
 
 
@@ -61,7 +61,7 @@ def tell_changes(likely: ChangeSet, calibration: NameCalibration | None = None) 
     described = describe_changes(likely, scorers)
     session = likely.design.later_session
     estimates = estimate(described, session, calibration)
-    uncertain = [_with_gains_uncertain(one, likely) for one in estimates]
+    uncertain = [_with_gains_uncertain(told, likely) for told in estimates]
     told = tell(described, uncertain, scorers)
     return ToldChanges(likely, told.names, told.unlikely, told.ladder, calibration)
 

@@ -1,6 +1,4 @@
-"""The regression design of two sets of runs.
-
-A shared baseline, and the block sums of every candidate change.
+"""The regression of two sets of runs: a shared baseline, and sums of every candidate change.
 
 The baseline holds every law in all runs alike: hundreds of columns, of which short or slow
 recordings determine only some. Without a prior the others would fit the noise, and predict unseen
@@ -43,13 +41,14 @@ from ident.robot.arm import ArmModel
 
 @dataclass(frozen=True, eq=False)
 class EarlierEstimates:
-    """Variances that an earlier design estimated."""
+    """What an earlier design estimated."""
 
     # Between-run standard deviation of each joint's friction, as a share.
     spread: Float[Array, " n"]
     whitening: Whitening  # noise model
     held: tuple[float, ...]  # each joint's static friction [N m]
     dispersion: Float[Array, " n"]  # variance inflation of each joint's block scores
+    finer: Sequence[Grid] = ()  # finer grids about the changes that were found with it
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +76,7 @@ class PairedDesign:
     @cached_property
     def later_session(self) -> SessionContext:
         """The runs of the later set, in which changes act."""
-        runs = [
-            run
-            for run, is_later in zip(self.session.runs, self.sides.later, strict=True)
-            if is_later
-        ]
-        return replace(self.session, runs=runs)
+        return _only_later(self.session, self.sides.later)
 
     @property
     def joints_with_rows(self) -> list[int]:
@@ -94,13 +88,11 @@ class PairedDesign:
         """Joints that move in one run of either side at most, so that their between-run variance is
         unknown.
         """
-        moves = np.array(
-            [run.motion.moving.sum(axis=0) >= LEAST_MOVING for run in self.session.runs]
-        )
-        return (
-            np.maximum(moves[self.sides.later].sum(axis=0), moves[~self.sides.later].sum(axis=0))
-            <= 1
-        )
+        samples = np.array([run.motion.moving.sum(axis=0) for run in self.session.runs])
+        moves = samples >= LEAST_MOVING
+        runs_later = moves[self.sides.later].sum(axis=0)
+        runs_earlier = moves[~self.sides.later].sum(axis=0)
+        return np.maximum(runs_later, runs_earlier) <= 1
 
     @cached_property
     def permuted(self) -> PermutedSets:
@@ -129,13 +121,11 @@ def _learnt_prior(
     model.
     """
     scale = sums.evidence.scale
-    first = {
-        group.key: group for group in reversed(sums.evidence.layout.groups) if not group.borrows
-    }
-    sizes = [
-        CHANGE.shared_laws * _largest(one, session) * scale[one.columns] for one in first.values()
-    ]
-    later = [(one.columns, size**-2.0) for one, size in zip(first.values(), sizes, strict=True)]
+    later = []
+    whole = [group for group in sums.evidence.layout.groups if not group.borrows]
+    for group in _first_points(whole):
+        size = CHANGE.shared_laws * _largest(group, session) * scale[group.columns]
+        later.append((group.columns, size**-2.0))
     widths = [len(group.columns) for group in sums.common]
     return learn_prior(sums.evidence, loose_prior(sums, session, baseline), widths, later)
 
@@ -146,72 +136,102 @@ def build_design(
     arm: ArmModel,
     earlier: EarlierEstimates | None = None,
     effects: tuple[Effect, ...] | None = None,
-    still: tuple[StaticJoint, ...] = (),
     one_clock: bool = True,
-    finer: Sequence[Grid] = (),
 ) -> PairedDesign:
     """Tunes the baseline and sums all columns over blocks.
 
     Args:
         before, after: The runs of both sets.
         arm: The user's arm.
-        earlier: Variances that an earlier design estimated; estimated here if None.
+        earlier: What an earlier design estimated; estimated here if None.
         effects: All effects that may have changed; the catalogue's if None.
-        still: Joints that stand still in one of the sets.
         one_clock: Whether the clock continues from run to run of the later set.
-        finer: Finer grids of some changes.
     """
+    # The larger set comes first, and the arm is tuned on it.
     swapped = len(after) > len(before)
     first, second = (after, before) if swapped else (before, after)
-    at_rest = [
-        j for j in range(arm.n) if sum(motion.moving[:, j].sum() for motion in first) < LEAST_MOVING
-    ]
     motions = [replace(motion, state_noise=None) for motion in (*first, *second)]
     later = (np.arange(len(motions)) >= len(first)) ^ swapped
-    baseline = fit_baseline(first, arm, CHANGE.urdf_share, still=at_rest)
+    baseline = fit_baseline(first, arm, CHANGE.urdf_share, still=_still_joints(first, arm))
     session = build_session(baseline, motions, common_clock=False)
-    own = replace(
-        session, runs=[run for run, is_later in zip(session.runs, later, strict=True) if is_later]
-    )
-    own = replace(own, common_clock=one_clock)
+    later_session = replace(_only_later(session, later), common_clock=one_clock)
     if effects is None:
-        unusual = unusual_torque(own, leftover_torque(own))
-        effects = tuple(
-            optional.screened(one, own, unusual) if one.as_change.later_alone else one
-            for one in CHANGES
-        )
+        effects = _screened_changes(later_session)
     untestable, grids = find_grids(
-        effects, lambda effect: own if effect.as_change.later_alone else session, points
+        effects,
+        lambda effect: later_session if effect.as_change.later_alone else session,
+        points,
     )
+    finer = () if earlier is None else earlier.finer
     grids += finer
-    grids += find_grids((HeldFriction(),), lambda _: session, points)[1]
+    _, of_held_friction = find_grids((HeldFriction(),), lambda _: session, points)
+    grids += of_held_friction
     layout = layout_of(session, baseline.base.rank, grids, untestable)
     sides = partition_sides(session, later)
     whitening = None if earlier is None else earlier.whitening
-    both = gather(
+    evidence = gather(
         session, baseline, layout, whitening, sides.partition, alike=len(first), rest=True
     )
-    sums = pair_sums(both, sides, [variant for _, _, points in finer for variant in points])
-    held = earlier.held if earlier else tuple(dwell.friction for dwell in sums.evidence.dwells)
-    evidence = sums.evidence.with_held(held)
-    sums = replace(sums, evidence=evidence.with_dwells())
-    prior = loose_prior(sums, session, baseline)
-    if earlier is not None:
-        spread = earlier.spread
+    finer_points = [point for _, _, of_grid in finer for point in of_grid]
+    sums = pair_sums(evidence, sides, finer_points)
+    if earlier is None:
+        sums, held = _with_variances(sums, sides, session, baseline)
     else:
-        held = estimate_held(sums.evidence, evidence.dwells, _with_all(sums, prior))
-        sums = replace(sums, evidence=evidence.with_held(held).with_dwells())
-        spread = _spread(sums, sides, prior)
+        held = earlier.held
+        sums = _with_earlier(sums, earlier)
+    return PairedDesign(baseline, session, sides, sums, held, tuple(untestable), effects=effects)
+
+
+def _still_joints(motions: Sequence[Motion], arm: ArmModel) -> list[int]:
+    """Joints that hardly move in some runs."""
+    moving = sum(motion.moving.sum(axis=0) for motion in motions)
+    return np.flatnonzero(moving < LEAST_MOVING).tolist()
+
+
+def _only_later(session: SessionContext, later: Bool[Array, " R"]) -> SessionContext:
+    """The runs of the later set alone."""
+    pairs = zip(session.runs, later, strict=True)
+    return replace(session, runs=[run for run, is_later in pairs if is_later])
+
+
+def _screened_changes(later_session: SessionContext) -> tuple[Effect, ...]:
+    """All effects that may have changed; those of the later set alone at unusual torque there."""
+    unusual = unusual_torque(later_session, leftover_torque(later_session))
+    effects = []
+    for effect in CHANGES:
+        if effect.as_change.later_alone:
+            effects.append(optional.screened(effect, later_session, unusual))
+        else:
+            effects.append(effect)
+    return tuple(effects)
+
+
+def _with_earlier(sums: PairedSums, earlier: EarlierEstimates) -> PairedSums:
+    """The sums with variances that an earlier design estimated."""
+    evidence = sums.evidence.with_held(earlier.held).with_dwells()
+    evidence = evidence.with_run_spread(earlier.spread)
+    return replace(sums, evidence=evidence.with_dispersion(earlier.dispersion))
+
+
+def _with_variances(
+    sums: PairedSums, sides: Sides, session: SessionContext, baseline: Baseline
+) -> tuple[PairedSums, tuple[float, ...]]:
+    """The sums with all variances estimated, and each joint's static friction [N m].
+
+    Static friction is first that of each joint's dwells, then what the model of all changes leaves
+    of them; then come friction's spread over the runs and the dispersion of blocks.
+    """
+    by_dwells = tuple(dwell.friction for dwell in sums.evidence.dwells)
+    without_dwells = sums.evidence.with_held(by_dwells)
+    sums = replace(sums, evidence=without_dwells.with_dwells())
+    prior = loose_prior(sums, session, baseline)
+    held = estimate_held(sums.evidence, without_dwells.dwells, _with_all(sums, prior))
+    sums = replace(sums, evidence=without_dwells.with_held(held).with_dwells())
+    spread = _spread(sums, sides, prior)
     sums = replace(sums, evidence=sums.evidence.with_run_spread(spread))
-    dispersion = None if earlier is None else earlier.dispersion
-    if dispersion is None:
-        dispersion = measure_block_dispersion(
-            sums.evidence, _learnt_prior(sums, session, baseline)[1]
-        )
-    sums = replace(sums, evidence=sums.evidence.with_dispersion(dispersion))
-    return PairedDesign(
-        baseline, session, sides, sums, held, tuple(untestable), effects=effects, still=still
-    )
+    _, weights = _learnt_prior(sums, session, baseline)
+    dispersion = measure_block_dispersion(sums.evidence, weights)
+    return replace(sums, evidence=sums.evidence.with_dispersion(dispersion)), held
 
 
 def _spread(sums: PairedSums, sides: Sides, prior: Prior) -> Float[Array, " n"]:
@@ -224,10 +244,11 @@ def _spread(sums: PairedSums, sides: Sides, prior: Prior) -> Float[Array, " n"]:
     if runs <= 2:
         return wide
     model = _with_all(sums, prior)
-    # Each set has a mean of its own, which costs one more degree of freedom than a single session.
     evidence = sums.evidence.with_run_spread(wide)
-    found = estimate_run_spread(evidence, model.weights) * np.sqrt((runs - 1) / (runs - 2))
-    return np.minimum(found, wide)
+    of_one_session = estimate_run_spread(evidence, model.weights)
+    # Each set has a mean of its own, which costs one more degree of freedom than a single session.
+    spread = of_one_session * np.sqrt((runs - 1) / (runs - 2))
+    return np.minimum(spread, wide)
 
 
 def _with_all(sums: PairedSums, prior: Prior) -> Projection:
@@ -237,9 +258,15 @@ def _with_all(sums: PairedSums, prior: Prior) -> Projection:
     """
     evidence = sums.evidence
     evidence = evidence.with_run_spread(np.full(evidence.layout.n, evidence.settings.wide_spread))
-    first = {group.key: group for group in reversed(evidence.layout.groups)}
-    free = [group for group in first.values() if group.effect.id != UNLISTED]
+    changes = _first_points(evidence.layout.groups)
+    free = [group for group in changes if group.effect.id != UNLISTED]
     return project(evidence.gram(), evidence, prior, free)
+
+
+def _first_points(groups: Sequence[Group]) -> list[Group]:
+    """The first point of each change's grid."""
+    first = {group.key: group for group in reversed(groups)}
+    return list(first.values())
 
 
 def _largest(group: Group, session: SessionContext) -> Float[Array, " k"]:

@@ -44,9 +44,9 @@ class Sides:
     def later_folds(self) -> Bool[Array, " F"]:
         """Whether each fold is of the later set; no fold holds blocks of both."""
         folds = self.partition.folds
-        return np.array(
-            [bool(self.later_blocks[folds == fold].any()) for fold in range(int(folds.max()) + 1)]
-        )
+        is_later = np.zeros(int(folds.max()) + 1, dtype=bool)
+        is_later[folds[self.later_blocks]] = True
+        return is_later
 
     @property
     def too_short(self) -> bool:
@@ -83,15 +83,15 @@ def _folds(run_of_block: Int[Array, " B"], later: Bool[Array, " R"]) -> Int[Arra
     folds = np.zeros(len(run_of_block), dtype=int)
     first = 0
     for side in (False, True):
-        here = later[run_of_block] == side
-        runs = run_of_block[here] - run_of_block[here].min()
-        dealt = (
-            runs % CHANGE.folds
-            if runs.max() + 1 >= CHANGE.pieces
-            else np.arange(len(runs)) % CHANGE.pieces
-        )
-        folds[here] = first + dealt
-        first = int(folds[here].max()) + 1
+        of_side = later[run_of_block] == side
+        runs = run_of_block[of_side]
+        runs = runs - runs.min()
+        if runs.max() + 1 >= CHANGE.pieces:
+            dealt = runs % CHANGE.folds
+        else:
+            dealt = np.arange(len(runs)) % CHANGE.pieces
+        folds[of_side] = first + dealt
+        first = int(folds[of_side].max()) + 1
     return folds
 
 
@@ -106,8 +106,20 @@ class PairedSums:
     common: tuple[Group, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class _PairedColumns:
+    """Columns of both kinds, and where their sums come from."""
+
+    layout: Layout  # of the new columns
+    origin: Int[Array, " P"]  # of each new column and of the torque, the one in all runs
+    changes_from: int  # first column of a change
+
+
 def pair_sums(evidence: Evidence, sides: Sides, finer: Sequence[Variant] = ()) -> PairedSums:
     """The sums with every candidate twice: in all runs, and in the later set alone.
+
+    The new columns are the baseline's, those of common laws in all runs, those of all other groups
+    in all runs (shadows, from which permuted sets are made), and those of changes.
 
     Args:
         evidence: Sums of all candidates' columns in all runs.
@@ -116,80 +128,109 @@ def pair_sums(evidence: Evidence, sides: Sides, finer: Sequence[Variant] = ()) -
     """
     old = evidence.layout
     candidates = [group for group in old.groups if not isinstance(group.effect, HeldFriction)]
-    further = [group for group in old.groups if group.effect.id not in IN_THE_BASELINE]
-    known_apart = {id(variant) for variant in finer}
-    further = [group for group in further if id(group.variant) not in known_apart]
-    common = [group for group in further if not group.variant.shape.get("mix")]
-    known = {int(group.columns[0]) for group in common}
-    shadows = [group for group in old.groups if int(group.columns[0]) not in known]
+    common = _common_groups(old, finer)
+    in_common = {int(group.columns[0]) for group in common}
+    shadows = [group for group in old.groups if int(group.columns[0]) not in in_common]
     start = old.rank + LOSS_PARAMETERS * old.n
-    source = [np.arange(start), *(group.columns for group in (*common, *shadows, *candidates))]
+    groups_in_order = (*common, *shadows, *candidates)
+    source = [np.arange(start), *(group.columns for group in groups_in_order)]
     origin = np.append(np.concatenate(source), old.size)
-    first = np.cumsum([len(columns) for columns in source])
+    ends = np.cumsum([len(columns) for columns in source])
+    changes_from = int(ends[len(common) + len(shadows)])
+    # Of each old column, the new one of the same effect in all runs.
+    in_all_runs = np.zeros(old.size, dtype=int)
+    in_all_runs[origin[start:changes_from]] = np.arange(start, changes_from)
+    groups: list[Group] = []
     always = np.zeros(len(origin), dtype=int)
-    split = int(first[len(common) + len(shadows)])
-    where = np.zeros(old.size, dtype=int)
-    where[origin[start:split]] = np.arange(start, split)
-    groups = []
-    at = split
-    for group in candidates:
-        columns = at + np.arange(len(group.columns))
-        at += len(columns)
-        change = ChangeOf(group.effect)
-        groups.append(Group(change, group.joint, group.variant, columns))
-        for part, some in optional.parts(change, group.variant):
-            groups.append(Group(change, group.joint, part, columns[list(some)], borrows=True))
-        always[columns] = where[group.columns]
-    new = np.arange(start, len(origin) - 1)  # each belongs to the joint of its source
+    first = changes_from
+    for candidate in candidates:
+        columns = first + np.arange(len(candidate.columns))
+        first += len(columns)
+        groups += _as_changes(candidate, columns)
+        always[columns] = in_all_runs[candidate.columns]
+    new = np.arange(start, len(origin) - 1)
+    # Each column belongs to the joint of its source.
+    by_joint = tuple(new[np.isin(origin[new], columns)] for columns in old.by_joint)
     layout = replace(
         old,
         groups=tuple(groups),
-        own=tuple(new[np.isin(origin[new], own)] for own in old.own),
+        by_joint=by_joint,
         shared=new[np.isin(origin[new], old.shared)],
-        further=int(first[len(common)] - start),
+        further=int(ends[len(common)] - start),
         further_std=(),
     )
-    return PairedSums(_sums(evidence, layout, origin, split, sides), always, tuple(common))
+    paired = _PairedColumns(layout, origin, changes_from)
+    return PairedSums(_sums(evidence, paired, sides), always, tuple(common))
 
 
-def _sums(
-    evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: int, sides: Sides
-) -> Evidence:
+def _common_groups(layout: Layout, finer: Sequence[Variant]) -> list[Group]:
+    """The groups whose columns in all runs are a part of the baseline.
+
+    Not those in its span already, nor the points of finer grids, nor mixtures of points.
+    """
+    of_finer_grids = {id(variant) for variant in finer}
+    further = [group for group in layout.groups if group.effect.id not in IN_THE_BASELINE]
+    coarse = [group for group in further if id(group.variant) not in of_finer_grids]
+    return [group for group in coarse if not group.variant.shape.get("mix")]
+
+
+def _as_changes(candidate: Group, columns: Int[Array, " k"]) -> list[Group]:
+    """The change of a candidate at some columns, and the changes of its parts."""
+    change = ChangeOf(candidate.effect)
+    changes = [Group(change, candidate.joint, candidate.variant, columns)]
+    for variant, places in optional.parts(change, candidate.variant):
+        of_variant = columns[list(places)]
+        changes.append(Group(change, candidate.joint, variant, of_variant, borrows=True))
+    return changes
+
+
+def _sums(evidence: Evidence, paired: _PairedColumns, sides: Sides) -> Evidence:
     """The sums in the new layout.
 
     Those of a change's columns are zero in blocks of the earlier set.
     """
+    layout = paired.layout
     white: list[SymmetricSums] = []
     plain: list[SymmetricSums] = []
     friction: list[Array] = []
     dwells: list[DwellRows] = []
-    pieces_before = ~sides.later_blocks[evidence.friction.block]
+    earlier_blocks = ~sides.later_blocks
+    earlier_folds = ~sides.later_folds
+    earlier_pieces = earlier_blocks[evidence.friction.block]
     for j, local in enumerate(layout.local):
-        places = np.array([evidence.layout.places[j][int(column)] for column in origin[local]])
-        off = (local >= split) & (local < layout.size)
-        for sums, before, found in (
-            (evidence.free[j], ~sides.later_blocks, white),
-            (evidence.plain[j], ~sides.later_folds, plain),
-        ):
-            part = sums.part(places)
-            part[np.ix_(before, off)] = 0.0
-            part[np.ix_(before, np.arange(len(local)), off)] = 0.0
-            found.append(SymmetricSums.of(part))
+        place_of = evidence.layout.places[j]
+        places = np.array([place_of[int(column)] for column in paired.origin[local]])
+        of_changes = (local >= paired.changes_from) & (local < layout.size)
+        white.append(_without(evidence.free[j], places, earlier_blocks, of_changes))
+        plain.append(_without(evidence.plain[j], places, earlier_folds, of_changes))
         tied = evidence.friction.sums[j][:, :, places]
-        tied[np.ix_(pieces_before, np.arange(2), off)] = 0.0
+        tied[np.ix_(earlier_pieces, np.arange(2), of_changes)] = 0.0
         friction.append(tied)
         if evidence.dwells:
             held = evidence.dwells[j]
             rows = held.rows[:, places]
-            rows[np.ix_(~sides.later_blocks[held.block], off)] = 0.0
+            rows[np.ix_(earlier_blocks[held.block], of_changes)] = 0.0
             dwells.append(replace(held, rows=rows))
     return replace(
         evidence,
         layout=layout,
-        scale=evidence.scale[origin],
+        scale=evidence.scale[paired.origin],
         free=tuple(white),
         plain=tuple(plain),
-        noise_power=evidence.noise_power[origin],
+        noise_power=evidence.noise_power[paired.origin],
         friction=replace(evidence.friction, sums=tuple(friction)),
         dwells=tuple(dwells),
     )
+
+
+def _without(
+    sums: SymmetricSums,
+    places: Int[Array, " k"],
+    earlier: Bool[Array, " B"],
+    of_changes: Bool[Array, " k"],
+) -> SymmetricSums:
+    """Sums at some places, those of changes zero in the blocks or folds of the earlier set."""
+    whole = sums.part(places)
+    whole[np.ix_(earlier, of_changes)] = 0.0
+    whole[np.ix_(earlier, np.arange(len(places)), of_changes)] = 0.0
+    return SymmetricSums.of(whole)

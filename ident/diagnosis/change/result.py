@@ -6,7 +6,6 @@ What changed, at which joint, by how much; or why there are none.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from ident.diagnosis.change.static_joints import SamplesUsed, StaticJoint
 from ident.diagnosis.heldout_gain import ReportedEffect
 from ident.diagnosis.reservations import Reservation
 from ident.recordings.recording import TelemetryIssue
+from ident.records import JsonRecord
 from ident.regression.design import NotTestable
 from ident.results import Result
 
@@ -35,7 +35,7 @@ class Side:
     # Gravity in the base's frame by its first session [m/s²]; None for the URDF's.
     gravity_mps2: tuple[float, float, float] | None = None
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         gravity = None if self.gravity_mps2 is None else list(self.gravity_mps2)
         lists = {"sessions": list(self.sessions), "payload_kg": list(self.payload_kg)}
@@ -59,14 +59,12 @@ class ArmChange(ReportedEffect):
         """What a person at the cell can do about it, with the other joints where it may be, and a
         load if it may be.
         """
-        carried = self.effect != CARRIED and any(effect == CARRIED for effect, _ in self.elsewhere)
-        return (
-            f"{super().action}; or is it the tool? these recordings can't tell"
-            if carried
-            else super().action
-        )
+        elsewhere = [effect for effect, _ in self.elsewhere]
+        if self.effect != CARRIED and CARRIED in elsewhere:
+            return f"{super().action}; or is it the tool? these recordings can't tell"
+        return super().action
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return {
             **self.shared_record(),
@@ -89,38 +87,52 @@ class ArmChange(ReportedEffect):
 
 @dataclass(frozen=True, eq=False)
 class ArmComparison(Result):
-    """The result of a comparison."""
+    """The result of a comparison.
 
-    robot: str  # name of the robot
-    joints: tuple[str, ...]  # joint names
-    verdict: str  # `no_change`, `changed`, `changed_unexplained`, `not_testable` or `refused`
-    sides: tuple[Side, Side] = (Side(), Side())  # the earlier and the later set
-    telemetry: tuple[TelemetryIssue, ...] = ()  # issues of the telemetry checks of both
-    changes: tuple[ArmChange, ...] = ()  # changes, in the order of the torque that they explain
-    # Held-out error of the later set, no change [N m].
+    Attributes:
+        robot: Name of the robot.
+        joints: Joint names.
+        verdict: `no_change`, `changed`, `changed_unexplained`, `not_testable` or `refused`.
+        sides: The earlier and the later set.
+        telemetry: Issues of the telemetry checks of both.
+        changes: Changes, in the order of the torque that they explain.
+        rms_before, rms_after: Held-out error of the later set, without and with the changes, by
+            joint [N m].
+        noise: Floor of each joint's error [N m].
+        run_spread: Between-run variation of friction, as a share.
+        not_testable: Effects that these recordings cannot show, with the reason.
+        reservations: Rejected changes, with the reason.
+        cutoff: Corner of the common filter [Hz]; NaN where nothing was filtered.
+        still: Joints that stood still in one of the sets.
+        risen: Joints whose residual rose by no law.
+        unforetold: Joints of which one set's model does not foretell the other.
+        used: Use of each joint's samples.
+        slides: Prismatic joints: units are N and m, whatever a key's name says.
+        told: What the changes were told from; None where nothing was compared.
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    verdict: str
+    sides: tuple[Side, Side] = (Side(), Side())
+    telemetry: tuple[TelemetryIssue, ...] = ()
+    changes: tuple[ArmChange, ...] = ()
     rms_before: dict[str, float] = field(default_factory=dict)
-    # Held-out error of the later set, with changes [N m].
     rms_after: dict[str, float] = field(default_factory=dict)
-    noise: dict[str, float] = field(default_factory=dict)  # floor of each joint's error [N m]
-    # Between-run variation of friction, as a share.
+    noise: dict[str, float] = field(default_factory=dict)
     run_spread: dict[str, float] = field(default_factory=dict)
-    not_testable: tuple[
-        NotTestable, ...
-    ] = ()  # effects that these recordings cannot show, with the reason
-    reservations: tuple[Reservation, ...] = ()  # rejected changes, with the reason
-    cutoff: float = np.nan  # corner of the common filter [Hz]; NaN where nothing was filtered
-    still: tuple[StaticJoint, ...] = ()  # joints that stood still in one of the sets
-    risen: tuple[RisenResidual, ...] = ()  # joints whose residual rose by no law
-    unforetold: tuple[
-        ForetoldJoint, ...
-    ] = ()  # joints of which one set's model does not foretell the other
-    used: tuple[SamplesUsed, ...] = ()  # use of each joint's samples
-    slides: tuple[str, ...] = ()  # prismatic joints: units are N and m, whatever a key's name says
-    told: ToldChanges | None = (
-        None  # what the changes were told from; None where nothing was compared
-    )
+    not_testable: tuple[NotTestable, ...] = ()
+    reservations: tuple[Reservation, ...] = ()
+    cutoff: float = np.nan
+    still: tuple[StaticJoint, ...] = ()
+    risen: tuple[RisenResidual, ...] = ()
+    unforetold: tuple[ForetoldJoint, ...] = ()
+    used: tuple[SamplesUsed, ...] = ()
+    slides: tuple[str, ...] = ()
+    told: ToldChanges | None = None
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
+        untestable = [entry.to_dict(self.joints) for entry in self.not_testable]
         return {
             "schema": "ident.comparison/1",
             "robot": self.robot,
@@ -137,11 +149,11 @@ class ArmComparison(Result):
                 "noise_Nm": self.noise,
             },
             "friction_run_spread": self.run_spread,
-            "samples_used": [one.to_dict() for one in self.used],
-            "not_testable": [one.to_dict(self.joints) for one in self.not_testable],
-            "still": [one.to_dict() for one in self.still],
-            "unforetold": [one.to_dict() for one in self.unforetold],
-            "risen": [one.to_dict() for one in self.risen],
+            "samples_used": [samples.to_dict() for samples in self.used],
+            "not_testable": untestable,
+            "still": [joint.to_dict() for joint in self.still],
+            "unforetold": [joint.to_dict() for joint in self.unforetold],
+            "risen": [joint.to_dict() for joint in self.risen],
             "reservations": [reservation.to_dict() for reservation in self.reservations],
             "provenance": self.provenance.to_dict(),
         }

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.stats import median_abs_deviation
@@ -27,6 +26,7 @@ from scipy.stats import t as student
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.change.settings import CHANGE
+from ident.records import JsonRecord
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class RisenResidual:
     high: float
     p_value: float  # corrected for the number of joints
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return dict(vars(self))
 
@@ -47,7 +47,7 @@ class RisenResidual:
 def find_risen(
     squares: Float[Array, "n B"],
     rows: Float[Array, "B n"],
-    part: Int[Array, " B"],
+    label: Int[Array, " B"],
     later: Bool[Array, " B"],
     joints: Sequence[str],
 ) -> tuple[RisenResidual, ...]:
@@ -56,20 +56,22 @@ def find_risen(
     Args:
         squares, rows: What a model leaves of each joint's rows in each block, in squares of the
             noise; their number.
-        part, later: Part of its set and set of each block.
+        label, later: Part of its set and set of each block.
         joints: Names of the joints.
     """
-    sets = [np.unique(part[later == side]) for side in (False, True)]
-    if min(map(len, sets)) < 2:
+    earlier_parts = np.unique(label[~later])
+    later_parts = np.unique(label[later])
+    if min(len(earlier_parts), len(later_parts)) < 2:
         return ()
-    total = np.stack([squares[:, part == one].sum(axis=1) for one in range(int(part.max()) + 1)])
-    count = np.stack([rows[part == one].sum(axis=0) for one in range(int(part.max()) + 1)])
-    seen = np.flatnonzero(
-        (count >= CHANGE.least_rows).all(axis=0) & (total > 0.0).all(axis=0)
-    ).tolist()
+    blocks_of = [label == number for number in range(int(label.max()) + 1)]
+    total = np.stack([squares[:, blocks].sum(axis=1) for blocks in blocks_of])
+    count = np.stack([rows[blocks].sum(axis=0) for blocks in blocks_of])
+    enough_rows = (count >= CHANGE.least_rows).all(axis=0)
+    seen = np.flatnonzero(enough_rows & (total > 0.0).all(axis=0)).tolist()
     if not seen:
         return ()
-    before, after = (np.log(total[set][:, seen] / count[set][:, seen]) for set in sets)
+    before = np.log(total[earlier_parts][:, seen] / count[earlier_parts][:, seen])
+    after = np.log(total[later_parts][:, seen] / count[later_parts][:, seen])
     freedom = len(before) + len(after) - 2
     rise = after.mean(axis=0) - before.mean(axis=0)
     within = (len(before) * before.var(axis=0) + len(after) * after.var(axis=0)) / freedom
@@ -77,12 +79,17 @@ def find_risen(
     within = np.maximum(within, within.mean())
     freedom *= len(seen)
     scatter = np.hypot(median_abs_deviation(rise, scale="normal"), CHANGE.usual_rise)
-    error = np.sqrt(within * (1.0 / len(before) + 1.0 / len(after)) + scatter**2)
-    chance = np.minimum(len(seen) * student.sf((rise - np.median(rise)) / error, freedom), 1.0)
+    of_means = within * (1.0 / len(before) + 1.0 / len(after))
+    error = np.sqrt(of_means + scatter**2)
+    score = (rise - np.median(rise)) / error
+    p_values = np.minimum(len(seen) * student.sf(score, freedom), 1.0)
     reach = float(student.ppf(0.975, freedom)) * error
-    found = []
-    for j, one, far, p_value in zip(seen, rise, reach, chance.tolist(), strict=True):
+    risen = []
+    for k, j in enumerate(seen):
+        p_value = float(p_values[k])
         if p_value < CHANGE.risen_by_chance:
-            ratio, low, high = np.exp(0.5 * (one + far * np.array([0.0, -1.0, 1.0]))).tolist()
-            found.append(RisenResidual(joints[j], ratio, low, high, p_value))
-    return tuple(found)
+            ends = rise[k] + reach[k] * np.array([0.0, -1.0, 1.0])
+            # A rise of a logarithm of squares by x is a ratio of roots of exp(x / 2).
+            ratio, low, high = np.exp(0.5 * ends).tolist()
+            risen.append(RisenResidual(joints[j], ratio, low, high, p_value))
+    return tuple(risen)

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from ident.arrays import Array, Int
 from ident.effects.session_context import LEAST_TRAVEL
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
-from ident.regression.dwells import find_holds, find_turns
+from ident.records import JsonRecord
+from ident.regression.dwells import Hold, find_holds, find_turns
 
 LEFT_OUT = "ends of runs and of holds, which filters blur"
 WHEN = {(True, False): "before", (False, True): "after", (True, True): "before and after"}
@@ -60,7 +61,7 @@ class SamplesUsed:
         """Share of the samples that are not used."""
         return max(0.0, 1.0 - self.in_motion - self.at_rest - self.turning)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return {**vars(self), "left_out": self.left_out, "why": LEFT_OUT}
 
@@ -73,37 +74,51 @@ def count_samples(motions: Sequence[Motion]) -> tuple[SamplesUsed, ...]:
     """
     total = sum(motion.filtered_length for motion in motions)
     moving = sum(motion.settled.sum(axis=0) for motion in motions) / total
-    found = []
+    holds_of_runs = [find_holds(motion) for motion in motions]
+    turns_of_runs = [find_turns(motion) for motion in motions]
+    used = []
     for j, name in enumerate(motions[0].joints):
-        holds, turns = (
-            [one for motion in motions for one in find(motion)[j]]
-            for find in (find_holds, find_turns)
-        )
-        rest, turning = (
-            sum(one.stop - one.start for one in some) / total for some in (holds, turns)
-        )
-        found.append(SamplesUsed(name, float(moving[j]), rest, len(holds), turning))
-    return tuple(found)
+        holds = _of_joint(holds_of_runs, j)
+        at_rest = _samples(holds) / total
+        turning = _samples(_of_joint(turns_of_runs, j)) / total
+        used.append(SamplesUsed(name, float(moving[j]), at_rest, len(holds), turning))
+    return tuple(used)
+
+
+def _of_joint(runs: Sequence[Sequence[Sequence[Hold]]], joint: int) -> list[Hold]:
+    """A joint's stretches in all runs."""
+    stretches: list[Hold] = []
+    for of_joints in runs:
+        stretches += of_joints[joint]
+    return stretches
+
+
+def _samples(stretches: Sequence[Hold]) -> int:
+    """Samples of some stretches together."""
+    return sum(stretch.stop - stretch.start for stretch in stretches)
 
 
 def find_static_joints(
     before: Sequence[Motion], after: Sequence[Motion]
 ) -> tuple[StaticJoint, ...]:
     """Joints that hardly move in one of two sets of runs."""
-    still = np.array(
-        [
-            sum(motion.moving.sum(axis=0) for motion in side) < LEAST_MOVING
-            for side in (before, after)
-        ]
-    )
-    found = []
-    for j in np.flatnonzero(still.any(axis=0)):
-        sides = [
-            side for side, at_rest in zip((before, after), still[:, j], strict=True) if at_rest
-        ]
-        travel = min(
-            float(np.ptp(np.concatenate([motion.q[:, j] for motion in side]))) for side in sides
-        )
+    sides = (before, after)
+    still = np.array([_moving_samples(side) < LEAST_MOVING for side in sides])
+    static = []
+    for j in np.flatnonzero(still.any(axis=0)).tolist():
+        at_rest = [side for side, is_still in zip(sides, still[:, j], strict=True) if is_still]
+        travel = min(_travel(side, j) for side in at_rest)
         when = WHEN[bool(still[0, j]), bool(still[1, j])]
-        found.append(StaticJoint(int(j), before[0].joints[j], when, travel >= LEAST_TRAVEL))
-    return tuple(found)
+        static.append(StaticJoint(j, before[0].joints[j], when, travel >= LEAST_TRAVEL))
+    return tuple(static)
+
+
+def _moving_samples(motions: Sequence[Motion]) -> Int[Array, " n"]:
+    """Samples of some runs in which each joint surely moves."""
+    return np.sum([motion.moving.sum(axis=0) for motion in motions], axis=0)
+
+
+def _travel(motions: Sequence[Motion], joint: int) -> float:
+    """How far a joint moves in all of some runs [rad]."""
+    angles = np.concatenate([motion.q[:, joint] for motion in motions])
+    return float(np.ptp(angles))

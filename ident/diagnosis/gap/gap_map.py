@@ -23,7 +23,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from ident.arrays import Array, Float, Int
 from ident.diagnosis.gap.residuals import RunResidual, block_labels
 from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
 from ident.recordings.blocks import block_length
+from ident.records import JsonRecord
 from ident.regression.noise import Whitening
 
 # The reach changes slowly: it is computed at this rate [1/s], at most for so many samples, and
@@ -66,7 +67,7 @@ class Place:
         """Share of the gap over share of the time."""
         return self.share_of_gap / max(self.share_of_time, 1e-9)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         """Its record, for JSON."""
         return vars(self).copy()
 
@@ -122,7 +123,7 @@ def map_gap(
     return maps
 
 
-def maps_record(places: Sequence[Place]) -> list[dict[str, Any]]:
+def maps_record(places: Sequence[Place]) -> list[JsonRecord]:
     """Record of the whole map: one entry for each joint and axis."""
     strips: dict[tuple[str, str], list[Place]] = {}
     for place in places:

@@ -1,7 +1,4 @@
-"""Gain of the accepted effects on held-out runs.
-
-Shapley shares, energy errors, a discrepancy instead, replay.
-
+"""Gain of the accepted effects on held-out runs: Shapley shares, energy errors, replay.
 Effects overlap: what the second one closes depends on whether the first was there. Shapley's value
 is the mean over all orders of acceptance,
 
@@ -24,11 +21,10 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.gap.replay import Replay, replay
+from ident.diagnosis.gap.replay import Replay
 from ident.diagnosis.gap.residuals import RunResidual
-from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
 from ident.inference.conclusion import Conclusion
-from ident.regression.baseline import Baseline
+from ident.records import JsonRecord
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
 from ident.results import ONE_RUN
@@ -60,7 +56,7 @@ class Improvement:
         """Mean energy error of a run with the effects, joint by joint [J]."""
         return np.asarray(self.runs_after.mean(axis=0))
 
-    def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+    def to_dict(self, joints: Sequence[str]) -> JsonRecord:
         """Its entries of the record's `heldout`."""
 
         def by_joint(values: Array) -> dict[str, float]:
@@ -89,7 +85,7 @@ def energy_spread(energies: Float[Array, "R k"]) -> float | None:
     return None if spread is None else float(spread)
 
 
-def spreads(before: Any, after: Any) -> dict[str, Any]:
+def spreads(before: Any, after: Any) -> JsonRecord:
     """The record's standard deviations of energy errors over runs, or why they are missing."""
     record = {"energy_error_before_std_J": before, "energy_error_after_std_J": after}
     if before is None:
@@ -101,16 +97,15 @@ def measure_improvement(
     conclusion: Conclusion,
     given: HeldOut,
     series: Sequence[RunResidual],
-    baseline: Baseline,
+    forward: Replay,
     floors: Float[Array, " n"],
     seed: int,
-    settings: GapSettings = USUAL_GAP,
 ) -> Improvement:
     """Measures the gain of the accepted effects.
 
     Args:
         conclusion, given: The names, and held-out scores with the untuned URDF.
-        series, baseline, settings: Residuals of all runs, the tuned model, settings of the replay.
+        series, forward: Residuals of all runs, and the replayed motion.
         floors, seed: Floor of each joint's error [N m]; seed of drawn orders.
     """
     # An absorbed effect closes nothing beside tuned inertias: its share is computed with the
@@ -119,7 +114,7 @@ def measure_improvement(
     scorer = given if absorbed else conclusion.held_out
     return Improvement(
         shares=shapley_shares(scorer, conclusion.groups, floors, seed),
-        forward=replay(series, baseline, settings.replay),
+        forward=forward,
         runs_before=np.array([run_energy(item, item.unseen_before) for item in series]),
         runs_after=np.array([run_energy(item, item.unseen_after) for item in series]),
     )
@@ -141,18 +136,24 @@ def shapley_shares(
         floors, seed: Floor of each joint's error [N m], and seed of the drawn orders.
     """
     left: dict[frozenset[int], Float[Array, " n"]] = {}
+
+    def square_left(names: frozenset[int]) -> Float[Array, " n"]:
+        """Held-out mean square beside some of the effects, each set scored once."""
+        if names not in left:
+            left[names] = held_out.score([groups[name] for name in sorted(names)]).rms ** 2
+        return left[names]
+
     shares = np.zeros(len(groups))
     orders = _orders(len(groups), seed)
+    nothing: frozenset[int] = frozenset()
     for order in orders:
-        before: Float[Array, " n"] | None = None
-        for k in range(len(order) + 1):
-            subset = frozenset(order[:k])
-            if subset not in left:
-                left[subset] = held_out.score([groups[i] for i in sorted(subset)]).rms ** 2
-            if before is not None:
-                shares[order[k - 1]] += float(np.sum(before - left[subset])) / len(orders)
-            before = left[subset]
-    reducible = float(np.sum(np.maximum(left[frozenset()] - floors**2, 0.0)))
+        accepted = nothing
+        for name in order:
+            before = square_left(accepted)
+            accepted = accepted | {name}
+            closed = float(np.sum(before - square_left(accepted)))
+            shares[name] += closed / len(orders)
+    reducible = float(np.sum(np.maximum(square_left(nothing) - floors**2, 0.0)))
     return shares / max(reducible, 1e-12)
 
 

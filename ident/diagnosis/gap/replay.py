@@ -21,13 +21,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_REPLAY, ReplaySettings
+from ident.records import JsonRecord
 from ident.regression.baseline import Baseline
 
 
@@ -41,7 +41,7 @@ class Replay:
     before: Float[Array, " n"]
     after: Float[Array, " n"]
 
-    def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+    def to_dict(self, joints: Sequence[str]) -> JsonRecord:
         """Its record, for the joints that moved freely."""
         there = [(j, name) for j, name in enumerate(joints) if self.windows[j]]
         return {

@@ -25,7 +25,9 @@ class ReplaySettings(Settings, table="replay"):
     """Windows of the replay."""
 
 
-USUAL_MAP, USUAL_CEILING, USUAL_REPLAY = MapSettings(), CeilingSettings(), ReplaySettings()
+USUAL_MAP = MapSettings()
+USUAL_CEILING = CeilingSettings()
+USUAL_REPLAY = ReplaySettings()
 
 
 class GapSettings(Settings, table="gap"):
