@@ -24,12 +24,16 @@ class TaskOptions:
         None, "What is searched: vias, times or both. Energy: vias; time: both, if not given."
     )
     shapes: str | None = option(
-        None, "For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."
+        None,
+        "For links without <collision>: visual (their visual shapes), capsules or boxes (fitted).",
     )
     beyond: bool = option(
-        False, "Leave what is known: the model's training range or, without a model, the maker's advised acceleration."
+        False,
+        "Leave what is known: the model's training range or, without a model, the maker's advised acceleration.",
     )
-    inside: bool = option(False, "Refuse a start or goal beyond the model's training, too.", "--stay-inside")
+    inside: bool = option(
+        False, "Refuse a start or goal beyond the model's training, too.", "--stay-inside"
+    )
     reserve: bool = option(True, "Set torque aside for what the model's intervals leave open.")
 
 
@@ -44,7 +48,9 @@ class SolveOptions(TaskOptions):
         None, "Processor time that all may take, from the start to the certificate [s].", min=0.0
     )
     gap: bool = option(True, "Run the default method too and report the gap to it.")
-    workers: int = option(1, "Processes that search at once, each from its own chance.", min=1, max=64)
+    workers: int = option(
+        1, "Processes that search at once, each from its own chance.", min=1, max=64
+    )
     controller: str | None = option(
         None,
         "Who executes the plan: its curve is certified. tmscript, tm_ros2, ros2_control, ur_spline, ur_servoj or "
@@ -56,7 +62,9 @@ class SolveOptions(TaskOptions):
         """Evaluations and processor time [s]: what is asked for, and of the rest its method's usual."""
         usual = BRUTE_BUDGET if self.method == "brute" else USUAL_BUDGET
         asked = self.evaluations, self.seconds
-        return usual[0] if asked[0] is None else asked[0], usual[1] if asked[1] is None else asked[1]
+        return usual[0] if asked[0] is None else asked[0], usual[1] if asked[1] is None else asked[
+            1
+        ]
 
 
 @dataclass(frozen=True)
@@ -74,7 +82,9 @@ class PaperOptions:
     """How much of the paper's experiments is run."""
 
     epochs: int = option(500, "PPO's epochs on Table 3's task (the paper's: 500).", min=1)
-    generations: int = option(PAPER_GENERATIONS, "The genetic algorithm's on the obstacle task.", min=1)
+    generations: int = option(
+        PAPER_GENERATIONS, "The genetic algorithm's on the obstacle task.", min=1
+    )
     trials: int = option(5, "Trials of each tester and method.", min=1, max=5)
     levels: int = option(11, "Values of each variable in the brute force search.", min=2)
 
@@ -86,15 +96,22 @@ class ExciteOptions:
     separate: str | None = option(None, "Effects to tell apart, or one to show: ID,ID.")
     joint: str | None = option(None, "The joint in question: its name or number.")
     minutes: float | None = option(
-        None, "Length of the motion; as long as odds of 20 : 1 take, if not given.", min=0.1, max=240
+        None,
+        "Length of the motion; as long as odds of 20 : 1 take, if not given.",
+        min=0.1,
+        max=240,
     )
     evaluations: int = option(120, "Most motions that the search evaluates.", min=8)
     shapes: str | None = option(
-        None, "For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."
+        None,
+        "For links without <collision>: visual (their visual shapes), capsules or boxes (fitted).",
     )
     scene: Path | None = option(
-        None, "Scene file (TOML): obstacles, floor, what is carried, limits; its task is left aside."
+        None,
+        "Scene file (TOML): obstacles, floor, what is carried, limits; its task is left aside.",
     )
-    floor: str = option("0", "Height of the floor above the base [m], or none; a scene's own floor counts instead.")
+    floor: str = option(
+        "0", "Height of the floor above the base [m], or none; a scene's own floor counts instead."
+    )
     top_speed: float | None = option(None, "Top speed of every joint that turns [deg/s].", min=1e-3)
     seed: int = option(0, "Seed of all randomness.", min=0)

@@ -120,7 +120,9 @@ class Splines:
     def __post_init__(self) -> None:
         for name in ("points", "durations", "sent_velocities"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, freeze(np.ascontiguousarray(getattr(self, name), dtype=float)))
+                object.__setattr__(
+                    self, name, freeze(np.ascontiguousarray(getattr(self, name), dtype=float))
+                )
 
     @cached_property
     def slopes(self) -> Float[Array, "B K n"]:
@@ -189,7 +191,9 @@ class Splines:
 
     def states(self, s: Float[Array, " m"]) -> tuple[Array, Array, Array]:
         """Position, velocity and acceleration at local times s ∈ [0, 1] of every section, each (B, S·m, n)."""
-        q, dq, ddq = _states(self.points, self.slopes, self.durations, np.ascontiguousarray(s, dtype=float))
+        q, dq, ddq = _states(
+            self.points, self.slopes, self.durations, np.ascontiguousarray(s, dtype=float)
+        )
         return q, dq, ddq
 
     def at(self, times: Float[Array, " T"]) -> tuple[Array, Array, Array]:

@@ -32,7 +32,9 @@ class Links:
     tuned: Float[Array, "n 10"]  # by tuning
     named: Float[Array, "n 10"]  # by named link errors
     missed: float  # share of the changes' torque that no bodies give, 0 where they could be written whole
-    mended: tuple[str, ...] = ()  # links that as they were fitted could be no body, and became the nearest ones
+    mended: tuple[
+        str, ...
+    ] = ()  # links that as they were fitted could be no body, and became the nearest ones
 
     @property
     def total(self) -> Float[Array, "n 10"]:
@@ -50,7 +52,9 @@ def random_states(arm: ArmModel, rng: np.random.Generator) -> tuple[Array, Array
     return q, speed, rng.uniform(-MOST_ACCELERATION, MOST_ACCELERATION, q.shape)
 
 
-def nearest_bodies(arm: ArmModel, tuning: Float[Array, "n 10"]) -> tuple[Float[Array, "n 10"], float]:
+def nearest_bodies(
+    arm: ArmModel, tuning: Float[Array, "n 10"]
+) -> tuple[Float[Array, "n 10"], float]:
     """The change nearest to a tuned one that leaves bodies, torques first.
 
         min Σ ‖Y (Δ − Δ₀)‖² / r · TORQUE_WEIGHT + ‖(Δ − Δ₀) / scale‖²,  every link a body

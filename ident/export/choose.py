@@ -100,7 +100,9 @@ class Gap:
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
         """Its record, figures by the joints' names."""
         named = (*MEASURES.items(), ("velocity", "velocity_rms_rad_s"))
-        errors = {key: dict(zip(joints, map(float, self.error(name)), strict=True)) for name, key in named}
+        errors = {
+            key: dict(zip(joints, map(float, self.error(name)), strict=True)) for name, key in named
+        }
         return {**errors, "windows": int(np.isfinite(self.squares["position"][:, 0]).sum())}
 
 
@@ -218,14 +220,20 @@ class Chosen:
         lines = []
         if self.name != "after":
             own = [name for name, when in zip(names, self.joints, strict=True) if when != "after"]
-            words = SAID[self.bodies] + (f"; losses without effects at {', '.join(own)}" if own else "")
+            words = SAID[self.bodies] + (
+                f"; losses without effects at {', '.join(own)}" if own else ""
+            )
             lines.append(f"{FILE_OF[form]}: on these runs the best of its candidates has {words}")
         for name, (measure, ratio) in self.worse.items():
-            lines.append(f"{FILE_OF[form]}: at {name} its error of {measure} is {ratio:.2f} of another candidate's")
+            lines.append(
+                f"{FILE_OF[form]}: at {name} its error of {measure} is {ratio:.2f} of another candidate's"
+            )
         return lines
 
 
-def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motion], folder: Path) -> Chosen:
+def choose(
+    form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motion], folder: Path
+) -> Chosen:
     """The nearest candidate of a format on recordings that none was fitted to; `folder` is for scratch files."""
     n = runs[0].n
     found = dict[tuple[str, tuple[str, ...]], Gap]()
@@ -239,7 +247,10 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
     own = {name: measure(name, (name,) * n) for name in options}
     others = [gap for name, gap in own.items() if name != "after"]
     for bodies in options:
-        order = [bodies, *(name for name in options if name != bodies)]  # of the same errors its own are taken
+        order = [
+            bodies,
+            *(name for name in options if name != bodies),
+        ]  # of the same errors its own are taken
         if bodies != "given" or "before" not in options:  # its bodies are those of `before`
             costs = np.array([measure(bodies, (name,) * n).cost(others) for name in order])
             measure(bodies, tuple(order[k] for k in costs.argmin(axis=0)))
@@ -247,7 +258,11 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
     bodies, joints = min(found, key=lambda key: found[key].cost([whole]).sum())
     gap = found[bodies, joints]
     most = zip(options["after"].nominal.joint_names, gap.over(others).T, strict=True)
-    worse = {name: (list(MEASURES)[r.argmax()], float(np.exp(r.max()))) for name, r in most if r.max() > WORTH}
+    worse = {
+        name: (list(MEASURES)[r.argmax()], float(np.exp(r.max())))
+        for name, r in most
+        if r.max() > WORTH
+    }
     gaps = own | {"after": gap}
     return Chosen(mix(options, bodies, joints), bodies, joints, gaps, worse, len(found))
 
@@ -260,7 +275,10 @@ def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]
         bodies: The one whose bodies are taken, with what a diagnosis changed of them.
         joints: For each joint the name of the candidate whose losses and laws it gets.
     """
-    mixed = ([getattr(options[name].losses, one.name)[j] for j, name in enumerate(joints)] for one in fields(Losses))
+    mixed = (
+        [getattr(options[name].losses, one.name)[j] for j, name in enumerate(joints)]
+        for one in fields(Losses)
+    )
     losses = Losses(*map(np.array, mixed))
     changes = [change for change in options[bodies].changes if change.of_the_bodies]
     for j, name in enumerate(joints):

@@ -91,7 +91,9 @@ def describe(change: Change, off: dict[str, float]) -> dict[str, Any]:
             share = off[form]
             stated |= {"off": share, "expressed": _answer(share)}
             if share > SAME:
-                stated["how"] += f"; it lacks {100.0 * share:.0f} % of its torque along these motions"
+                stated["how"] += (
+                    f"; it lacks {100.0 * share:.0f} % of its torque along these motions"
+                )
         formats[form] = stated
     parameters = {name: interval.to_dict() for name, interval in change.parameters.items()}
     return {

@@ -34,7 +34,9 @@ COMPARISON = "ident.comparison/1"
 # Keys of a parameter beside its value and its ends: which ends are open, and where they lie if the URDF may be off.
 FURTHER_ENDS = {"open", "low_with_urdf", "high_with_urdf"}
 # Ends of names of parameters that no body or gear has below zero.
-POSITIVE = re.compile("(stribeck_velocity_rad_s|displacement_rad|time_constant_s|gap_rad|limit_Nm|mass_kg|delay_s)$")
+POSITIVE = re.compile(
+    "(stribeck_velocity_rad_s|displacement_rad|time_constant_s|gap_rad|limit_Nm|mass_kg|delay_s)$"
+)
 # A loss that a solver left just below zero is zero, in its own unit.
 ROUNDING = 1e-9
 # Smallest transition width, where a model's friction turns round at once [rad/s].
@@ -51,7 +53,9 @@ class Change:
     joint: int  # index of its joint; -1 for the whole arm
     joints: tuple[str, ...]  # names of the joints where it shows
     parameters: Mapping[str, Interval]  # the reported parameters with their intervals
-    law: Mapping[str, Any] | None = None  # coefficients and shape of its law where the parameters leave them open
+    law: Mapping[str, Any] | None = (
+        None  # coefficients and shape of its law where the parameters leave them open
+    )
     kind: Effect | None = None  # the effect itself; None where it is none of those that are known
     probability: float = 1.0  # that it acts
 
@@ -76,7 +80,9 @@ class Change:
         found = {name: one.value for name, one in self.parameters.items()}
         if self.kind is not None:
             given = self.law or {"coefficients": (), "shape": {}}
-            found |= self.kind.law_figures(found, tuple(map(float, given["coefficients"])), given["shape"])
+            found |= self.kind.law_figures(
+                found, tuple(map(float, given["coefficients"])), given["shape"]
+            )
         return found
 
 
@@ -100,7 +106,9 @@ class IdentifiedArm:
     changes: tuple[Change, ...] = ()  # its identified effects
 
     @classmethod
-    def tuned_to(cls, nominal: ArmModel, tuning: Tuning, changes: Sequence[Change] = ()) -> IdentifiedArm:
+    def tuned_to(
+        cls, nominal: ArmModel, tuning: Tuning, changes: Sequence[Change] = ()
+    ) -> IdentifiedArm:
         """An arm from a tuning and effects; links that no body could be become the nearest bodies.
 
         An identified error is reported as a change of one link, given the tuning as it is written. Where that alone
@@ -121,7 +129,9 @@ class IdentifiedArm:
     def as_urdf(cls, nominal: ArmModel) -> IdentifiedArm:
         """The URDF as it is: its bodies, damping and friction."""
         losses = untuned(nominal.n)[0]
-        return cls.with_losses(nominal, replace(losses, viscous=nominal.model.damping, coulomb=nominal.model.friction))
+        return cls.with_losses(
+            nominal, replace(losses, viscous=nominal.model.damping, coulomb=nominal.model.friction)
+        )
 
     @staticmethod
     def losses_of(model: HybridModel) -> Losses:
@@ -143,7 +153,11 @@ class IdentifiedArm:
         given, numbers = (one.inertial_parameters.reshape(n, 10) for one in (nominal, model.arm))
         # A link that the URDF itself leaves without extent is written as it is.
         rows = zip(nominal.links, numbers, given, strict=True)
-        wrong = [link for link, row, old in rows if not is_consistent(row) and not np.array_equal(row, old)]
+        wrong = [
+            link
+            for link, row, old in rows
+            if not is_consistent(row) and not np.array_equal(row, old)
+        ]
         change = numbers - given
         if wrong and not nearest:
             what = f"its {', '.join(wrong)} could be no real body"
@@ -151,15 +165,22 @@ class IdentifiedArm:
             raise InputError("the model", what, remedy)
         if wrong:
             change, missed = nearest_bodies(nominal, change)
-        links = Links(freeze(change), freeze(np.zeros((n, 10))), missed if wrong else 0.0, tuple(wrong))
+        links = Links(
+            freeze(change), freeze(np.zeros((n, 10))), missed if wrong else 0.0, tuple(wrong)
+        )
         losses = cls.losses_of(model)
         changes = []
         for law in model.named:  # its shape as parameters, its coefficients with their intervals
             parameters = {name: Interval(value, value, value) for name, value in law.shape.items()}
             parameters |= {f"coefficient_{k}": Interval(*one) for k, one in enumerate(law.figures)}
-            known = {"coefficients": [value for value, _, _ in law.figures], "shape": dict(law.shape)}
+            known = {
+                "coefficients": [value for value, _, _ in law.figures],
+                "shape": dict(law.shape),
+            }
             where = (nominal.joint_names[law.joint],)
-            changes.append(Change(law.effect, law.joint, where, parameters, known, find_effect(law.effect)))
+            changes.append(
+                Change(law.effect, law.joint, where, parameters, known, find_effect(law.effect))
+            )
         return cls(nominal, losses, links, tuple(changes))
 
     @classmethod
@@ -180,12 +201,16 @@ class IdentifiedArm:
     @property
     def tuned(self) -> ArmModel:
         """The arm with tuned links, without the identified link errors."""
-        return self.nominal.with_inertial_parameters(self.nominal.inertial_parameters + self.links.tuned.ravel())
+        return self.nominal.with_inertial_parameters(
+            self.nominal.inertial_parameters + self.links.tuned.ravel()
+        )
 
     @property
     def whole(self) -> ArmModel:
         """The arm with all that was identified of its links."""
-        return self.nominal.with_inertial_parameters(self.nominal.inertial_parameters + self.links.total.ravel())
+        return self.nominal.with_inertial_parameters(
+            self.nominal.inertial_parameters + self.links.total.ravel()
+        )
 
     @property
     def gravity(self) -> Float[Array, " 3"]:
@@ -221,9 +246,13 @@ class Diagnosed:
     urdf: Tuning  # losses tuned without them and with the URDF's own link inertias
     has_baseline: bool  # whether the file says how the baseline was tuned
     cutoff: float  # corner of the common filter that it was made with [Hz]
-    gravity: tuple[float, ...] | None = None  # as it was found, or given, in the arm's base [m/s²]; the URDF's if None
+    gravity: tuple[float, ...] | None = (
+        None  # as it was found, or given, in the arm's base [m/s²]; the URDF's if None
+    )
     content: str = ""  # digest of the arm that it was made with (`ArmModel.content`); "" where the file does not say
-    runs: frozenset[str] = frozenset()  # first digits of the hashes of the files that it was made from
+    runs: frozenset[str] = (
+        frozenset()
+    )  # first digits of the hashes of the files that it was made from
     # The URDF's numbers beside those that were found, as its record has them.
     identified: Mapping[str, Any] = field(default_factory=dict)
 
@@ -234,7 +263,9 @@ class Diagnosed:
         Raises:
             InputError: No such file, not a diagnosis, or one of which nothing was identified.
         """
-        record = read_record(path, (SCHEMA, COMPARISON), "give the JSON of `ident diagnose` or `ident compare`")
+        record = read_record(
+            path, (SCHEMA, COMPARISON), "give the JSON of `ident diagnose` or `ident compare`"
+        )
         return cls.of_record(record, catalogue, path)
 
     @classmethod
@@ -259,7 +290,9 @@ class Diagnosed:
             what = f"it is damaged ({type(error).__name__}: {error})"
             raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
         if needed and not found.changes and not found.has_baseline:
-            what = f"nothing to write: its verdict is {record['verdict']!r} and nothing was identified"
+            what = (
+                f"nothing to write: its verdict is {record['verdict']!r} and nothing was identified"
+            )
             raise InputError(path, what, "give a diagnosis of recordings that are fit for one")
         return found
 
@@ -272,7 +305,9 @@ class Diagnosed:
         found = record["findings" if "findings" in record else "changes"]
         changes = tuple(_change(one, joints, baseline, known.get(one["effect"])) for one in found)
         for change in changes:
-            _ = change.values  # a law that lacks a parameter is found here, not by whoever writes it
+            _ = (
+                change.values
+            )  # a law that lacks a parameter is found here, not by whoever writes it
         tuned, alone, urdf = (
             _tuning(record[key], joints) if key in record else untuned(len(joints))
             for key in ("baseline", "baseline_alone", "baseline_urdf")
@@ -311,8 +346,12 @@ class Diagnosed:
             raise InputError(self.path, f"its joint {foreign[0]!r} is none of {arm.name}", remedy)
         kept = arm.keeping(self.joints)
         if self.content and self.content != kept.content:
-            what = f"it was made with another arm than {arm.name}: joints, lengths or inertias differ"
-            raise InputError(self.path, what, "give the --robot that it was made with, or diagnose with this one")
+            what = (
+                f"it was made with another arm than {arm.name}: joints, lengths or inertias differ"
+            )
+            raise InputError(
+                self.path, what, "give the --robot that it was made with, or diagnose with this one"
+            )
         return kept if self.gravity is None else kept.with_gravity(np.array(self.gravity))
 
     def candidates(self, arm: ArmModel) -> dict[str, IdentifiedArm]:
@@ -326,7 +365,9 @@ class Diagnosed:
         }
 
 
-def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None) -> Change:
+def _change(
+    finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None
+) -> Change:
     """A finding as an effect; a parameter that the law can't take is refused here."""
     effect = finding["effect"]
     where = tuple(finding["joints"])
@@ -334,7 +375,9 @@ def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str
     for name, value in finding["parameters"].items():
         if not isinstance(value, dict) or set(value) - FURTHER_ENDS != {"value", "low", "high"}:
             raise ValueError(f"{name} of {effect} is {value!r}, not a value with low and high")
-        middle, low, high = (require_finite(value[key], f"{name} of {effect}") for key in ("value", "low", "high"))
+        middle, low, high = (
+            require_finite(value[key], f"{name} of {effect}") for key in ("value", "low", "high")
+        )
         found = Interval(middle, low, high)
         if found.low > found.high:
             raise ValueError(f"{name} of {effect}: its interval begins above its end")
@@ -355,9 +398,13 @@ def _tuning(record: dict[str, Any], joints: tuple[str, ...]) -> Tuning:
         row = {"sliding_range_rad": 0.0, **record[joint]}
         for k, key in enumerate(keys):
             losses[k, j] = require_finite(row[key], f"{key} of {joint}")
-            if losses[k, j] < -ROUNDING:  # rounding of zero at most: a negative one would drive the arm
+            if (
+                losses[k, j] < -ROUNDING
+            ):  # rounding of zero at most: a negative one would drive the arm
                 raise ValueError(f"{key} of {joint} is {losses[k, j]:g}: a loss can't be negative")
-        links[j] = [require_finite(row["link_change"][key], f"{key} of {joint}") for key in LINK_KEYS]
+        links[j] = [
+            require_finite(row["link_change"][key], f"{key} of {joint}") for key in LINK_KEYS
+        ]
     losses = np.maximum(losses, 0.0)
     losses[3] = np.maximum(losses[3], 1e-4)
     return Losses(*losses), freeze(links)

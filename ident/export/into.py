@@ -54,7 +54,9 @@ class WrittenInto:
     path: Path
     form: str  # urdf or mjcf
     joints: dict[str, dict[str, float]] = field(default_factory=dict)  # by its name in the file
-    links: list[str] = field(default_factory=list)  # names of the links that were changed, in the file
+    links: list[str] = field(
+        default_factory=list
+    )  # names of the links that were changed, in the file
     left: list[str] = field(default_factory=list)  # what was not written, and why
 
     def to_dict(self) -> dict[str, Any]:
@@ -148,7 +150,9 @@ def match_joints(wanted: Sequence[str], there: Sequence[str], where: Path) -> di
             near = difflib.get_close_matches(joint, there, 3, 0.0)
             what = f"it has no joint {joint!r}" + (f", only {', '.join(near)}" if near else "")
             what = f"{', '.join(names)} may each be {joint!r}" if names else what
-            raise InputError(where, what, "name the joints as the URDF does; <include> is not followed")
+            raise InputError(
+                where, what, "name the joints as the URDF does; <include> is not followed"
+            )
         found[joint] = names[0]
     several = [name for name, count in Counter(found.values()).items() if count > 1]
     if several:
@@ -190,11 +194,15 @@ def _edit_urdf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
         element = joints[names[joint]]
         dynamics = element.child("dynamics")
         if dynamics is None:
-            edited.insert(element, f'<dynamics damping="{text["damping"]}" friction="{text["friction"]}"/>')
+            edited.insert(
+                element, f'<dynamics damping="{text["damping"]}" friction="{text["friction"]}"/>'
+            )
         else:
             edited.set(dynamics, text)
         written.joints[names[joint]] = values
-    rotors = ", ".join(f"{name} {losses.motor_inertia[j]:.4g}" for j, name in enumerate(arm.joint_names))
+    rotors = ", ".join(
+        f"{name} {losses.motor_inertia[j]:.4g}" for j, name in enumerate(arm.joint_names)
+    )
     written.left.append(f"rotor inertia, for which a URDF has no place [kg m²]: {rotors}")
     reason = _other_urdf(edited, arm, written)
     if reason:
@@ -231,7 +239,9 @@ def _other_urdf(edited: EditedXml, arm: ArmModel, written: WrittenInto) -> str:
     return ""
 
 
-def _change_urdf_link(edited: EditedXml, link: Element, change: Float[Array, " 10"], written: WrittenInto) -> None:
+def _change_urdf_link(
+    edited: EditedXml, link: Element, change: Float[Array, " 10"], written: WrittenInto
+) -> None:
     """Adds to a link's own inertia; where nothing of it would be a body, it is left."""
     name = link.attributes.get("name", "")
     text = edited.text[link.start : link.end].decode()
@@ -278,9 +288,14 @@ def _edit_mjcf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
             "frictionloss": float(losses.coulomb[j]),
             "armature": float(losses.motor_inertia[j]),
         }
-        text = {key: _digits([value]) for key, value in values.items()} | {"damping": _digits(damping)}
+        text = {key: _digits([value]) for key, value in values.items()} | {
+            "damping": _digits(damping)
+        }
         # Dry friction that is as hard as identified: by the default a light joint creeps.
-        text |= {"solreffriction": f"{CONSTRAINT_TIME!r} 1", "solimpfriction": f"{HARDNESS} {HARDNESS}"}
+        text |= {
+            "solreffriction": f"{CONSTRAINT_TIME!r} 1",
+            "solimpfriction": f"{HARDNESS} {HARDNESS}",
+        }
         edited.set(owners[names[joint]][1], text)
         written.joints[names[joint]] = values
     changes = link_changes(identified)
@@ -319,7 +334,9 @@ def _compile(path: Path) -> mujoco.MjModel:
 Frame = tuple[int, Float[Array, "3 3"], Float[Array, " 3"]]
 
 
-def _frames_of(model: mujoco.MjModel, arm: ArmModel, names: Mapping[str, str]) -> list[Frame] | None:
+def _frames_of(
+    model: mujoco.MjModel, arm: ArmModel, names: Mapping[str, str]
+) -> list[Frame] | None:
     """Where each body of the file stands in the arm's link; None where any axis is not the URDF's."""
     frames: list[Frame] = []
     for angle in (0.0, COMPARED_AT):

@@ -89,7 +89,9 @@ def _law(law: NamedLaw) -> str:
 def _laws(model: HybridModel) -> str:
     lines = []
     for j in range(model.arm.n):
-        terms = [repr(float(model.loss.offset[j]))] + [_law(law) for law in model.named if law.joint == j]
+        terms = [repr(float(model.loss.offset[j]))] + [
+            _law(law) for law in model.named if law.joint == j
+        ]
         lines.append(f"    case {j}: return {' + '.join(terms)};")
     body = "\n".join(lines)
     return f"""

@@ -61,7 +61,9 @@ class LawModel:
     arm: Arm  # the chain, its links tuned
     losses: Losses  # rotor inertia and friction
     effects: tuple[Effect, ...] = ()  # those without a law in torque are left out
-    warmth: Any = 0.5  # of a run's joints, as `MovingArm` takes it; half warm where nobody has followed it
+    warmth: Any = (
+        0.5  # of a run's joints, as `MovingArm` takes it; half warm where nobody has followed it
+    )
 
     @classmethod
     def of(cls, identified: IdentifiedArm, payload: Payload | None = None) -> LawModel:
@@ -121,7 +123,9 @@ class LoadedModel(SimulatorModel, ABC):
         own = self.own_torque(q, dq, ddq, interval)
         return own if self.module is None else own + self.missing(q, dq, ddq, interval)
 
-    def deflections(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T 3 s"]:
+    def deflections(
+        self, q: Array, dq: Array, ddq: Array, interval: float
+    ) -> Float[Array, "T 3 s"]:
         """Deflection, rate and acceleration of the model's s springs along a motion, of which no log tells."""
         return np.zeros((len(q), 3, 0))
 
@@ -161,17 +165,29 @@ class LoadedUrdf(LoadedModel):
         return cls(arm, stated, payload)
 
     def own_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
-        slip = np.tanh(dq / self.losses.transition) if interval <= 0.0 else self.losses.direction(q, dq)
+        slip = (
+            np.tanh(dq / self.losses.transition)
+            if interval <= 0.0
+            else self.losses.direction(q, dq)
+        )
         return self.arm.inverse_dynamics(q, dq, ddq) + self._friction(dq, slip)
 
     def _friction(self, dq: Array, slip: Array) -> Array:
         return np.asarray(self.losses.viscous * dq + self.losses.coulomb * slip)
 
     def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
-        return torque if self.module is None else np.asarray(self.module.log_of_torque(torque, interval), dtype=float)
+        return (
+            torque
+            if self.module is None
+            else np.asarray(self.module.log_of_torque(torque, interval), dtype=float)
+        )
 
     def undo_log(self, log: Array, interval: float) -> Float[Array, "T n"]:
-        return log if self.module is None else np.asarray(self.module.torque_of_log(log, interval), dtype=float)
+        return (
+            log
+            if self.module is None
+            else np.asarray(self.module.torque_of_log(log, interval), dtype=float)
+        )
 
     def roll_out(
         self, states: Array, twists: Array, drive: Array, extra: Array, interval: float
@@ -188,9 +204,15 @@ class LoadedUrdf(LoadedModel):
         inertia = self.arm.derivatives(q, 0.0 * q, 0.0 * q)[2]
         for torque in _at_steps(drive + extra, interval, ROLLOUT_STEP):
             change = self.arm.forward_dynamics(q, dq, torque - self._friction(dq, slip))
-            turns = np.where(stops, ROLLOUT_STEP / reach, 1.0 / self.losses.transition) * (1.0 - slip**2)
-            drag = (self.losses.viscous + self.losses.coulomb * turns)[:, :, None] * np.eye(q.shape[1])
-            change = np.linalg.solve(inertia + ROLLOUT_STEP * drag, inertia @ change[:, :, None])[:, :, 0]
+            turns = np.where(stops, ROLLOUT_STEP / reach, 1.0 / self.losses.transition) * (
+                1.0 - slip**2
+            )
+            drag = (self.losses.viscous + self.losses.coulomb * turns)[:, :, None] * np.eye(
+                q.shape[1]
+            )
+            change = np.linalg.solve(inertia + ROLLOUT_STEP * drag, inertia @ change[:, :, None])[
+                :, :, 0
+            ]
             dq = dq + ROLLOUT_STEP * change
             q = q + ROLLOUT_STEP * dq
             held = np.clip(slip + ROLLOUT_STEP * dq / reach, -1.0, 1.0)
@@ -205,7 +227,9 @@ class LoadedMjcf(LoadedModel):
     form = "mjcf"
 
     def __init__(self, path: Path, joints: tuple[str, ...], payload: Payload | None = None) -> None:
-        mujoco.set_mju_user_warning(lambda _: None)  # else on the terminal and in a file where the user works
+        mujoco.set_mju_user_warning(
+            lambda _: None
+        )  # else on the terminal and in a file where the user works
         spec = mujoco.MjSpec.from_file(str(path))
         if payload is not None and payload.mass_kg > 0.0:
             body = spec.joint(joints[-1]).parent.add_body(name="known_payload", pos=payload.com_m)
@@ -220,12 +244,20 @@ class LoadedMjcf(LoadedModel):
         named = {self.model.joint(i).name: i for i in range(self.model.njnt)}
         self.main = np.array([self.model.jnt_dofadr[named[name]] for name in joints])
         springs = [named[name + SPRING_SUFFIX] for name in joints if name + SPRING_SUFFIX in named]
-        self.springs, self.stiffness = self.model.jnt_dofadr[springs], self.model.jnt_stiffness[springs]
+        self.springs, self.stiffness = (
+            self.model.jnt_dofadr[springs],
+            self.model.jnt_stiffness[springs],
+        )
         motors = [self.model.actuator(name).id for name in joints]
         self.motors = np.array(motors)
-        self.gear, self.bias = self.model.actuator_gear[motors, 0], self.model.actuator_biasprm[motors, 0]
+        self.gear, self.bias = (
+            self.model.actuator_gear[motors, 0],
+            self.model.actuator_biasprm[motors, 0],
+        )
         sensors = [self.model.sensor(f"{name}_log").id for name in joints]
-        self.cutoff = np.where(self.model.sensor_cutoff[sensors] > 0.0, self.model.sensor_cutoff[sensors], np.inf)
+        self.cutoff = np.where(
+            self.model.sensor_cutoff[sensors] > 0.0, self.model.sensor_cutoff[sensors], np.inf
+        )
         self.delay = float(self.model.sensor_delay[sensors[0]])
 
     def undo_log(self, log: Array, interval: float) -> Float[Array, "T n"]:
@@ -240,7 +272,9 @@ class LoadedMjcf(LoadedModel):
             out[k] = self.data.qfrc_inverse[self.main]
         return out
 
-    def deflections(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T 3 s"]:
+    def deflections(
+        self, q: Array, dq: Array, ddq: Array, interval: float
+    ) -> Float[Array, "T 3 s"]:
         """From balance under the load, in small steps, the joints' motion on straight lines between samples."""
         found = np.zeros((len(q), 3, len(self.springs)))
         if len(self.springs) == 0 or interval <= 0.0:
@@ -270,7 +304,9 @@ class LoadedMjcf(LoadedModel):
         x = loads[0] / self.stiffness
         rate = (loads[1] - loads[0]) / (self.stiffness * interval)
         for _ in range(BALANCE_STEPS):  # the load changes with the deflection
-            left, ahead = (self._on_springs(states[0], x + step, none) for step in (0.0, BALANCE_SLOPE))
+            left, ahead = (
+                self._on_springs(states[0], x + step, none) for step in (0.0, BALANCE_SLOPE)
+            )
             x = x - BALANCE_SLOPE * left / (ahead - left)
         return np.stack([x, rate, self._acceleration(states[0], x, rate)])
 
@@ -285,7 +321,9 @@ class LoadedMjcf(LoadedModel):
             target[self.main] = values
             target[self.springs] = behind
 
-    def _on_springs(self, state: Float[Array, "3 n"], x: Array, v: Array, change: float = 0.0) -> Float[Array, " s"]:
+    def _on_springs(
+        self, state: Float[Array, "3 n"], x: Array, v: Array, change: float = 0.0
+    ) -> Float[Array, " s"]:
         """Torque that inverse dynamics leave on the springs [N m]."""
         self._place(state, x, v, change)
         mujoco.mj_inverse(self.model, self.data)
@@ -317,7 +355,9 @@ class LoadedMjcf(LoadedModel):
 
 def _at_steps(values: Float[Array, "w T n"], interval: float, step: float) -> Float[Array, "S w n"]:
     """Values in the middle of a simulator's steps, between samples on straight lines."""
-    at = (np.arange(0.0, (values.shape[1] - 1) * interval - 0.5 * step, step) + 0.5 * step) / interval
+    at = (
+        np.arange(0.0, (values.shape[1] - 1) * interval - 0.5 * step, step) + 0.5 * step
+    ) / interval
     whole = np.minimum(at.astype(int), values.shape[1] - 2)
     share = (at - whole)[:, None, None]
     rows = np.moveaxis(values, 1, 0)

@@ -20,7 +20,13 @@ from ident.show.report.words import effect_name
 # What people call the formats, and how far one says an effect.
 NAMES = {"urdf": "URDF", "mjcf": "MJCF", "parameters": "parameter file", "module": "Python module"}
 ANSWERS = {"yes": "has it", "approximate": "has it nearly", "no": "has no place for it"}
-WHEN = {"given": "URDF", "before": "before", "tuned": "tuned", "after": "written", "after_with_module": "+ module"}
+WHEN = {
+    "given": "URDF",
+    "before": "before",
+    "tuned": "tuned",
+    "after": "written",
+    "after_with_module": "+ module",
+}
 NEXT = (
     "Next: load robot.xml (MuJoCo) or robot.urdf from there in your simulator; what a format has no place for, "
     "extra_torque.py adds."
@@ -33,8 +39,15 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
     """What is expressed where, what is not and why, and the gaps before and after."""
     for effect in record["effects"]:
         formats = effect["formats"]
-        answers = ", ".join(f"{NAMES[form]} {ANSWERS[formats[form]['expressed']]}" for form in FORMATS)
-        say(console, f"{effect_name(effect['effect'])} in {join_words(effect['joints'])}: {answers}", "", "  ")
+        answers = ", ".join(
+            f"{NAMES[form]} {ANSWERS[formats[form]['expressed']]}" for form in FORMATS
+        )
+        say(
+            console,
+            f"{effect_name(effect['effect'])} in {join_words(effect['joints'])}: {answers}",
+            "",
+            "  ",
+        )
         for form in FORMATS:
             if formats[form]["expressed"] != "yes":
                 say(console, f"{NAMES[form]}: {formats[form]['how']}", "    ", "      ")
@@ -72,23 +85,44 @@ def print_into(console: Console, into: dict[str, Any]) -> None:
     for line in into["left"]:
         say(console, f"not written: {line}", "  ", "    ")
     name = Path(into["file"]).name
-    say(console, f"as it was, for this diagnosis and models fitted to it: before_{name} in the folder", "  ", "    ")
+    say(
+        console,
+        f"as it was, for this diagnosis and models fitted to it: before_{name} in the folder",
+        "  ",
+        "    ",
+    )
 
 
 def gap_table(heldout: dict[str, Any]) -> Table:
     """Torque gap of each joint [N m], and the rollout gap over all joints, of each file in each state."""
-    kind = "that were diagnosed" if heldout["in_sample"] else "that were not diagnosed; they decide what is written"
-    table = Table("file", "gap", title=f"gap on {plural(len(heldout['runs']), 'run')} {kind}", title_justify="left")
+    kind = (
+        "that were diagnosed"
+        if heldout["in_sample"]
+        else "that were not diagnosed; they decide what is written"
+    )
+    table = Table(
+        "file",
+        "gap",
+        title=f"gap on {plural(len(heldout['runs']), 'run')} {kind}",
+        title_justify="left",
+    )
     for words in WHEN.values():
         table.add_column(words, justify="right")
     for form, found in heldout["gaps"].items():
         torques = [gap["torque_rms_Nm"] for gap in found.values()]
         rows = {f"{name} [N m]": [torque[name] for torque in torques] for name in torques[0]}
         miss = [list(gap["position_rms_rad"].values()) for gap in found.values()]
-        rows[f"rollout {heldout['window_s']:g} s [mrad]"] = list(1e3 * np.sqrt(np.mean(np.square(miss), axis=1)))
+        rows[f"rollout {heldout['window_s']:g} s [mrad]"] = list(
+            1e3 * np.sqrt(np.mean(np.square(miss), axis=1))
+        )
         for name, values in rows.items():
             cells = {when: f"{value:.3f}" for when, value in zip(found, values, strict=True)}
-            table.add_row(form, name, *(cells.get(when, "") for when in WHEN), end_section=name.startswith("rollout"))
+            table.add_row(
+                form,
+                name,
+                *(cells.get(when, "") for when in WHEN),
+                end_section=name.startswith("rollout"),
+            )
     return table
 
 
@@ -100,7 +134,9 @@ def write(console: Console, result: Any) -> None:
         print_patch(console, record, result.folder)
         return
     for check in record.get("checks", ()):
-        value = "not tested by these recordings" if check["value"] is None else f"{check['value']:.4g}"
+        value = (
+            "not tested by these recordings" if check["value"] is None else f"{check['value']:.4g}"
+        )
         mark = "kept" if check["passed"] else "NOT KEPT"
         place = f"{check['session']}: {check['figure']} {check['joint']}"
         lines.append(f"{place}: {value}, limit {check['bound']:g}: {mark}")
@@ -136,11 +172,19 @@ def draw(result: Any) -> Any:
         rows: dict[str, tuple[str, list[float | None]]] = {}
         for form, found in record.get("heldout", {}).get("gaps", {}).items():
             rows |= {
-                f"{form}, {WHEN[k]}": (COLOURS[k], list(one["torque_rms_Nm"].values())) for k, one in found.items()
+                f"{form}, {WHEN[k]}": (COLOURS[k], list(one["torque_rms_Nm"].values()))
+                for k, one in found.items()
             }
         joints = record["joints"] if rows else []
         return draw_bars(joints, rows, "torque gap [N m]", f"files of {record['robot']}")
     checks = [one for one in record["checks"] if one["value"] is not None]
-    shares: list[float | None] = [one["value"] / one["bound"] if one["bound"] else None for one in checks]
+    shares: list[float | None] = [
+        one["value"] / one["bound"] if one["bound"] else None for one in checks
+    ]
     names = [f"{one['figure']} {one['joint']}" for one in checks]
-    return draw_bars(names, {"share of its limit": (COLOURS["after"], shares)}, "1", f"limits of {record['model']}")
+    return draw_bars(
+        names,
+        {"share of its limit": (COLOURS["after"], shares)},
+        "1",
+        f"limits of {record['model']}",
+    )

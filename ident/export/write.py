@@ -17,9 +17,31 @@ from ident.command_options import ExportOptions
 from ident.errors import InputError
 from ident.export.bodies import random_states
 from ident.export.choose import MOST_WINDOWS, SAID, WINDOW, Chosen, choose, measure_gap, mix
-from ident.export.controllers import InFile, write_cpp, write_isaac, write_limits, write_module, write_parameters
-from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, state_arm, stood_in, usual_run
-from ident.export.friction_files import FEED_FORWARD, UR, check_feed_forward, write_feed_forward, write_ur
+from ident.export.controllers import (
+    InFile,
+    write_cpp,
+    write_isaac,
+    write_limits,
+    write_module,
+    write_parameters,
+)
+from ident.export.formats import (
+    LOADED,
+    NEAR,
+    Run,
+    describe,
+    measure_off,
+    state_arm,
+    stood_in,
+    usual_run,
+)
+from ident.export.friction_files import (
+    FEED_FORWARD,
+    UR,
+    check_feed_forward,
+    write_feed_forward,
+    write_ur,
+)
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.into import is_mjcf, require_loadable, save_into, write_into
 from ident.export.learned import FILE as LEARNED
@@ -29,7 +51,14 @@ from ident.export.newton import FILE as NEWTON
 from ident.export.newton import check_newton, write_newton
 from ident.export.onnx_model import FILE as ONNX
 from ident.export.onnx_model import compare_onnx, write_onnx
-from ident.export.promotion import REMEDY, Contest, Promotion, contest_of_model, measure_distance, tool_of
+from ident.export.promotion import (
+    REMEDY,
+    Contest,
+    Promotion,
+    contest_of_model,
+    measure_distance,
+    tool_of,
+)
 from ident.files import atomic_folder
 from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
@@ -71,9 +100,7 @@ WRITERS = {
 CHECKS = {"newton": check_newton, "feedforward": check_feed_forward}
 NO_READER = "nothing here loads it back"
 NOT_TUNED = "not in the diagnosis: losses and tuned inertias are zero"
-UNMEASURED = (
-    "measured on no recordings: with --on SESSION the best of the candidates is written, the URDF's arm among them"
-)
+UNMEASURED = "measured on no recordings: with --on SESSION the best of the candidates is written, the URDF's arm among them"
 # More samples of all runs together say no more about a law's nearest losses.
 MOST_SAMPLES = 5000
 # Less of the tuned torque than this is not worth a word.
@@ -116,7 +143,9 @@ def write_patch(
         arm = _Files(options, motions, folder, Path(scratch))
         arm.write_loaded(LOADED)
         alone = options["tuned"].losses
-        parameters = write_parameters(options["after"], alone, urdf=arm.losses_of_urdf(), figures=diagnosed.identified)
+        parameters = write_parameters(
+            options["after"], alone, urdf=arm.losses_of_urdf(), figures=diagnosed.identified
+        )
         arm.write("parameters.toml", parameters)
         arm.write(module, arm.module())
         record: dict[str, Any] = {
@@ -172,22 +201,35 @@ def write_export(
     formats = USUAL if chosen.formats is None else tuple(chosen.formats)
     unknown = [name for name in formats if name not in FILES]
     if unknown:
-        raise InputError("--format", f"{unknown[0]!r} is unknown", f"use one of: {', '.join(FILES)}")
+        raise InputError(
+            "--format", f"{unknown[0]!r} is unknown", f"use one of: {', '.join(FILES)}"
+        )
     options = IdentifiedArm.of_models(model, chosen.nearest)
     origin = origin or Provenance("ident export")
     after = options["after"]
     module = FILES["python"] if "python" in formats else None
-    with suppress(_NotPromoted), atomic_folder(out, EXPORT_KIND) as folder, tempfile.TemporaryDirectory() as scratch:
-        arm = _Files(options, [motion.select(model.joint_names) for motion in motions], folder, Path(scratch))
+    with (
+        suppress(_NotPromoted),
+        atomic_folder(out, EXPORT_KIND) as folder,
+        tempfile.TemporaryDirectory() as scratch,
+    ):
+        arm = _Files(
+            options, [motion.select(model.joint_names) for motion in motions], folder, Path(scratch)
+        )
         arm.write_loaded([name for name in LOADED if name in formats])
         for name in formats:
             if name == "toml":
-                parameters = write_parameters(after, estimates=model.figures, urdf=arm.losses_of_urdf())
+                parameters = write_parameters(
+                    after, estimates=model.figures, urdf=arm.losses_of_urdf()
+                )
                 arm.write(FILES[name], parameters)
             elif name == "onnx":
                 (folder / ONNX).write_bytes(write_onnx(model))
             elif name not in LOADED:
-                arm.write(FILES[name], arm.module() if name == "python" else WRITERS[name](arm.stated("losses")))
+                arm.write(
+                    FILES[name],
+                    arm.module() if name == "python" else WRITERS[name](arm.stated("losses")),
+                )
         learned = "cpp" in formats and has_learned(model)
         if learned:
             arm.write(LEARNED, write_learned(model))
@@ -238,7 +280,11 @@ class _Files:
     """The files of an arm while they are put together: of the options `after` has all that was identified."""
 
     def __init__(
-        self, options: Mapping[str, IdentifiedArm], motions: Sequence[Motion], folder: Path, scratch: Path
+        self,
+        options: Mapping[str, IdentifiedArm],
+        motions: Sequence[Motion],
+        folder: Path,
+        scratch: Path,
     ) -> None:
         self.options = options
         self.motions = motions
@@ -267,9 +313,13 @@ class _Files:
         off = self.off(form) if form in LOADED else [{} for _ in changes]
         held = {(change.effect, change.joint) for change in stated.changes}
         near = [
-            c for c, one in zip(changes, off, strict=True) if (c.effect, c.joint) in held or one.get(form, 1.0) <= NEAR
+            c
+            for c, one in zip(changes, off, strict=True)
+            if (c.effect, c.joint) in held or one.get(form, 1.0) <= NEAR
         ]
-        joints = {change.joint for change in stood_in(changes, form)} - {change.joint for change in near}
+        joints = {change.joint for change in stood_in(changes, form)} - {
+            change.joint for change in near
+        }
         names = ["tuned" if j in joints else "after" for j in range(self.nominal.n)]
         tuned = self.options["tuned"]
         return mix({"after": stated, "tuned": tuned}, "after", names) if near else tuned
@@ -282,7 +332,9 @@ class _Files:
         for form in forms:
             stated = self.stated(form)
             if self.motions:
-                others = {name: state_arm(one, form, self.runs) for name, one in self.options.items()}
+                others = {
+                    name: state_arm(one, form, self.runs) for name, one in self.options.items()
+                }
                 self.chosen[form] = choose(form, others, self.motions, self.scratch / form)
                 stated = self.chosen[form].stated
             self.written[form] = WrittenFile.write(form, self.folder, stated)
@@ -364,10 +416,16 @@ class _Files:
             "window_s": WINDOW,
             "most_windows": MOST_WINDOWS,
             **CANDIDATES,
-            "gaps": {form: {w: gap.to_dict(joints) for w, gap in one.items()} for form, one in gaps.items()},
+            "gaps": {
+                form: {w: gap.to_dict(joints) for w, gap in one.items()}
+                for form, one in gaps.items()
+            },
             "choice": {form: one.to_dict(joints) for form, one in self.chosen.items()},
         }
-        return {"heldout": heldout, "written": {form: one.name for form, one in self.chosen.items()}}
+        return {
+            "heldout": heldout,
+            "written": {form: one.name for form, one in self.chosen.items()},
+        }
 
 
 def _plain_losses(identified: IdentifiedArm, formats: Sequence[str]) -> list[str]:
@@ -384,17 +442,23 @@ def _notes(identified: IdentifiedArm, module: str, model: HybridModel | None = N
     """What a user of the files should know beside the effects, and what no file says of a model."""
     arm = identified.nominal
     ranges = identified.losses.range * (identified.losses.coulomb > 0.0)
-    lines = ["robot.urdf: a URDF has no place for rotor inertia; take it from parameters.toml (Pinocchio: armature)"]
+    lines = [
+        "robot.urdf: a URDF has no place for rotor inertia; take it from parameters.toml (Pinocchio: armature)"
+    ]
     if not identified.is_level:
         pull = " ".join(f"{one:.2f}" for one in identified.gravity)
-        lines.append(f"gravity pulls along ({pull}) m/s² of the base: robot.urdf stands on a link `level`, turned so")
+        lines.append(
+            f"gravity pulls along ({pull}) m/s² of the base: robot.urdf stands on a link `level`, turned so"
+        )
     if ranges.any():
         names = ", ".join(arm.joint_names[j] for j in ranges.nonzero()[0])
         lines.append(
             f"{names}: dry friction turns round over a displacement (sliding_range_rad of parameters.toml), for which "
             "neither file has words: robot.xml sticks and slips at once, robot.urdf leaves it to the simulator"
         )
-    doubtful = ", ".join(f"{c.effect} of {c.joints[0]}" for c in identified.changes if c.probability < 0.5)
+    doubtful = ", ".join(
+        f"{c.effect} of {c.joints[0]}" for c in identified.changes if c.probability < 0.5
+    )
     lines += [f"less likely than not, and written all the same: {doubtful}"] * bool(doubtful)
     if (missed := identified.links.missed) > LEAST_MISSED:
         lines.append(
@@ -402,15 +466,26 @@ def _notes(identified: IdentifiedArm, module: str, model: HybridModel | None = N
             f"that can, which leave out {100.0 * missed:.1f} % of the torque that the change makes"
         )
     fixed = [f"{name} at {position:g}" for name, position in arm.locked_joints.items()]
-    lines += [f"robot.xml: not in the recordings, or fingers, and so fixed: {listed(fixed)}"] * bool(fixed)
+    lines += [
+        f"robot.xml: not in the recordings, or fingers, and so fixed: {listed(fixed)}"
+    ] * bool(fixed)
     for form in LOADED:
-        joints = [arm.joint_names[j] for j in sorted({c.joint for c in stood_in(identified.changes, form)})]
+        joints = [
+            arm.joint_names[j]
+            for j in sorted({c.joint for c in stood_in(identified.changes, form)})
+        ]
         if joints:
             stand = "the losses nearest to the effects' laws stand in for them"
-            lines.append(f"{form}: at {', '.join(joints)} {stand}; {module} (extra_torque) has the laws")
+            lines.append(
+                f"{form}: at {', '.join(joints)} {stand}; {module} (extra_torque) has the laws"
+            )
     if model is not None and (model.net is not None or model.loss.offset.any()):
-        lines.append(f"the residual net and torque offsets are in the model folder and, of format cpp, {LEARNED} alone")
+        lines.append(
+            f"the residual net and torque offsets are in the model folder and, of format cpp, {LEARNED} alone"
+        )
     if model is not None and model.carried:
         names = ", ".join(one.effect for one in model.carried)
-        lines.append(f"carried effects ({names}) are in the model folder alone: `ident patch` writes what it can")
+        lines.append(
+            f"carried effects ({names}) are in the model folder alone: `ident patch` writes what it can"
+        )
     return lines

@@ -47,6 +47,12 @@ def excite(
     hypotheses = ask(arm, chosen.separate, chosen.joint, record, gather_effects(catalogue))
     stage("searching for motions")
     found = Designer(arm, hypotheses, chosen, around).best()
-    named = {"robot": arm.name, "diagnosis": str(diagnosis) if isinstance(diagnosis, str | Path) else None}
-    given = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(chosen).items()}
+    named = {
+        "robot": arm.name,
+        "diagnosis": str(diagnosis) if isinstance(diagnosis, str | Path) else None,
+    }
+    given = {
+        name: str(value) if isinstance(value, Path) else value
+        for name, value in asdict(chosen).items()
+    }
     return found.with_provenance(Provenance("plan excite", settings={**named, **given}))

@@ -30,7 +30,9 @@ Scene = Task | str | Path
 Model = HybridModel | str | Path
 
 
-def solve(scene: Scene, model: Model | None = None, *, planner: Planner | None = None, **options: Any) -> PlanResult:
+def solve(
+    scene: Scene, model: Model | None = None, *, planner: Planner | None = None, **options: Any
+) -> PlanResult:
     """Finds one trajectory and certifies it; an expected failure is a status with a reason.
 
     Args:
@@ -45,7 +47,9 @@ def solve(scene: Scene, model: Model | None = None, *, planner: Planner | None =
     """
     chosen, began = SolveOptions(**options), processor_seconds()
     result = open_task(scene, model, chosen).solve(chosen, planner, began=began)
-    return replace(result, cpu_seconds=max(result.cpu_seconds, processor_seconds() - began))  # all since the call
+    return replace(
+        result, cpu_seconds=max(result.cpu_seconds, processor_seconds() - began)
+    )  # all since the call
 
 
 def compare(scene: Scene, model: Model | None = None, **options: Any) -> Comparison:
@@ -115,7 +119,9 @@ class OpenedTask:
         problems = self.problems
         most, seconds = options.budget
         left = max(seconds - (processor_seconds() - began), 0.0)
-        problem, note = cheapest_goal(problems, self.task.pose is not None, (most, left), options.seed)
+        problem, note = cheapest_goal(
+            problems, self.task.pose is not None, (most, left), options.seed
+        )
         stage("searching for a motion")
         spent = processor_seconds() - began
         if problem.longest is None:
@@ -124,10 +130,14 @@ class OpenedTask:
             from plan.solving.free_duration import solve_free_duration
 
             result = solve_free_duration(problem, options, planner, controller, spent)
-        asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds", "workers")}
+        asked = {
+            name: getattr(options, name) for name in ("seed", "evaluations", "seconds", "workers")
+        }
         executed = None if controller is None else controller.name
         origin = self._origin("plan solve", method=result.method, controller=executed, **asked)
-        result = replace(result, notes=(*note, *result.notes), cpu_seconds=processor_seconds() - began)
+        result = replace(
+            result, notes=(*note, *result.notes), cpu_seconds=processor_seconds() - began
+        )
         return result.with_provenance(origin)
 
     def compare(self, options: CompareOptions) -> Comparison:
@@ -139,33 +149,61 @@ class OpenedTask:
         from plan.solving.compare import compare as compare_methods
 
         if self.problem.longest is not None:
-            raise InputError(self.task.source, "methods are compared at one duration", "give task.duration_s")
+            raise InputError(
+                self.task.source, "methods are compared at one duration", "give task.duration_s"
+            )
         problem, _ = cheapest_goal(self.problems, self.task.pose is not None, USUAL_BUDGET, 0)
         table = compare_methods(problem, self.task.source.stem, options)
-        asked = {name: getattr(options, name) for name in ("methods", "seeds", "evaluations", "seconds")}
+        asked = {
+            name: getattr(options, name) for name in ("methods", "seeds", "evaluations", "seconds")
+        }
         return table.with_provenance(self._origin("plan compare", **asked))
 
     def _origin(self, command: str, **asked: Any) -> Provenance:
         problem = self.problem
-        fixed = {"scene": str(self.task.source), "model": self.model, "objective": problem.objective}
-        return Provenance(command, settings={**fixed, "metric": problem.metric, "variables": problem.free, **asked})
+        fixed = {
+            "scene": str(self.task.source),
+            "model": self.model,
+            "objective": problem.objective,
+        }
+        return Provenance(
+            command,
+            settings={**fixed, "metric": problem.metric, "variables": problem.free, **asked},
+        )
 
 
-def open_task(scene: Scene, model: Model | None = None, options: TaskOptions = DEFAULTS) -> OpenedTask:
+def open_task(
+    scene: Scene, model: Model | None = None, options: TaskOptions = DEFAULTS
+) -> OpenedTask:
     """Reads scene and model, and checks start and goal.
 
     Raises:
         InputError: Any of them is at fault.
     """
     if not isinstance(scene, Task | str | Path):
-        raise InputError("scene", f"a {type(scene).__name__} is no task", "give a scene file, or what load_task read")
+        raise InputError(
+            "scene",
+            f"a {type(scene).__name__} is no task",
+            "give a scene file, or what load_task read",
+        )
     task = scene if isinstance(scene, Task) else load_task(scene)
     if task.stops:
-        raise InputError(task.source, "its [[leg]] tables make it a cycle", "use `plan cycle`, or take them out")
+        raise InputError(
+            task.source, "its [[leg]] tables make it a cycle", "use `plan cycle`, or take them out"
+        )
     task = hold_driveless(task, ArmModel.load(task.robot))
     fitted = None if model is None else HybridModel.given(model)
     problems = reach_goals(set_up(task, fitted, options), task)
     require_valid_ends(problems[0], task, options.inside)
-    named = model.robot.name if isinstance(model, HybridModel) else None if model is None else str(model)
-    begun = (one if task.taught is None else from_taught(one, task.taught, task.taught_times) for one in problems)
+    named = (
+        model.robot.name
+        if isinstance(model, HybridModel)
+        else None
+        if model is None
+        else str(model)
+    )
+    begun = (
+        one if task.taught is None else from_taught(one, task.taught, task.taught_times)
+        for one in problems
+    )
     return OpenedTask(task, tuple(begun), named)

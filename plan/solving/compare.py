@@ -54,7 +54,9 @@ class Comparison(Result):
         for method in self.methods:
             runs = self.of(method)
             costs = [run.cost for run in runs]
-            clear = [run.certificate.clearance.proven for run in runs if run.certificate and run.solved]
+            clear = [
+                run.certificate.clearance.proven for run in runs if run.certificate and run.solved
+            ]
             done = _finite(np.median([run.executed_cost for run in runs]))
             rows.append(
                 {
@@ -64,12 +66,18 @@ class Comparison(Result):
                     "cost": _finite(np.median(costs)),
                     "executed": done,
                     "worst": _finite(max(costs)),
-                    "cost_at_evaluations": _finite(np.median([cost_at(run, self.evaluations, 0) for run in runs])),
-                    "cost_at_seconds": _finite(np.median([cost_at(run, self.seconds, 1) for run in runs])),
+                    "cost_at_evaluations": _finite(
+                        np.median([cost_at(run, self.evaluations, 0) for run in runs])
+                    ),
+                    "cost_at_seconds": _finite(
+                        np.median([cost_at(run, self.seconds, 1) for run in runs])
+                    ),
                     "evaluations": int(np.median([run.evaluations for run in runs])),
                     "seconds": float(np.median([run.seconds for run in runs])),
                     "clearance_m": float(np.median(clear)) if clear else None,
-                    "above_best": None if best is None or done is None else done / best.executed_cost - 1.0,
+                    "above_best": None
+                    if best is None or done is None
+                    else done / best.executed_cost - 1.0,
                 }
             )
         return rows
@@ -107,7 +115,11 @@ def compare(problem: PlanningProblem, name: str, options: CompareOptions) -> Com
     Raises:
         InputError: No such method, or not for this task.
     """
-    named = None if options.methods is None else [one.strip() for one in options.methods.split(",") if one.strip()]
+    named = (
+        None
+        if options.methods is None
+        else [one.strip() for one in options.methods.split(",") if one.strip()]
+    )
     unknown = [one for one in named or () if one not in METHODS]
     if named == [] or unknown:
         what = f"{unknown[0]!r} is unknown" if unknown else "names no method"
@@ -116,7 +128,11 @@ def compare(problem: PlanningProblem, name: str, options: CompareOptions) -> Com
     for method in chosen:
         make_planner(method, problem.objective)
     starts = cache(lambda seed: find_starts(problem, np.random.default_rng(seed)))
-    runs = [(method, seed) for method in chosen for seed in range(1 if method in FIXED else options.seeds)]
+    runs = [
+        (method, seed)
+        for method in chosen
+        for seed in range(1 if method in FIXED else options.seeds)
+    ]
     results = []
     for number, (method, seed) in enumerate(runs):
         stage(f"{method}, seed {seed}", number / len(runs), (number + 1) / len(runs))

@@ -82,10 +82,14 @@ def solve_free_duration(
         history.append((count, seconds, energy_cost(energy, best.duration, standby)))
     said = f"the duration is free: {best.duration:.3g} s costs least of {len(rows)} looked at"
     notes = (said, *result.notes) if rows else result.notes
-    return replace(result, standby=standby, energy_curve=rows, history=tuple(history), bound=None, notes=notes)
+    return replace(
+        result, standby=standby, energy_curve=rows, history=tuple(history), bound=None, notes=notes
+    )
 
 
-def energy_curve(problem: PlanningProblem, options: SolveOptions, part: float = SHARE) -> list[Look]:
+def energy_curve(
+    problem: PlanningProblem, options: SolveOptions, part: float = SHARE
+) -> list[Look]:
     """Least energy over duration, the shortest first; empty where no motion was found.
 
     Args:
@@ -155,7 +159,9 @@ def _closer(looks: list[Look], standby: float) -> float | None:
     gaps = []
     for a, b in ((best - 1, best), (best, best + 1)):
         if a >= 0 and b < len(looks):
-            gaps.append((looks[b].duration / looks[a].duration, looks[a].duration, looks[b].duration))
+            gaps.append(
+                (looks[b].duration / looks[a].duration, looks[a].duration, looks[b].duration)
+            )
     if not gaps:
         return None
     ratio, low, high = max(gaps)

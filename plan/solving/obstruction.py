@@ -33,7 +33,11 @@ def require_valid_ends(problem: PlanningProblem, task: Task, inside: bool = Fals
     if bad is not None:
         key = task.keys[bad[0] == "goal"]
         raise InputError(task.source, f"task.{key}: {bad[1]}", bad[2])
-    cones = [] if problem.rules is None else problem.rules.rows(problem.ends, np.zeros_like(problem.ends))
+    cones = (
+        []
+        if problem.rules is None
+        else problem.rules.rows(problem.ends, np.zeros_like(problem.ends))
+    )
     for number, row in enumerate((row for row in cones if row.name == "cone"), start=1):
         if row.value.max() > row.limit:
             key = task.keys[int(row.value.argmax())]
@@ -150,7 +154,12 @@ def find_obstruction(problem: PlanningProblem) -> str:
 def _line_blocked(problem: PlanningProblem) -> str:
     """What a straight line of the tool leads through, where the line leaves the joints no choice; else nothing."""
     rules, scene = problem.rules, problem.scene
-    if rules is None or problem.way.straight is None or not len(scene.pairs) or problem.n not in (3, TURNING):
+    if (
+        rules is None
+        or problem.way.straight is None
+        or not len(scene.pairs)
+        or problem.n not in (3, TURNING)
+    ):
         return ""
     line = positions_along(problem, rules, LOOKED_AT)
     gaps = scene.gaps(line, 1.0)

@@ -43,7 +43,9 @@ Starts = tuple[Sequence[PlanningProblem], Sequence[Seed]]
 that were looked for, with why some were not found."""
 
 
-def find_starts(problem: PlanningProblem, rng: np.random.Generator, seconds: float = STARTS_SECONDS) -> Starts:
+def find_starts(
+    problem: PlanningProblem, rng: np.random.Generator, seconds: float = STARTS_SECONDS
+) -> Starts:
     """Initial trajectories: the taught one alone where one is given; else the line, and seeds round what is in its way.
 
     For the time objective they are brought to their energy optima first, as in section 3.3 of the paper, and then drawn
@@ -56,7 +58,9 @@ def find_starts(problem: PlanningProblem, rng: np.random.Generator, seconds: flo
     """
     timed, seeds = problem.objective == "time", list[Seed]()
     base = replace(problem, objective="energy", free="vias") if timed else problem
-    if base.label == STRAIGHT and (base.scene.obstacles or base.initial_evaluation.collision[0] > 0):
+    if base.label == STRAIGHT and (
+        base.scene.obstacles or base.initial_evaluation.collision[0] > 0
+    ):
         seeds = find_seeds(base, rng, seconds=seconds / 2)
     problems = from_seeds(base, seeds)
     if not timed:
@@ -66,9 +70,13 @@ def find_starts(problem: PlanningProblem, rng: np.random.Generator, seconds: flo
     if not ledger.best_of:  # no time was left
         return [replace(problems[0], **goal)], seeds  # type: ignore[arg-type]
     # The best first; three at most, one where the path stays.
-    found = sorted(ledger.best_of.values(), key=lambda best: (not best.feasible, best.violation, best.cost))
+    found = sorted(
+        ledger.best_of.values(), key=lambda best: (not best.feasible, best.violation, best.cost)
+    )
     kept = found[: 1 if problem.free == "times" else 3]
-    return [start_compressed(best.problem.with_initial(best.splines, **goal)) for best in kept], seeds
+    return [
+        start_compressed(best.problem.with_initial(best.splines, **goal)) for best in kept
+    ], seeds
 
 
 def cheapest_goal(
@@ -83,13 +91,21 @@ def cheapest_goal(
         seed: Of all chance.
     """
     if len(problems) == 1:
-        return problems[0], ("one joint position brings the frame to the goal's pose",) if posed else ()
+        return problems[0], (
+            "one joint position brings the frame to the goal's pose",
+        ) if posed else ()
     rng, costs, (most, seconds) = np.random.default_rng(seed), [], budget
     for problem in problems:
-        ledger = Ledger(max(1, most // (3 * len(problems))), min(QUICK_SECONDS, seconds / (3.0 * len(problems))))
+        ledger = Ledger(
+            max(1, most // (3 * len(problems))), min(QUICK_SECONDS, seconds / (3.0 * len(problems)))
+        )
         best = QUICK.run([problem], ledger, rng).best
         costs.append(best.cost if best is not None and best.feasible else np.inf)
-    which = f"{len(problems)} joint positions bring the frame to the goal's pose" if posed else f"{len(problems)} goals"
+    which = (
+        f"{len(problems)} joint positions bring the frame to the goal's pose"
+        if posed
+        else f"{len(problems)} goals"
+    )
     reached = int(np.isfinite(costs).sum())
     taken = f"reached {reached} of them, and the cheapest was taken"
     if reached == 0:
@@ -139,8 +155,14 @@ def solve(
         still, certificate = certify_standing(problem, controller)
         if certificate.broken:
             return replace(result, reason="; ".join(certificate.broken))
-        said = ("start and goal are the same: a plan of zero length", *problem.notes, *_cuts(certificate))
-        result = replace(result, status="solved", splines=still, certificate=certificate, reference_gap=0.0)
+        said = (
+            "start and goal are the same: a plan of zero length",
+            *problem.notes,
+            *_cuts(certificate),
+        )
+        result = replace(
+            result, status="solved", splines=still, certificate=certificate, reference_gap=0.0
+        )
         return replace(result, notes=said, history=((0, 0.0, 0.0),))
     reason = find_obstruction(problem)
     if reason:
@@ -202,10 +224,15 @@ def _cuts(certificate: Certificate | None) -> tuple[str, ...]:
     return () if certificate is None else tuple(str(cut) for cut, _ in certificate.cuts)
 
 
-def _judge(certificate: Certificate | None, ledger: Ledger, seeds: Sequence[Seed], known: str) -> dict[str, Any]:
+def _judge(
+    certificate: Certificate | None, ledger: Ledger, seeds: Sequence[Seed], known: str
+) -> dict[str, Any]:
     """Status of a search, and its reason."""
     if certificate is None:
-        return {"status": "budget_spent", "reason": "the budget ended before anything was evaluated"}
+        return {
+            "status": "budget_spent",
+            "reason": "the budget ended before anything was evaluated",
+        }
     broken = certificate.broken
     if not broken:
         return {"status": "solved"}
@@ -252,4 +279,8 @@ def _gap(result: PlanResult, problems: Sequence[PlanningProblem]) -> float | Non
     if best is None or not best.feasible:
         return None
     timed = result.objective == "time"
-    return result.cost / (best.cost if timed else certify(best.problem, best.splines).energy[result.metric]) - 1.0
+    return (
+        result.cost
+        / (best.cost if timed else certify(best.problem, best.splines).energy[result.metric])
+        - 1.0
+    )

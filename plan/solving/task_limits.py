@@ -47,7 +47,9 @@ def task_limits(
     usable = torque if reserve is None else torque - reserve
     for j, joint in enumerate(arm.joint_names):
         if lower[j] >= upper[j]:
-            low, high = (as_given(one[j], bool(arm.sliding_joints[j]), 0) for one in (arm.lower, arm.upper))
+            low, high = (
+                as_given(one[j], bool(arm.sliding_joints[j]), 0) for one in (arm.lower, arm.upper)
+            )
             what = f"[limits] leave {joint} no room within the robot's own, {low} to {high}"
             raise InputError(task.source, what, "correct lower_deg or upper_deg")
         if reserve is not None and not usable[j] > 0.0:
@@ -55,7 +57,9 @@ def task_limits(
             raise InputError(task.source, what, "raise limits.torque_Nm, or give --no-reserve")
     asked = makers if task.makers else None
     speed = known.speed if task.speed is None else task.speed
-    if task.speed is None and asked is not None and asked.speed is not None:  # of all the arm's joints, held ones last
+    if (
+        task.speed is None and asked is not None and asked.speed is not None
+    ):  # of all the arm's joints, held ones last
         speed = np.minimum(speed, asked.speed[: task.n])
     bound = asked if asked is not None and (asked.binding or advised) else None
     published = (None, None) if bound is None else (bound.acceleration, bound.jerk)
@@ -78,13 +82,17 @@ def with_known_positions(arm: ArmModel, task: Task) -> tuple[ArmModel, tuple[str
     names = [name for name, missing in zip(arm.joint_names, unknown, strict=True) if missing]
     if np.any(unknown & arm.sliding_joints) and (task.lower is None or task.upper is None):
         what = f"the URDF gives {' and '.join(names)} no limits of position (no room between them)"
-        raise InputError(task.source, what, "give limits.lower_deg and upper_deg, of joints that slide in metres")
+        raise InputError(
+            task.source, what, "give limits.lower_deg and upper_deg, of joints that slide in metres"
+        )
     lower, upper = np.where(unknown, -TURN, arm.lower), np.where(unknown, TURN, arm.upper)
     if task.lower is not None:
         lower = np.where(unknown, task.lower, lower)
     if task.upper is not None:
         upper = np.where(unknown, task.upper, upper)
-    what = f"limits of position of {', '.join(names)} are unknown (no room between them in the URDF)"
+    what = (
+        f"limits of position of {', '.join(names)} are unknown (no room between them in the URDF)"
+    )
     said = f"{what}: a turn either way is taken"
     return arm.with_position_limits(lower, upper), (said,)
 
@@ -93,7 +101,9 @@ def say_unknown(arm: ArmModel, limits: Limits) -> tuple[str, ...]:
     """Which limits of torque and speed nobody gives, in words."""
     said = []
     for name, values in (("torque", limits.torque), ("speed", limits.speed)):
-        missing = [joint for joint, value in zip(arm.joint_names, values, strict=True) if np.isinf(value)]
+        missing = [
+            joint for joint, value in zip(arm.joint_names, values, strict=True) if np.isinf(value)
+        ]
         if missing:
             what = f"limits of {name} of {', '.join(missing)} are unknown ({NOT_GIVEN})"
             said.append(f"{what}: none is kept")
@@ -102,18 +112,26 @@ def say_unknown(arm: ArmModel, limits: Limits) -> tuple[str, ...]:
 
 def require_known_rates(task: Task, arm: ArmModel, limits: Limits, objective: str) -> None:
     """Raises InputError where a joint's speed has no limit: a time task has no end, and no search a scale."""
-    missing = [name for name, speed in zip(arm.joint_names, limits.speed, strict=True) if np.isinf(speed)]
+    missing = [
+        name for name, speed in zip(arm.joint_names, limits.speed, strict=True) if np.isinf(speed)
+    ]
     if missing:
         what = f"nobody says how fast {', '.join(missing)} may be ({NOT_GIVEN})"
         raise InputError(task.source, what, "give limits.speed_deg_s")
-    endless = [name for name, torque in zip(arm.joint_names, limits.torque, strict=True) if np.isinf(torque)]
+    endless = [
+        name
+        for name, torque in zip(arm.joint_names, limits.torque, strict=True)
+        if np.isinf(torque)
+    ]
     if objective == "time" and endless and limits.acceleration is None:
         strength = f"nobody says how strong {', '.join(endless)} may be ({NOT_GIVEN})"
         what = f"{strength}, nor how fast speed may change"
         raise InputError(task.source, what, "give limits.torque_Nm or acceleration_deg_s2")
 
 
-def name_known(task: Task, trained: TrainingRange | None, makers: MakersLimits | None, options: TaskOptions) -> str:
+def name_known(
+    task: Task, trained: TrainingRange | None, makers: MakersLimits | None, options: TaskOptions
+) -> str:
     """What a motion stays inside of: the model's training, else the maker's advice; nothing where neither is known.
 
     Raises:
@@ -122,12 +140,19 @@ def name_known(task: Task, trained: TrainingRange | None, makers: MakersLimits |
     if options.inside and options.beyond:
         raise InputError("--beyond", "--stay-inside is given, too", "give one of them")
     if options.inside and trained is None:
-        raise InputError("--stay-inside", "no model says where it was fitted", "give --model, or fit it again")
+        raise InputError(
+            "--stay-inside", "no model says where it was fitted", "give --model, or fit it again"
+        )
     if options.beyond:
         return ""
     if trained is not None:
         return TRAINING
-    advised = task.makers and makers is not None and not makers.binding and makers.acceleration is not None
+    advised = (
+        task.makers
+        and makers is not None
+        and not makers.binding
+        and makers.acceleration is not None
+    )
     return ADVICE if advised and task.acceleration is None else ""
 
 
@@ -135,7 +160,9 @@ def say_beyond(trained: TrainingRange | None, makers: MakersLimits | None) -> st
     """What leaving the known means, in words."""
     said = []
     if trained is not None:
-        speed, acceleration = (float(np.maximum(trained.high[k], -trained.low[k]).max()) for k in (1, 2))
+        speed, acceleration = (
+            float(np.maximum(trained.high[k], -trained.low[k]).max()) for k in (1, 2)
+        )
         said.append(f"the model saw no more than {speed:.3g} rad/s and {acceleration:.3g} rad/s2")
         said.append("torque and energy beyond that are guesses, and no interval holds there")
     elif makers is not None and makers.acceleration is not None and not makers.binding:
@@ -149,9 +176,13 @@ def say_beyond(trained: TrainingRange | None, makers: MakersLimits | None) -> st
 def stay_inside(limits: Limits, known: TrainingRange) -> Limits:
     """Limits of speed and acceleration that let nothing pass which the training did not see; positions stay."""
     ours = known.first(len(limits.lower))
-    speed, acceleration = (np.maximum(np.minimum(-ours.low[k], ours.high[k]), LEAST_RATE) for k in (1, 2))
+    speed, acceleration = (
+        np.maximum(np.minimum(-ours.low[k], ours.high[k]), LEAST_RATE) for k in (1, 2)
+    )
     most = np.inf if limits.acceleration is None else limits.acceleration
-    return replace(limits, speed=np.minimum(limits.speed, speed), acceleration=np.minimum(most, acceleration))
+    return replace(
+        limits, speed=np.minimum(limits.speed, speed), acceleration=np.minimum(most, acceleration)
+    )
 
 
 def within_known(problem: PlanningProblem) -> PlanningProblem:
@@ -168,7 +199,11 @@ def within_known(problem: PlanningProblem) -> PlanningProblem:
     )
     lower, upper = np.maximum(limits.lower, low), np.minimum(limits.upper, high)
     names = problem.scene.arm.joint_names
-    wide = [name for name, a, b in zip(names, low < ours.low[0], high > ours.high[0], strict=True) if a or b]
+    wide = [
+        name
+        for name, a, b in zip(names, low < ours.low[0], high > ours.high[0], strict=True)
+        if a or b
+    ]
     said = problem.notes
     if wide:
         joints = ", ".join(wide)

@@ -85,13 +85,17 @@ def _search(
         rows.append((label, splines.points, splines.durations, best.cost, best.violation))
     if ledger.best is not None:  # its knots may have been parted since
         best, splines = ledger.best, ledger.best.splines
-        rows.append((best.problem.label, splines.points, splines.durations, best.cost, best.violation))
+        rows.append(
+            (best.problem.label, splines.points, splines.durations, best.cost, best.violation)
+        )
     answer: Found = (ledger.evaluations, rows)
     sender.send(answer)
     sender.close()
 
 
-def _candidate(problems: Sequence[PlanningProblem], row: tuple[str, Array, Array, float, float]) -> Candidate:
+def _candidate(
+    problems: Sequence[PlanningProblem], row: tuple[str, Array, Array, float, float]
+) -> Candidate:
     """A motion that a worker found, as one of this process."""
     label, points, durations, cost, violation = row
     carrier = replace(problems[0].with_initial(Splines(points, durations)), label=label)
