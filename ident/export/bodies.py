@@ -1,8 +1,10 @@
-"""The links of a patched arm: the URDF's, tuned, and changed by the identified effects; each a body that can exist.
+"""The links of a patched arm: the URDF's, tuned, and changed by the identified effects; each a body
+that can exist.
 
-A simulator integrates what identification only solves for: a link whose inertia no body has makes motion unstable or is
-refused. Tuning says only which combinations of inertial numbers act on the torques, so that among all links of the same
-torques those nearest to the URDF's that are bodies can be taken. The same holds for an identified error of a link.
+A simulator integrates what identification only solves for: a link whose inertia no body has makes
+motion unstable or is refused. Tuning says only which combinations of inertial numbers act on the
+torques, so that among all links of the same torques those nearest to the URDF's that are bodies can
+be taken. The same holds for an identified error of a link.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ class Links:
 
     tuned: Float[Array, "n 10"]  # by tuning
     named: Float[Array, "n 10"]  # by named link errors
-    missed: float  # share of the changes' torque that no bodies give, 0 where they could be written whole
+    # Share of the changes' torque that no bodies give, 0 where they could be written whole
+    missed: float
     mended: tuple[
         str, ...
     ] = ()  # links that as they were fitted could be no body, and became the nearest ones
@@ -43,7 +46,9 @@ class Links:
 
 
 def random_states(arm: ArmModel, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Angles within limits, speeds clear of rest, moderate accelerations, each of shape (STATES, n)."""
+    """Angles within limits, speeds clear of rest, moderate accelerations, each of shape (STATES,
+    n).
+    """
     limits = arm.known_limits
     low = np.maximum(limits.lower, -np.pi)
     high = np.minimum(limits.upper, np.pi)
@@ -59,8 +64,9 @@ def nearest_bodies(
 
         min Σ ‖Y (Δ − Δ₀)‖² / r · TORQUE_WEIGHT + ‖(Δ − Δ₀) / scale‖²,  every link a body
 
-    Y are regressors of random states: what an arm feels most, its weight, is kept best. r is what a joint's torque
-    usually is: in plain N m wrists would not count, in shares of it they would count as much as shoulders.
+    Y are regressors of random states: what an arm feels most, its weight, is kept best. r is what a
+    joint's torque usually is: in plain N m wrists would not count, in shares of it they would count
+    as much as shoulders.
 
     Args:
         arm: The arm as its URDF describes it; links that are no bodies there are left free.

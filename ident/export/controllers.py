@@ -207,8 +207,8 @@ def _tables(names: tuple[str, ...], columns: Mapping[str, Float[Array, " n"]]) -
 
 
 def write_limits(identified: IdentifiedArm) -> str:
-    """Limits as ros2_control reads them: YAML parameters for any node, `joint_limits` with one table
-    a joint.
+    """Limits as ros2_control reads them: YAML parameters for any node, `joint_limits` with one
+    table a joint.
     """
     arm = identified.whole
     losses = identified.losses
@@ -252,7 +252,8 @@ def allowed_acceleration(arm: ArmModel, losses: Losses) -> Float[Array, " n"]:
 
 
 def write_cpp(identified: IdentifiedArm) -> str:
-    """A C++ header with the feed-forward torque: no library, no memory from the heap, one call a cycle.
+    """A C++ header with the feed-forward torque: no library, no memory from the heap, one call a
+    cycle.
 
     Newton and Euler's recursion in the joints' own frames, as in `ident.laws.motion`.
     """
@@ -330,8 +331,8 @@ def write_ranges(out: Path, robot: str, ranges: Ranges) -> list[str]:
 
 
 def write_module(identified: IdentifiedArm, files: Mapping[str, InFile]) -> str:
-    """The module's text: the tuned arm without the effects, its losses, and the effects whose law is
-    known.
+    """The module's text: the tuned arm without the effects, its losses, and the effects whose law
+    is known.
     """
     arm = identified.tuned
     losses = identified.losses

@@ -77,7 +77,7 @@ def express(change: Change, form: str) -> Expression:
     return Expression("yes", "the law")
 
 
-def describe(change: Change, off: dict[str, float]) -> dict[str, Any]:
+def describe(change: Change, off: Shares) -> dict[str, object]:
     """An effect and how each format expresses it, for a record.
 
     Args:

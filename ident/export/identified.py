@@ -1,4 +1,5 @@
-"""One identified arm: bodies, losses and effects, made from a diagnosis, a comparison or a model. All formats take it.
+"""One identified arm: bodies, losses and effects, made from a diagnosis, a comparison or a model.
+All formats take it.
 
 Read from the JSON alone, so that a patch can be made where the recordings are not.
 """
@@ -31,7 +32,8 @@ from ident.robot.arm import ArmModel
 from ident.safe_read import read_record, require_finite
 
 COMPARISON = "ident.comparison/1"
-# Keys of a parameter beside its value and its ends: which ends are open, and where they lie if the URDF may be off.
+# Keys of a parameter beside its value and its ends: which ends are open, and where they lie if the
+# URDF may be off.
 FURTHER_ENDS = {"open", "low_with_urdf", "high_with_urdf"}
 # Ends of names of parameters that no body or gear has below zero.
 POSITIVE = re.compile(
@@ -111,8 +113,8 @@ class IdentifiedArm:
     ) -> IdentifiedArm:
         """An arm from a tuning and effects; links that no body could be become the nearest bodies.
 
-        An identified error is reported as a change of one link, given the tuning as it is written. Where that alone
-        leaves no body, the links together give its torque.
+        An identified error is reported as a change of one link, given the tuning as it is written.
+        Where that alone leaves no body, the links together give its torque.
         """
         tuned, missed = nearest_bodies(nominal, tuning[1])
         numbers = nominal.inertial_parameters.reshape(nominal.n, 10) + tuned
@@ -143,7 +145,8 @@ class IdentifiedArm:
 
     @classmethod
     def of_model(cls, model: HybridModel, nearest: bool = False) -> IdentifiedArm:
-        """A fitted model, its net, offsets and shared shafts aside; if asked for, links as the nearest bodies.
+        """A fitted model, its net, offsets and shared shafts aside; if asked for, links as the
+        nearest bodies.
 
         Raises:
             InputError: Links that no body could be.
@@ -185,7 +188,9 @@ class IdentifiedArm:
 
     @classmethod
     def of_models(cls, model: HybridModel, nearest: bool = False) -> dict[str, IdentifiedArm]:
-        """The arms that could be written of a model, by name; tuned without its laws, where it has any (`of_model`)."""
+        """The arms that could be written of a model, by name; tuned without its laws, where it has
+        any (`of_model`).
+        """
         found = {"given": cls.as_urdf(model.nominal)}
         if model.alone is not None:
             arm, loss = model.alone
@@ -223,7 +228,9 @@ class IdentifiedArm:
 
     @property
     def is_level(self) -> bool:
-        """Whether gravity pulls along the base's -z axis: it is neither mounted otherwise nor tilted."""
+        """Whether gravity pulls along the base's -z axis: it is neither mounted otherwise nor
+        tilted.
+        """
         pull = self.gravity
         return bool(np.linalg.norm(pull[:2]) < LEVEL_ENOUGH * -pull[2])
 
@@ -249,7 +256,8 @@ class Diagnosed:
     gravity: tuple[float, ...] | None = (
         None  # as it was found, or given, in the arm's base [m/s²]; the URDF's if None
     )
-    content: str = ""  # digest of the arm that it was made with (`ArmModel.content`); "" where the file does not say
+    # Digest of the arm that it was made with (`ArmModel.content`); "" where the file does not say
+    content: str = ""
     runs: frozenset[str] = (
         frozenset()
     )  # first digits of the hashes of the files that it was made from
@@ -258,7 +266,8 @@ class Diagnosed:
 
     @classmethod
     def load(cls, path: Path, catalogue: Sequence[Effect] = CATALOGUE) -> Diagnosed:
-        """Reads the JSON that `ident diagnose --json` or `ident compare --json` writes, of effects of a catalogue.
+        """Reads the JSON that `ident diagnose --json` or `ident compare --json` writes, of effects
+        of a catalogue.
 
         Raises:
             InputError: No such file, not a diagnosis, or one of which nothing was identified.
@@ -278,8 +287,8 @@ class Diagnosed:
     ) -> Diagnosed:
         """Takes the record of a diagnosis that was never a file, or was read already.
 
-        `path` is where it comes from, for messages. Where something to write is `needed`, an effect or a tuned baseline
-        has to be there.
+        `path` is where it comes from, for messages. Where something to write is `needed`, an effect
+        or a tuned baseline has to be there.
 
         Raises:
             InputError: It is damaged, or holds nothing to write.
@@ -355,7 +364,9 @@ class Diagnosed:
         return kept if self.gravity is None else kept.with_gravity(np.array(self.gravity))
 
     def candidates(self, arm: ArmModel) -> dict[str, IdentifiedArm]:
-        """The arms that could be written, by name: without the effects, tuned to the same recordings, and with them."""
+        """The arms that could be written, by name: without the effects, tuned to the same
+        recordings, and with them.
+        """
         arm = self.fit_to(arm)
         return {
             "given": IdentifiedArm.as_urdf(arm),

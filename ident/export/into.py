@@ -1,8 +1,8 @@
 """What was identified, written into the user's own URDF or MJCF; every other byte stays as it is.
 
-Friction and rotor inertia of each joint are set. Links are changed by what was identified of them, so far as the file's
-links are the URDF's: same frames, same inertias. What is not written is told, with the reason. Meshes, actuators,
-sensors, keyframes and comments are not touched.
+Friction and rotor inertia of each joint are set. Links are changed by what was identified of them,
+so far as the file's links are the URDF's: same frames, same inertias. What is not written is told,
+with the reason. Meshes, actuators, sensors, keyframes and comments are not touched.
 """
 
 from __future__ import annotations
@@ -137,7 +137,8 @@ def save_into(path: Path, text: bytes) -> None:
 
 
 def match_joints(wanted: Sequence[str], there: Sequence[str], where: Path) -> dict[str, str]:
-    """The name in the file of each joint of the arm: its own, or the only one that ends in it or in which it ends.
+    """The name in the file of each joint of the arm: its own, or the only one that ends in it or in
+    which it ends.
 
     Raises:
         InputError: A joint has none, or several.

@@ -1,7 +1,8 @@
-"""The whole model in one C++ header: rigid arm, losses, named laws, offsets, net and memory; no heap, no library.
+"""The whole model in one C++ header: rigid arm, losses, named laws, offsets, net and memory; no
+heap, no library.
 
-The first part is the feed-forward header's; `model_torque` adds what a simulator's file has no words for. Its `State`
-holds what joints remember and is the caller's, one for each arm.
+The first part is the feed-forward header's; `model_torque` adds what a simulator's file has no
+words for. Its `State` holds what joints remember and is the caller's, one for each arm.
 """
 
 from __future__ import annotations

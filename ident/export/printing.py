@@ -94,7 +94,9 @@ def print_into(console: Console, into: dict[str, Any]) -> None:
 
 
 def gap_table(heldout: dict[str, Any]) -> Table:
-    """Torque gap of each joint [N m], and the rollout gap over all joints, of each file in each state."""
+    """Torque gap of each joint [N m], and the rollout gap over all joints, of each file in each
+    state.
+    """
     kind = (
         "that were diagnosed"
         if heldout["in_sample"]

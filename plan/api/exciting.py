@@ -31,9 +31,11 @@ def excite(
 
     Args:
         robot: URDF path, name or arm.
-        diagnosis: A diagnosis, its record, or the file of `ident diagnose --json`: its open question, sizes and noise.
+        diagnosis: A diagnosis, its record, or the file of `ident diagnose --json`: its open
+            question, sizes and noise.
         catalogue: Further effects, or a Python file with them (which is run).
-        options: Any field of `ExciteOptions`, as the options of `plan excite`: `separate`, `joint`, `minutes` …
+        options: Any field of `ExciteOptions`, as the options of `plan excite`: `separate`, `joint`,
+            `minutes` …
 
     Raises:
         InputError: Unknown effects or joint, or a diagnosis of another arm.

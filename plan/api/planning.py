@@ -39,7 +39,8 @@ def solve(
         scene: Scene file, or the task that `load_task` read from it.
         model: Fitted model or its folder; the rigid arm without losses if None.
         planner: A planner of one's own in place of a method.
-        options: Any field of `SolveOptions`, as the options of `plan solve`: `method`, `objective`, `seconds` …
+        options: Any field of `SolveOptions`, as the options of `plan solve`: `method`, `objective`,
+            `seconds` …
 
     Raises:
         InputError: Scene, model, method or via points can't be used.
@@ -71,8 +72,9 @@ def compare(scene: Scene, model: Model | None = None, **options: Any) -> Compari
 class OpenedTask:
     """A task that was read and checked.
 
-    The first of its problems is started from the straight line, or from the way that the user taught; the others are
-    the same with other goals, or ways to stand, that bring a frame to the task's pose.
+    The first of its problems is started from the straight line, or from the way that the user
+    taught; the others are the same with other goals, or ways to stand, that bring a frame to the
+    task's pose.
     """
 
     task: Task  # the scene file's contents
@@ -103,13 +105,15 @@ class OpenedTask:
         controller: Controller | None = None,
         began: float | None = None,
     ) -> PlanResult:
-        """Solves it, with a planner of one's own if one is given, for the options' controller or a given one.
+        """Solves it, with a planner of one's own if one is given, for the options' controller or a
+        given one.
 
         Args:
             options: How.
             planner: A planner in place of a method.
             controller: Who executes the plan.
-            began: Processor time of the process at which the seconds that may be spent began to count [s]; now if None.
+            began: Processor time of the process at which the seconds that may be spent began to
+                count [s]; now if None.
 
         Raises:
             InputError: No such method, or not for this task; no such controller.

@@ -133,7 +133,9 @@ def solve(
             save_timeline(opened.problem, result, rrd)
 
     def write_motion() -> None:
-        """Where there is none, one of an earlier run is removed: a controller would take it for this task's."""
+        """Where there is none, one of an earlier run is removed: a controller would take it for
+        this task's.
+        """
         if out is not None and result.solved:
             motion = write_motion_file(result, out, rate)
             longer = (
@@ -165,7 +167,9 @@ def cycle(
     ] = None,
     rate: Annotated[float, typer.Option(help="Rate of samples [Hz].")] = 250.0,
 ) -> None:
-    """Plans a cycle of several motions as one task: stops, a load gripped and released, one duration for all."""
+    """Plans a cycle of several motions as one task: stops, a load gripped and released, one
+    duration for all.
+    """
     from plan.problem.task_file import load_task
 
     task = load_task(scene)

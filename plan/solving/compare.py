@@ -49,7 +49,9 @@ class Comparison(Result):
         return min(solved, key=lambda result: result.executed_cost, default=None)
 
     def rows(self) -> list[dict[str, Any]]:
-        """Medians over the seeds, a record a method; costs are None where the median run had no plan."""
+        """Medians over the seeds, a record a method; costs are None where the median run had no
+        plan.
+        """
         best, rows = self.best(), []
         for method in self.methods:
             runs = self.of(method)
@@ -110,7 +112,8 @@ def compare(problem: PlanningProblem, name: str, options: CompareOptions) -> Com
     Args:
         problem: The task, started from the straight line.
         name: Its name.
-        options: The methods, all that can do the task if none is named; seeds; and where costs are compared.
+        options: The methods, all that can do the task if none is named; seeds; and where costs are
+            compared.
 
     Raises:
         InputError: No such method, or not for this task.
@@ -142,7 +145,9 @@ def compare(problem: PlanningProblem, name: str, options: CompareOptions) -> Com
 
 
 def able(problem: PlanningProblem) -> list[str]:
-    """The methods that can do the task: compression and toppra for time, brute force for small grids."""
+    """The methods that can do the task: compression and toppra for time, brute force for small
+    grids.
+    """
     left_out = set() if problem.objective == "time" else set(TIME_ONLY)
     if 11**problem.dimension > 2_000_000 or problem.free != "vias":
         left_out.add("brute")

@@ -1,8 +1,9 @@
-"""Least energy where the duration is free: up to a longest one, or with what the cell takes while it waits.
+"""Least energy where the duration is free: up to a longest one, or with what the cell takes while
+it waits.
 
-The cost of a duration T is E(T) + P T, with E the least energy of a motion of that duration and P the standby power.
-E is found on a grid of durations, each motion searched from its neighbour's, and then closer about the least cost;
-the motion of the best duration is searched in full.
+The cost of a duration T is E(T) + P T, with E the least energy of a motion of that duration and P
+the standby power. E is found on a grid of durations, each motion searched from its neighbour's, and
+then closer about the least cost; the motion of the best duration is searched in full.
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ from plan.solving.obstruction import find_obstruction, shortest_duration
 from plan.solving.solve import solve
 from plan.spline import Splines
 
-# Durations of the first look, how much longer than the shortest it begins, and looks about the best one.
+# Durations of the first look, how much longer than the shortest it begins, and looks about the best
+# one.
 LOOKS, BEGIN, CLOSER = 9, 1.02, 5
 # Search of the first motion, and share of the seconds that it and all looks may take.
 FIRST, SHARE = Sequential(starts=4, kept=(2, 1), levels=1), 0.5
-# Steps of each look, and the longest duration where nothing else bounds it, as a multiple of the shortest.
+# Steps of each look, and the longest duration where nothing else bounds it, as a multiple of the
+# shortest.
 STEPS, LONGEST = 40, 20.0
 
 
@@ -116,7 +119,8 @@ def energy_curve(
     looks = [Look(float(first.splines.total[0]), first.cost, first)]
     grid = np.geomspace(shortest, longest, LOOKS)
     middle = looks[0].duration
-    # A motion can be drawn out at once, and the longest mostly costs least; quicker ones need their neighbour's.
+    # A motion can be drawn out at once, and the longest mostly costs least; quicker ones need their
+    # neighbour's.
     for duration in (*grid[grid > middle][::-1], *grid[grid < middle][::-1]):
         if ledger.remaining == 0:
             break
@@ -153,7 +157,9 @@ def look_at(problem: PlanningProblem, duration: float, near: Look, ledger: Ledge
 
 
 def _closer(looks: list[Look], standby: float) -> float | None:
-    """The next duration to look at: the middle of the wider gap beside the best; None where the ends are near [s]."""
+    """The next duration to look at: the middle of the wider gap beside the best; None where the
+    ends are near [s].
+    """
     costs = [look.cost(standby) for look in looks]
     best = int(np.argmin(costs))
     gaps = []

@@ -1,4 +1,6 @@
-"""What no search could help: ends that are not allowed, places out of reach, too little time, blocked lines."""
+"""What no search could help: ends that are not allowed, places out of reach, too little time,
+blocked lines.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,8 @@ LOOKED_AT, DEEPER = 60, 0.02
 
 
 def require_valid_ends(problem: PlanningProblem, task: Task, inside: bool = False) -> None:
-    """Raises InputError unless start and goal keep the limits, their distance from all obstacles, and if asked stay
-    inside the training."""
+    """Raises InputError unless start and goal keep the limits, their distance from all obstacles,
+    and if asked stay inside the training."""
     if inside:
         require_inside(problem, task.source)
     bad, limits = _bad_end(problem), problem.limits
@@ -56,7 +58,9 @@ def require_valid_ends(problem: PlanningProblem, task: Task, inside: bool = Fals
 
 
 def _bad_end(problem: PlanningProblem) -> tuple[str, str, str] | None:
-    """The end of the task at which no motion may begin or end: which, why, and the remedy; None if both are allowed."""
+    """The end of the task at which no motion may begin or end: which, why, and the remedy; None if
+    both are allowed.
+    """
     limits, arm = problem.limits, problem.scene.arm
     for name, q in zip(("start", "goal"), problem.ends, strict=True):
         outside = np.flatnonzero((q < limits.lower) | (q > limits.upper))
@@ -152,7 +156,9 @@ def find_obstruction(problem: PlanningProblem) -> str:
 
 
 def _line_blocked(problem: PlanningProblem) -> str:
-    """What a straight line of the tool leads through, where the line leaves the joints no choice; else nothing."""
+    """What a straight line of the tool leads through, where the line leaves the joints no choice;
+    else nothing.
+    """
     rules, scene = problem.rules, problem.scene
     if (
         rules is None
@@ -175,7 +181,9 @@ def _line_blocked(problem: PlanningProblem) -> str:
 
 
 def shortest_duration(problem: PlanningProblem) -> float:
-    """No motion from rest to rest is shorter than this by the limits of each joint's speed, acceleration, jerk [s]."""
+    """No motion from rest to rest is shorter than this by the limits of each joint's speed,
+    acceleration, jerk [s].
+    """
     needs = list(least_durations(problem.limits, np.abs(problem.goal - problem.start)).values())
     if problem.way.speed is not None and problem.rules is not None:
         needs.append(problem.rules.length / problem.way.speed)
@@ -183,10 +191,11 @@ def shortest_duration(problem: PlanningProblem) -> float:
 
 
 def least_durations(limits: Limits, way: Array) -> dict[str, float]:
-    """No motion of each joint's way from rest to rest is shorter by each kind of limit, whatever its path [s].
+    """No motion of each joint's way from rest to rest is shorter by each kind of limit, whatever
+    its path [s].
 
-    Half of a way d needs √(d / a) at an acceleration a; and a speed that is a parabola of curvature j, as high as it
-    can be over a time T, covers j T³ / 12.
+    Half of a way d needs √(d / a) at an acceleration a; and a speed that is a parabola of curvature
+    j, as high as it can be over a time T, covers j T³ / 12.
     """
     found = {"speed": float(np.max(way / limits.speed))}
     if limits.acceleration is not None:

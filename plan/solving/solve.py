@@ -39,17 +39,19 @@ QUICK_SECONDS = 3.0
 
 
 Starts = tuple[Sequence[PlanningProblem], Sequence[Seed]]
-"""A task from each of its initial trajectories, the straight line or the taught way first; and the ways round obstacles
-that were looked for, with why some were not found."""
+"""A task from each of its initial trajectories, the straight line or the taught way first; and the
+ways round obstacles that were looked for, with why some were not found."""
 
 
 def find_starts(
     problem: PlanningProblem, rng: np.random.Generator, seconds: float = STARTS_SECONDS
 ) -> Starts:
-    """Initial trajectories: the taught one alone where one is given; else the line, and seeds round what is in its way.
+    """Initial trajectories: the taught one alone where one is given; else the line, and seeds round
+    what is in its way.
 
-    For the time objective they are brought to their energy optima first, as in section 3.3 of the paper, and then drawn
-    together in time by one factor: what the time compression of the paper's baseline gives for nothing.
+    For the time objective they are brought to their energy optima first, as in section 3.3 of the
+    paper, and then drawn together in time by one factor: what the time compression of the paper's
+    baseline gives for nothing.
 
     Args:
         problem: The task, started from the straight line, or from the taught way.
@@ -82,12 +84,14 @@ def find_starts(
 def cheapest_goal(
     problems: Sequence[PlanningProblem], posed: bool, budget: tuple[int, float], seed: int
 ) -> tuple[PlanningProblem, tuple[str, ...]]:
-    """The problem with the goal that is the cheapest to go to by a short search each; what was chosen from, in words.
+    """The problem with the goal that is the cheapest to go to by a short search each; what was
+    chosen from, in words.
 
     Args:
         problems: One for each goal, the nearest first.
         posed: Whether the goal is a pose.
-        budget: Evaluations and seconds of the whole planning task; a third of it at most is spent here.
+        budget: Evaluations and seconds of the whole planning task; a third of it at most is spent
+            here.
         seed: Of all chance.
     """
     if len(problems) == 1:
@@ -123,16 +127,18 @@ def solve(
     spent: float = 0.0,
     known: Candidate | None = None,
 ) -> PlanResult:
-    """Looks for the best plan and certifies it; an expected failure is a status with a reason, not an error.
+    """Looks for the best plan and certifies it; an expected failure is a status with a reason, not
+    an error.
 
     Args:
         problem: The task, started from the straight line.
         options: How it is looked for; how the task is taken stands in the problem.
         planner: A planner with other options than the method's default.
         starts: Initial trajectories, if they are known already.
-        controller: Who executes the plan: it is put on the controller's step, and the curve that the controller makes
-            of it is certified. None for a plan by itself.
-        spent: Processor time that was spent on the task before, of the seconds that it may take [s].
+        controller: Who executes the plan: it is put on the controller's step, and the curve that
+            the controller makes of it is certified. None for a plan by itself.
+        spent: Processor time that was spent on the task before, of the seconds that it may take
+            [s].
         known: A motion of the task that is known already.
 
     Raises:
@@ -199,7 +205,9 @@ def solve(
 
 
 def _ledger(options: SolveOptions, spent: float, share: float = KEPT_BACK) -> Ledger:
-    """What a search may spend: of seconds that were asked for, what is left, less something for the certificate."""
+    """What a search may spend: of seconds that were asked for, what is left, less something for the
+    certificate.
+    """
     most, seconds = options.budget
     if options.seconds is None:
         return Ledger(most, seconds, shown=True)

@@ -1,4 +1,6 @@
-"""What a task has to keep: its arm's limits, its maker's and its own, inside what is known of the arm."""
+"""What a task has to keep: its arm's limits, its maker's and its own, inside what is known of the
+arm.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,8 @@ def task_limits(
     reserve: Array | None,
     advised: bool = False,
 ) -> Limits:
-    """The robot's limits within those of the task; where the task gives none, its maker's of speed, acceleration, jerk.
+    """The robot's limits within those of the task; where the task gives none, its maker's of speed,
+    acceleration, jerk.
 
     Advice of the maker counts only where it is asked for.
 
@@ -71,7 +74,8 @@ def task_limits(
 
 
 def with_known_positions(arm: ArmModel, task: Task) -> tuple[ArmModel, tuple[str, ...]]:
-    """The arm with a whole turn either way for joints whose limits leave no room, and what is to be said of it.
+    """The arm with a whole turn either way for joints whose limits leave no room, and what is to be
+    said of it.
 
     Raises:
         InputError: A joint that slides has none, and the task gives none.
@@ -111,7 +115,9 @@ def say_unknown(arm: ArmModel, limits: Limits) -> tuple[str, ...]:
 
 
 def require_known_rates(task: Task, arm: ArmModel, limits: Limits, objective: str) -> None:
-    """Raises InputError where a joint's speed has no limit: a time task has no end, and no search a scale."""
+    """Raises InputError where a joint's speed has no limit: a time task has no end, and no search a
+    scale.
+    """
     missing = [
         name for name, speed in zip(arm.joint_names, limits.speed, strict=True) if np.isinf(speed)
     ]
@@ -132,7 +138,8 @@ def require_known_rates(task: Task, arm: ArmModel, limits: Limits, objective: st
 def name_known(
     task: Task, trained: TrainingRange | None, makers: MakersLimits | None, options: TaskOptions
 ) -> str:
-    """What a motion stays inside of: the model's training, else the maker's advice; nothing where neither is known.
+    """What a motion stays inside of: the model's training, else the maker's advice; nothing where
+    neither is known.
 
     Raises:
         InputError: It is to stay inside of what is not known, or to leave it, too.
@@ -174,7 +181,9 @@ def say_beyond(trained: TrainingRange | None, makers: MakersLimits | None) -> st
 
 
 def stay_inside(limits: Limits, known: TrainingRange) -> Limits:
-    """Limits of speed and acceleration that let nothing pass which the training did not see; positions stay."""
+    """Limits of speed and acceleration that let nothing pass which the training did not see;
+    positions stay.
+    """
     ours = known.first(len(limits.lower))
     speed, acceleration = (
         np.maximum(np.minimum(-ours.low[k], ours.high[k]), LEAST_RATE) for k in (1, 2)
@@ -186,7 +195,9 @@ def stay_inside(limits: Limits, known: TrainingRange) -> Limits:
 
 
 def within_known(problem: PlanningProblem) -> PlanningProblem:
-    """The same within the positions of its model's training, widened to what the task itself names; that is told."""
+    """The same within the positions of its model's training, widened to what the task itself names;
+    that is told.
+    """
     trained = problem.trained
     if problem.known != TRAINING or trained is None:
         return problem

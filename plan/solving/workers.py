@@ -1,6 +1,7 @@
 """One search in several processes: each from its own chance, the best motion of all is taken.
 
-The processes are copies of this one, so the task need not be sent; they send back the knots of what they found.
+The processes are copies of this one, so the task need not be sent; they send back the knots of what
+they found.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from plan.problem.problem import PlanningProblem
 from plan.spline import Splines
 
 Found = tuple[int, list[tuple[str, Array, Array, float, float]]]
-"""Trajectories evaluated, and label, knots, section durations, cost and violation of the best from each start."""
+"""Trajectories evaluated, and label, knots, section durations, cost and violation of the best from
+each start.
+"""
 
 
 def search_together(
@@ -27,7 +30,8 @@ def search_together(
 ) -> None:
     """Searches in so many processes at once, and enters what they find in their order.
 
-    Each has its share of the budget, so that all of them together spend no more than one search would.
+    Each has its share of the budget, so that all of them together spend no more than one search
+    would.
 
     Args:
         planner: The way of searching.
