@@ -124,7 +124,8 @@ class Splines:
     def __post_init__(self) -> None:
         for name in ("points", "durations", "sent_velocities"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, freeze(np.ascontiguousarray(getattr(self, name), dtype=float)))
+                values = np.ascontiguousarray(getattr(self, name), dtype=float)
+                object.__setattr__(self, name, freeze(values))
 
     @cached_property
     def slopes(self) -> Float[Array, "B K n"]:
@@ -199,13 +200,13 @@ class Splines:
         """Position, velocity and acceleration at local times s ∈ [0, 1] of every section, each (B,
         S·m, n).
         """
-        q, dq, ddq = _states(self.points, self.slopes, self.durations, np.ascontiguousarray(s, dtype=float))
+        shares = np.ascontiguousarray(s, dtype=float)
+        q, dq, ddq = _states(self.points, self.slopes, self.durations, shares)
         return q, dq, ddq
 
     def at(self, times: Float[Array, " T"]) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration of the first trajectory at given times, each (T, n)."""
-        found = [self._curve(times, order) for order in range(3)]
-        return found[0], found[1], found[2]
+        """Position, velocity and acceleration of the first trajectory at times, each (T, n)."""
+        return self._curve(times), self._curve(times, 1), self._curve(times, 2)
 
     @cached_property
     def _curve(self) -> CubicHermiteSpline:

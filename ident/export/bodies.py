@@ -21,6 +21,8 @@ from ident.robot.tolerance import parameter_scale
 # How much more the torques count than the numbers behind them, when bodies are sought.
 TORQUE_WEIGHT = 1e4
 STATES = 200
+# A joint's usual torque counts as no less than this share of the largest.
+LEAST_USUAL = 1e-3
 # Random states move faster than dry friction's transition [rad/s].
 LEAST_SPEED = 0.3
 MOST_SPEED = 1.5
@@ -35,9 +37,8 @@ class Links:
     named: Float[Array, "n 10"]  # by named link errors
     # Share of the changes' torque that no bodies give, 0 where they could be written whole
     missed: float
-    mended: tuple[
-        str, ...
-    ] = ()  # links that as they were fitted could be no body, and became the nearest ones
+    # Links that as they were fitted could be no body, and became the nearest ones.
+    mended: tuple[str, ...] = ()
 
     @property
     def total(self) -> Float[Array, "n 10"]:
@@ -78,12 +79,14 @@ def nearest_bodies(
     nominal = arm.inertial_parameters.reshape(arm.n, 10)
     # A link that the URDF itself leaves without extent need have none.
     free = [j for j in range(arm.n) if not is_consistent(nominal[j])]
-    if all(is_consistent(link) for link in np.delete(nominal + tuning, free, axis=0)):
+    bound = np.delete(nominal + tuning, free, axis=0)
+    if all(is_consistent(link) for link in bound):
         return np.array(tuning), 0.0
     scale = parameter_scale(arm)
     regressor = arm.regressor(*random_states(arm, np.random.default_rng(0)))
     usual = np.sqrt(np.mean((regressor @ arm.inertial_parameters) ** 2, axis=0))
-    rows = regressor / np.sqrt(np.maximum(usual, 1e-3 * usual.max()))[:, None]
+    weight = np.sqrt(np.maximum(usual, LEAST_USUAL * usual.max()))
+    rows = regressor / weight[:, None]
     torque = rows.reshape(-1, len(scale)) * scale
     torque /= np.sqrt(np.mean(np.sum(torque**2, axis=0)))
     wanted = (nominal + tuning).ravel()
@@ -92,5 +95,6 @@ def nearest_bodies(
         moved = solve_bounded(information, np.zeros(len(scale)), (), wanted, scale, free)
     except ArithmeticError:
         return np.zeros_like(tuning), 1.0
-    missed = np.linalg.norm(torque @ moved) / np.linalg.norm(torque @ (tuning.ravel() / scale))
+    asked = torque @ (tuning.ravel() / scale)
+    missed = np.linalg.norm(torque @ moved) / np.linalg.norm(asked)
     return tuning + (scale * moved).reshape(tuning.shape), float(missed)

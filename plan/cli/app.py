@@ -65,8 +65,8 @@ def solve(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Write the motion for a controller: .yaml (JointTrajectory), .tmscript (PVT), .script (URScript); or "
-            "samples of it: .csv, .parquet."
+            help="Write the motion for a controller: .yaml (JointTrajectory), .tmscript (PVT), "
+            ".script (URScript); or samples of it: .csv, .parquet."
         ),
         Writes(),
     ] = None,
@@ -277,7 +277,8 @@ def excite(
     capture: Annotated[
         str | None,
         typer.Option(
-            help="With --out: slow test, warm-up, runs and held-out ones for a controller: its name, or csv."
+            help="With --out: slow test, warm-up, runs and held-out ones for a controller: "
+            "its name, or csv."
         ),
     ] = None,
     json_file: JsonFile = None,

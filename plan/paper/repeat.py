@@ -31,8 +31,9 @@ from plan.paper.progress import FASTEST, MORE, SearchProgress, all_searches, lea
 from plan.planners.base import Planner
 from plan.planners.evolution import start_compressed
 from plan.planners.sequential import Sequential
+from plan.problem.certificate import certify
 from plan.problem.problem import PlanningProblem
-from plan.problem.result import PlanResult, certify
+from plan.problem.result import PlanResult
 from plan.problem.task_file import Task
 from plan.show.pictures import draw_comparison, draw_motion, save_figure
 from plan.solving.compare import Comparison

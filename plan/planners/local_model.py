@@ -52,7 +52,7 @@ Dips = tuple[Float[Array, " m"], Int[Array, " m"], Float[Array, " m"]]
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class TrajectoryValues:
     """What a trajectory costs and breaks, as a local search sees it."""
 
     cost: float  # energy [J] or duration [s], rounded as the search rounds it
@@ -138,7 +138,7 @@ class LocalModel:
         """The trajectory."""
         return self.grid.splines(*self.split(x))
 
-    def look(self, x: Float[Array, " d"]) -> Look:
+    def look(self, x: Float[Array, " d"]) -> TrajectoryValues:
         """What a trajectory costs and breaks."""
         coefficients, duration = self.split(x)
         states = self.grid.states(coefficients, duration)
@@ -150,7 +150,7 @@ class LocalModel:
         excess = self._excess(coefficients, states, tau, duration)
         rules = self.problem.rules
         rule_excess = 0.0 if rules is None else rules.excess(q, dq)
-        return Look(cost, excess, self._shortfall(coefficients, duration), rule_excess)
+        return TrajectoryValues(cost, excess, self._shortfall(coefficients, duration), rule_excess)
 
     def _excess(
         self, coefficients: Float[Array, "C n"], states: States, tau: Array, duration: float
