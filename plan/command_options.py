@@ -60,8 +60,8 @@ class SolveOptions(TaskOptions):
     )
     controller: str | None = option(
         None,
-        "Who executes the plan: its curve is certified. tmscript, tm_ros2, ros2_control, ur_spline, "
-        "ur_servoj or ur_servoj_cb3; by the ending of --out, if not given.",
+        "Who executes the plan: its curve is certified. tmscript, tm_ros2, ros2_control, "
+        "ur_spline, ur_servoj or ur_servoj_cb3; by the ending of --out, if not given.",
     )
 
     @property

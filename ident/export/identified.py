@@ -224,7 +224,7 @@ class IdentifiedArm:
 
 
 def _carried(law: NamedLaw, nominal: ArmModel) -> Change:
-    """A law that a model carries: its shape as parameters, its coefficients with their intervals."""
+    """A law that a model carries: shape as parameters, coefficients with their intervals."""
     parameters = {name: exactly(value) for name, value in law.shape.items()}
     for index, figure in enumerate(law.figures):
         parameters[f"coefficient_{index}"] = Interval(*figure)

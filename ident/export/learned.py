@@ -68,12 +68,15 @@ def _law(law: NamedLaw) -> str:
     c = [repr(float(value)) for value, _, _ in law.figures]
     shape = law.shape
     if law.effect == "stribeck_friction":
-        knee, power = shape["stribeck_velocity_rad_s"], shape["exponent"]
+        knee = shape["stribeck_velocity_rad_s"]
+        power = shape["exponent"]
         return f"{c[0]} * s * std::exp(-std::pow(std::fabs(v) / {knee!r}, {power!r}))"
     if law.effect == "nonlinear_viscous_friction":
-        power, knee = shape["exponent"], shape.get("knee_rad_s", 0.0)
+        power = shape["exponent"]
+        knee = shape.get("knee_rad_s", 0.0)
         if knee:
-            return f"{c[0]} * s * std::fabs(v) * std::pow(v * v + {knee * knee!r}, {0.5 * power - 0.5!r})"
+            bend = f"std::pow(v * v + {knee * knee!r}, {0.5 * power - 0.5!r})"
+            return f"{c[0]} * s * std::fabs(v) * {bend}"
         return f"{c[0]} * s * std::pow(std::fabs(v), {power!r})"
     if law.effect == "load_dependent_friction":
         both = f"{c[0]} * (0.75 * s * std::fabs(L) + 0.25 * s * s * L)"
@@ -90,9 +93,8 @@ def _law(law: NamedLaw) -> str:
 def _laws(model: HybridModel) -> str:
     lines = []
     for j in range(model.arm.n):
-        terms = [repr(float(model.loss.offset[j]))] + [
-            _law(law) for law in model.named if law.joint == j
-        ]
+        terms = [repr(float(model.loss.offset[j]))]
+        terms += [_law(law) for law in model.named if law.joint == j]
         lines.append(f"    case {j}: return {' + '.join(terms)};")
     body = "\n".join(lines)
     return f"""
@@ -110,11 +112,12 @@ inline double laws(std::size_t joint, double v, double L, double s, double a) {{
 def _net(model: HybridModel) -> str:
     if model.net is None:
         return "inline double net(std::size_t, double, double, double) { return 0.0; }"
-    network, net = model.net.network, model.net
+    net = model.net
+    network = net.network
     assert isinstance(network, JointNets)
     assert net.bounds is not None
-    first, last = (part.astype(float) for part in network.weights)
-    bias, offset = (part.astype(float) for part in network.biases)
+    first, last = (weights.astype(float) for weights in network.weights)
+    bias, offset = (biases.astype(float) for biases in network.biases)
     weights = first / net.input_std[:, :, None]
     biases = bias[:, 0] - np.einsum("jf,jfh->jh", net.input_mean, weights)
     scale = net.output_std
@@ -156,25 +159,25 @@ inline double net(std::size_t j, double v, double a, double load) {{
   }}
   return within(out, kLeast[j], kMost[j]);
 }}
-"""
+"""  # noqa: E501 (C++)
     )
 
 
 def _memory(model: HybridModel) -> str:
     trees = () if model.memory is None else model.memory.trees
-    kept = [one for one in trees if one is not None]
-    if not kept:
+    grown = [tree for tree in trees if tree is not None]
+    if not grown:
         return """
 inline bool remembers(std::size_t) { return false; }
 inline double memory(std::size_t, const double*) { return 0.0; }
 """
-    count, depth = kept[0].inputs.shape
-    place = [kept.index(one) if one is not None else -1 for one in trees]
+    count, depth = grown[0].inputs.shape
+    place = [-1 if tree is None else grown.index(tree) for tree in trees]
     tables = [
         _table("kPlace", np.array(place), "int"),
-        _table("kInputs", np.array([one.inputs for one in kept]), "int"),
-        _table("kThresholds", np.array([one.thresholds for one in kept])),
-        _table("kLeaves", np.array([one.leaves for one in kept])),
+        _table("kInputs", np.array([tree.inputs for tree in grown]), "int"),
+        _table("kThresholds", np.array([tree.thresholds for tree in grown])),
+        _table("kLeaves", np.array([tree.leaves for tree in grown])),
     ]
     return (
         "\n".join(tables)
@@ -201,7 +204,7 @@ inline double memory(std::size_t j, const double* x) {{
 
 def _whole(model: HybridModel) -> str:
     near, far = DIRECTION_SCALES
-    own = own_inputs()
+    inputs = own_inputs()
     return f"""
 {_table("kRanges", np.array(RANGES))}
 {_table("kTimes", np.array(TIMES))}
@@ -234,7 +237,7 @@ inline Vector model_torque(const Vector& q, const Vector& dq, const Vector& ddq,
       continue;
     }}
     const double near = std::tanh(dq[j] / {near!r});
-    double x[{own} + 4 * kJoints] = {{dq[j], ddq[j], near, std::tanh(dq[j] / {far!r}), load[j],
+    double x[{inputs} + 4 * kJoints] = {{dq[j], ddq[j], near, std::tanh(dq[j] / {far!r}), load[j],
                                   std::sqrt(load[j] * load[j] + {LOAD_ROUNDING**2!r}) * near}};
     int f = 6;
     for (int r = 0; r < {len(RANGES)}; ++r) x[f++] = state.stops[j][r] / kRanges[r];
@@ -253,4 +256,4 @@ inline Vector model_torque(const Vector& q, const Vector& dq, const Vector& ddq,
   state.started = true;
   return tau;
 }}
-"""
+"""  # noqa: E501 (C++)

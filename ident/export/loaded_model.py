@@ -77,7 +77,7 @@ class LoadedModel(SimulatorModel, ABC):
         return np.asarray(self.module.missing_torque(self.form, q, dq, ddq, interval), dtype=float)
 
     def undo_log(self, log: Array, interval: float) -> Float[Array, "T n"]:
-        """What `roll_out` takes for a log: earlier by its lateness, as far as the file says [N m]."""
+        """What `roll_out` takes for a log: earlier by its lateness as the file says it [N m]."""
         return log
 
 

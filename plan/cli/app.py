@@ -182,16 +182,15 @@ def cycle(
 
         require_writable(Path("leg.csv"), rate)
     with progress_line(console, "cycle"):
-        found = plan_cycle(
-            task, model, began=0.0, **asdict(options)
-        )  # from the process's own start
+        # From the process's own start.
+        result = plan_cycle(task, model, began=0.0, **asdict(options))
 
     def write_folder() -> None:
-        if out is not None and found.solved:
-            write_motions(found, out, rate)
+        if out is not None and result.solved:
+            write_motions(result, out, rate)
 
-    hand_over(found, json_file, write_folder)
-    if not found.solved:
+    hand_over(result, json_file, write_folder)
+    if not result.solved:
         raise typer.Exit(NO_PLAN)
 
 
@@ -253,8 +252,8 @@ def paper(
     check_outputs([model], {f"--out {out}: {name}": out / name for name in FILES})
     fitted = None if model is None else HybridModel.load(model)
     with progress_line(console, "paper"):
-        found = repeat_paper(fitted, options)
-    console.print(f"page written to {write_page(found, out)}")
+        repeated = repeat_paper(fitted, options)
+    console.print(f"page written to {write_page(repeated, out)}")
 
 
 @command
@@ -294,8 +293,9 @@ def excite(
     )
     write = _excite_writer(robot, out, capture)
     with progress_line(console, "excite"):
-        found = find_motion(robot, diagnosis=diagnosis, catalogue=catalogue, **asdict(options))
-    hand_over(found, json_file, lambda: None if write is None else write(found))
+        asked = asdict(options)
+        excitation = find_motion(robot, diagnosis=diagnosis, catalogue=catalogue, **asked)
+    hand_over(excitation, json_file, lambda: None if write is None else write(excitation))
     if out is None:
         console.print("nothing written: give --out FOLDER for the motion's files")
         return

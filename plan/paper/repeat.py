@@ -247,24 +247,23 @@ class Repeat:
             "free": "times",
             "label": "the energy optimum that was learned",
         }
-        slow = [
-            problem.with_initial(p.splines, **start)
-            for p in plans
-            if p.splines is not None and p.solved
-        ]
+        slow = []
+        for plan in plans:
+            if plan.splines is not None and plan.solved:
+                slow.append(problem.with_initial(plan.splines, **start))
         timed = map(start_compressed, slow)
-        both = [start_compressed(replace(one, free="both")) for one in slow]
+        both = [start_compressed(replace(task, free="both")) for task in slow]
         planners: dict[str, tuple[list[PlanningProblem], Planner]] = {
             "time compression, each section once": (slow, Compression("pass")),
             "RL (PPO), time stamps": (list(timed), self.ppo()),
             "RL (PPO), stamps and via points": (both, self.ppo(MORE)),
         }
         for number, (name, (starts, planner)) in enumerate(planners.items()):
-            last = [self.run(table, one, planner, t, ([one], [])) for t, one in enumerate(starts)]
-            self.enter(
-                table,
-                _line(name, "s", PAPER[f"{table} {'learned' if number else 'compressed'}"], *last),
-            )
+            last = []
+            for seed, task in enumerate(starts):
+                last.append(self.run(table, task, planner, seed, ([task], [])))
+            printed = PAPER[f"{table} {'learned' if number else 'compressed'}"]
+            self.enter(table, _line(name, "s", printed, *last))
         free = self.run(table, replace(problem, objective="time", free="both"), Sequential())
         self.enter(table, _line("default (sqp), from the task", "s", (), free))
         if last:
@@ -332,6 +331,6 @@ def write_page(repeat: Repeat, out: Path) -> Path:
         made_by=made_by(),
         pictures={name: words for name, words in PICTURES.items() if name in drawn},
     )
-    with atomic_write(out / PAGE) as part:
-        part.write_text(text, encoding="utf-8")
+    with atomic_write(out / PAGE) as temporary:
+        temporary.write_text(text, encoding="utf-8")
     return out / PAGE
