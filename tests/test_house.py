@@ -36,8 +36,7 @@ NARROW = (
     *("ident/inference", "ident/robot", "ident/simulation"),
     *("ident/trajectories", "ident/benchmark", "ident/checks", "tests/house"),
     *("ident/diagnosis/change", "ident/diagnosis/gap", "ident/schemas", "ident/show/timeline"),
-    *("plan/dynamics", "plan/experiment", "plan/geometry", "plan/initial", "plan/paper"),
-    *("plan/planners", "plan/problem", "plan/show"),
+    *("ident/export", "plan"),
 )
 # Folders of no more syntax nodes a code line than plain code has; the list may only grow.
 PLAIN = (

@@ -86,10 +86,10 @@ class EditedXml:
             edits.append((start, element.opened, self._start_tag(element, values, children)))
         for start, (element, text) in self._replaced.items():
             edits.append((start, element.end, text.encode()))
-        text = bytearray(self.text)
+        edited = bytearray(self.text)
         for start, end, new in sorted(edits, reverse=True):
-            text[start:end] = new
-        return bytes(text)
+            edited[start:end] = new
+        return bytes(edited)
 
     def _start_tag(self, element: Element, values: Mapping[str, str], children: list[str]) -> bytes:
         """An element's start tag with new values of attributes and new children behind it."""

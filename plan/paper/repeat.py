@@ -247,10 +247,8 @@ class Repeat:
             "free": "times",
             "label": "the energy optimum that was learned",
         }
-        slow = []
-        for plan in plans:
-            if plan.splines is not None and plan.solved:
-                slow.append(problem.with_initial(plan.splines, **start))
+        splines = [plan.splines for plan in plans if plan.splines is not None and plan.solved]
+        slow = [problem.with_initial(motion, **start) for motion in splines]
         timed = map(start_compressed, slow)
         both = [start_compressed(replace(task, free="both")) for task in slow]
         planners: dict[str, tuple[list[PlanningProblem], Planner]] = {
@@ -259,9 +257,10 @@ class Repeat:
             "RL (PPO), stamps and via points": (both, self.ppo(MORE)),
         }
         for number, (name, (starts, planner)) in enumerate(planners.items()):
-            last = []
-            for seed, task in enumerate(starts):
-                last.append(self.run(table, task, planner, seed, ([task], [])))
+            last = [
+                self.run(table, task, planner, seed, ([task], []))
+                for seed, task in enumerate(starts)
+            ]
             printed = PAPER[f"{table} {'learned' if number else 'compressed'}"]
             self.enter(table, _line(name, "s", printed, *last))
         free = self.run(table, replace(problem, objective="time", free="both"), Sequential())
