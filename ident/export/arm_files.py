@@ -32,8 +32,6 @@ from ident.motion.motion import Motion
 
 # More samples of all runs together say no more about a law's nearest losses.
 MOST_SAMPLES = 5000
-# Of each run at least so many samples, however many runs there are.
-LEAST_SAMPLES = 3
 # Bodies whose inertial numbers differ by less are the same [kg, kg m, kg m²].
 SAME_BODIES = 1e-12
 UNMEASURED = (
@@ -268,7 +266,7 @@ class ArmFiles:
 
 def _states_of(motions: Sequence[Motion]) -> list[Run]:
     """States of recordings, of long ones their first part: the torque is left out."""
-    each = max(LEAST_SAMPLES, MOST_SAMPLES // max(len(motions), 1))
+    each = max(3, MOST_SAMPLES // max(len(motions), 1))
     runs: list[Run] = []
     for motion in motions:
         states = (motion.q[:each], motion.dq[:each], motion.ddq[:each])

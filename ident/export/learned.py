@@ -19,6 +19,19 @@ from ident.model.joint_nets import DIRECTION_SCALES, LOAD_ROUNDING, JointNets
 from ident.model.memory import RANGES, TIMES, TURNING, own_inputs
 
 FILE = "learned_torque.hpp"
+# Lines of the header that are longer than one here may be.
+WITHIN = (
+    "inline double within(double x, double low, double high) "
+    "{ return x < low ? low : (x > high ? high : x); }"
+)
+ABOUT_NET = (
+    "// Net of a joint by its speed, acceleration and load; beyond its training it says what it "
+    "says at the edge,"
+)
+SIGNATURE = (
+    "inline Vector model_torque(const Vector& q, const Vector& dq, const Vector& ddq, double dt, "
+    "State& state)"
+)
 
 
 def has_learned(model: HybridModel) -> bool:
@@ -138,9 +151,9 @@ def _net(model: HybridModel) -> str:
     return (
         "\n".join(tables)
         + f"""
-inline double within(double x, double low, double high) {{ return x < low ? low : (x > high ? high : x); }}
+{WITHIN}
 
-// Net of a joint by its speed, acceleration and load; beyond its training it says what it says at the edge,
+{ABOUT_NET}
 // and never more than it said there.
 inline double net(std::size_t j, double v, double a, double load) {{
   if (kSilent[j]) return 0.0;
@@ -159,7 +172,7 @@ inline double net(std::size_t j, double v, double a, double load) {{
   }}
   return within(out, kLeast[j], kMost[j]);
 }}
-"""  # noqa: E501 (C++)
+"""
     )
 
 
@@ -210,7 +223,7 @@ def _whole(model: HybridModel) -> str:
 {_table("kTimes", np.array(TIMES))}
 
 // Torque of the whole model [N m]; dt is the time since the last call [s].
-inline Vector model_torque(const Vector& q, const Vector& dq, const Vector& ddq, double dt, State& state) {{
+{SIGNATURE} {{
   Vector tau = torque(q, dq, ddq);
   double load[kJoints];
   const std::array<Link, kJoints>& table = links();
@@ -256,4 +269,4 @@ inline Vector model_torque(const Vector& q, const Vector& dq, const Vector& ddq,
   state.started = true;
   return tau;
 }}
-"""  # noqa: E501 (C++)
+"""

@@ -12,8 +12,6 @@ from ident.recordings.columns import listed
 
 # Less of the tuned torque than this is not worth a word.
 LEAST_MISSED = 0.005
-# An effect of a lesser probability is written with a word of doubt.
-EVEN_ODDS = 0.5
 NO_ROTORS = (
     "robot.urdf: a URDF has no place for rotor inertia; take it from parameters.toml "
     "(Pinocchio: armature)"
@@ -67,7 +65,7 @@ def _turning_friction(identified: IdentifiedArm) -> list[str]:
 
 def _doubtful(identified: IdentifiedArm) -> list[str]:
     """Effects that are written although they are less likely than not."""
-    doubtful = [change for change in identified.changes if change.probability < EVEN_ODDS]
+    doubtful = [change for change in identified.changes if change.probability < 0.5]
     if not doubtful:
         return []
     names = ", ".join(f"{change.effect} of {change.joints[0]}" for change in doubtful)

@@ -80,7 +80,7 @@ def widen(ids: Sequence[str], catalogue: Sequence[Effect] = CATALOGUE) -> list[E
     """
     special: dict[str, Effect] = {}
     if AllMasses.id in ids:
-        special = {AllMasses.id: AllMasses(), AllGains.id: AllGains()}
+        special = {effect.id: effect for effect in (AllMasses(), AllGains())}
     return [special.get(name) or find_effect(name, tuple(catalogue)) for name in ids]
 
 

@@ -12,7 +12,7 @@ from ident.arrays import Array, Float, Int
 from plan.dynamics.power import ChainTorque, Slopes, differentiate_torque, find_kinks, rounded
 from plan.planners.subproblem import Bounds, ConstraintRows
 from plan.planners.transcription import ACTING, DEGREE, Grid, States, sections_of
-from plan.planners.velocity_reversals import FULLY, Turns, find_dips, find_turns
+from plan.planners.velocity_reversals import FULLY, Reversals, find_dips, find_turns
 from plan.problem.problem import SHARE, PlanningProblem
 from plan.problem.rule_values import RuleRow, Rules
 from plan.spline import Splines
@@ -410,8 +410,8 @@ class LocalModel:
 
     def _turns(
         self, coefficients: Float[Array, "C n"], dq: Array, ddq: Array, duration: float
-    ) -> tuple[Turns, States, Int[Array, " m"]]:
-        """Turns, the states there, and their sections.
+    ) -> tuple[Reversals, States, Int[Array, " m"]]:
+        """Reversals, the states there, and their sections.
 
         None that are so slow that the nodes see friction come and go. A joint that waits may creep
         either way: were each crossing of zero a turn with friction fully there, a step that changes
@@ -426,7 +426,7 @@ class LocalModel:
         fast = ~turns.inside | (gained >= FULLY * width)
         return turns.only(fast), (q[fast], dq[fast], ddq[fast]), first[fast]
 
-    def _turn_limit(self, turns: Turns, first: Int[Array, " m"]) -> Float[Array, " m"]:
+    def _turn_limit(self, turns: Reversals, first: Int[Array, " m"]) -> Float[Array, " m"]:
         """Torque that is aimed at where joints turn round [N m]."""
         aims = self.torque_aim * self.problem.limits.torque
         limit: Array = SHARE * aims[first, turns.joints]

@@ -21,8 +21,6 @@ from plan.problem.rules import Pose, ViaPoint
 from plan.problem.scene_keys import as_given
 from plan.problem.task_file import Task
 
-# Joints that leave a place of the tool, without its turn, no choice.
-PLACING = 3
 # Positions from which a place that has to be passed is tried before it counts as out of reach.
 PLACES_TRIED = 40
 # Positions along a straight line at which it is looked for what stands in its way.
@@ -194,7 +192,7 @@ def _line_blocked(problem: PlanningProblem) -> str:
     scene = problem.scene
     if rules is None or problem.way.straight is None:
         return ""
-    if not len(scene.pairs) or problem.n not in (PLACING, TURNING):
+    if not len(scene.pairs) or problem.n not in (3, TURNING):
         return ""
     line = positions_along(problem, rules, LOOKED_AT)
     gaps = scene.gaps(line, 1.0)
