@@ -1,8 +1,8 @@
 """Clamped cubic splines through via points, thousands at a time.
 
-A trajectory is V via points between start and goal and V + 1 section durations. Position, velocity and
-acceleration are continuous and the ends are at rest. (Natural splines, the usual library default, would start and
-end with velocity; the paper does not print its end condition.)
+A trajectory is V via points between start and goal and V + 1 section durations. Position, velocity
+and acceleration are continuous and the ends are at rest. (Natural splines, the usual library
+default, would start and end with velocity; the paper does not print its end condition.)
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from ident.compiled import compiled
 
 @compiled(fastmath=True, nogil=True)
 def _slopes(points: Array, h: Array) -> Array:
-    """Velocities at the knots that make the acceleration continuous: one tridiagonal solve a trajectory."""
+    """Velocities at the knots that make the acceleration continuous: one tridiagonal solve a
+    trajectory.
+    """
     batch, knots, n = points.shape
     out = np.zeros((batch, knots, n))
     upper = np.empty(knots)
@@ -42,7 +44,9 @@ def _slopes(points: Array, h: Array) -> Array:
 
 @compiled(fastmath=True, nogil=True)
 def _states(points: Array, slopes: Array, h: Array, s: Array) -> Array:
-    """Position, velocity, acceleration at local times s of every section, shape (3, B, sections len(s), n)."""
+    """Position, velocity, acceleration at local times s of every section, shape (3, B, sections
+    len(s), n).
+    """
     batch, knots, n = points.shape
     count = s.shape[0]
     out = np.empty((3, batch, (knots - 1) * count, n))
@@ -113,14 +117,15 @@ class Splines:
 
     points: Float[Array, "B K n"]  # start, via points, goal [rad]
     durations: Float[Array, "B S"]  # section durations, all above zero [s]
-    # Velocities at the knots, of a curve that a controller makes of points and velocities [rad/s]; None for those of
-    # the clamped spline, which alone make the acceleration continuous.
+    # Velocities at the knots, of a curve that a controller makes of points and velocities [rad/s];
+    # None for those of the clamped spline, which alone make the acceleration continuous.
     sent_velocities: Float[Array, "B K n"] | None = None
 
     def __post_init__(self) -> None:
         for name in ("points", "durations", "sent_velocities"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, freeze(np.ascontiguousarray(getattr(self, name), dtype=float)))
+                values = np.ascontiguousarray(getattr(self, name), dtype=float)
+                object.__setattr__(self, name, freeze(values))
 
     @cached_property
     def slopes(self) -> Float[Array, "B K n"]:
@@ -162,12 +167,16 @@ class Splines:
 
     @property
     def end_acceleration(self) -> Float[Array, "B n"]:
-        """Larger acceleration of every joint at start and goal, which a motion from rest to rest jumps to [rad/s²]."""
+        """Larger acceleration of every joint at start and goal, which a motion from rest to rest
+        jumps to [rad/s²].
+        """
         return np.abs(self._accelerations[:, [0, -1], [0, 1]]).max(axis=1)
 
     @property
     def acceleration_jumps(self) -> Float[Array, "B n"]:
-        """Largest step of each joint's acceleration at a knot between start and goal [rad/s²]; nought if clamped."""
+        """Largest step of each joint's acceleration at a knot between start and goal [rad/s²];
+        nought if clamped.
+        """
         before = self._accelerations[:, :-1, 1]
         after = self._accelerations[:, 1:, 0]
         return np.abs(after - before).max(axis=1, initial=0.0)
@@ -188,14 +197,16 @@ class Splines:
         return self.durations.sum(axis=1)
 
     def states(self, s: Float[Array, " m"]) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration at local times s ∈ [0, 1] of every section, each (B, S·m, n)."""
-        q, dq, ddq = _states(self.points, self.slopes, self.durations, np.ascontiguousarray(s, dtype=float))
+        """Position, velocity and acceleration at local times s ∈ [0, 1] of every section, each (B,
+        S·m, n).
+        """
+        shares = np.ascontiguousarray(s, dtype=float)
+        q, dq, ddq = _states(self.points, self.slopes, self.durations, shares)
         return q, dq, ddq
 
     def at(self, times: Float[Array, " T"]) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration of the first trajectory at given times, each (T, n)."""
-        found = [self._curve(times, order) for order in range(3)]
-        return found[0], found[1], found[2]
+        """Position, velocity and acceleration of the first trajectory at times, each (T, n)."""
+        return self._curve(times), self._curve(times, 1), self._curve(times, 2)
 
     @cached_property
     def _curve(self) -> CubicHermiteSpline:

@@ -35,9 +35,7 @@ NARROW = (
     *("ident/model", "ident/monitor", "ident/motion", "ident/recordings", "ident/regression"),
     *("ident/inference", "ident/robot", "ident/simulation"),
     *("ident/trajectories", "ident/benchmark", "ident/checks", "tests/house"),
-    *("ident/diagnosis", "ident/schemas", "ident/show/timeline"),
-    *("plan/dynamics", "plan/experiment", "plan/geometry", "plan/initial", "plan/paper"),
-    *("plan/planners", "plan/problem", "plan/show"),
+    *("ident/diagnosis", "ident/schemas", "ident/show/timeline", "ident/export", "plan"),
 )
 # Folders of no more syntax nodes a code line than plain code has; the list may only grow.
 PLAIN = (

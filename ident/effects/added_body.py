@@ -52,9 +52,8 @@ def link_law(arm: ArmModel, link: int, variant: Variant) -> Float[Array, "10 4"]
 def acting(arm: ArmModel, link: int, law: Float[Array, "10 k"]) -> list[int]:
     """Which columns of a law act on some torque: a matter of the arm, not of the motion."""
     size = np.sqrt(np.mean((_structure(arm, link) @ law) ** 2, axis=0))
-    return [
-        int(k) for k in np.flatnonzero(size > LIMIT.least_column * max(float(size.max()), 1e-12))
-    ]
+    least = LIMIT.least_column * max(float(size.max()), 1e-12)
+    return [int(column) for column in np.flatnonzero(size > least)]
 
 
 def moment_about_axis(
@@ -77,8 +76,14 @@ def placed(places: Places, arm: ArmModel, link: int) -> tuple[Variant, ...]:
     """A body about its place, if it was found and turns any joint there."""
     if link not in places or not weighs(arm, link):
         return ()
-    variant = Variant(shape=dict(zip(PLACE, map(float, places[link]), strict=True)))
-    return (variant,) if acting(arm, link, link_law(arm, link, variant)) else ()
+    variant = _at_place(places[link])
+    law = link_law(arm, link, variant)
+    return (variant,) if acting(arm, link, law) else ()
+
+
+def _at_place(place: Float[Array, " 3"]) -> Variant:
+    """The variant that has its body at a place [m]."""
+    return Variant(shape=dict(zip(PLACE, map(float, place), strict=True)))
 
 
 def centre_of(arm: ArmModel, mass: float, moment: Float[Array, " 3"]) -> Float[Array, " 3"] | None:
@@ -89,7 +94,8 @@ def centre_of(arm: ArmModel, mass: float, moment: Float[Array, " 3"]) -> Float[A
         return None
     place = moment / mass
     far = LARGEST_TOOL_SHARE * arm_reach(arm)
-    return np.asarray(place * min(1.0, far / max(float(np.linalg.norm(place)), 1e-12)))
+    distance = max(float(np.linalg.norm(place)), 1e-12)
+    return np.asarray(place * min(1.0, far / distance))
 
 
 def places_of_tuning(session: SessionContext, links: Iterable[int]) -> Places:
@@ -108,11 +114,12 @@ def places_of_tuning(session: SessionContext, links: Iterable[int]) -> Places:
         variant = Variant()
         for _ in range(LIMIT.place_steps):
             law = link_law(arm, link, variant)
-            body = law[:4] @ np.linalg.lstsq(of_link @ law, changed, rcond=1e-9)[0]
-            place = centre_of(arm, float(body[0]), body[1:])
+            coefficients = np.linalg.lstsq(of_link @ law, changed, rcond=1e-9)[0]
+            mass, *moment = law[:4] @ coefficients
+            place = centre_of(arm, float(mass), np.array(moment))
             if place is None:
                 break
-            variant = Variant(shape=dict(zip(PLACE, map(float, place), strict=True)))
+            variant = _at_place(place)
         else:
             places[link] = place_of(variant)
     return places
@@ -130,9 +137,8 @@ def weighs(arm: ArmModel, link: int) -> bool:
     mass = structure[:, 0]
     others = structure[:, 1:]
     left = mass - others @ np.linalg.lstsq(others, mass, rcond=None)[0]
-    return bool(
-        np.linalg.norm(left) > LIMIT.least_column * max(float(np.linalg.norm(structure)), 1e-12)
-    )
+    whole = max(float(np.linalg.norm(structure)), 1e-12)
+    return bool(np.linalg.norm(left) > LIMIT.least_column * whole)
 
 
 @lru_cache(maxsize=64)
@@ -140,4 +146,5 @@ def _structure(arm: ArmModel, link: int) -> Float[Array, "M 10"]:
     """What a link's numbers do to all torques in some states."""
     rng = np.random.default_rng(0)
     q, dq, ddq = rng.uniform(-1.0, 1.0, (3, LIMIT.structure_states, arm.n))
-    return freeze(arm.regressor(q, dq, ddq, range(10 * link, 10 * link + 10)).reshape(-1, 10))
+    columns = range(10 * link, 10 * link + 10)
+    return freeze(arm.regressor(q, dq, ddq, columns).reshape(-1, 10))

@@ -37,13 +37,19 @@ class Interval:
 
         An end that is open stays: it is no estimate.
         """
-        low, high = (self.value + factor * (end - self.value) for end in (self.low, self.high))
+        low = self.low
+        high = self.high
+        if self.open not in ("low", "both"):
+            low = self._moved(low, factor)
+        if self.open not in ("high", "both"):
+            high = self._moved(high, factor)
+        return replace(self, low=low, high=high)
+
+    def _moved(self, end: float, factor: float) -> float:
+        """An end so many times as far from the estimate."""
         if self.value != 0.0 and min(self.low * self.value, self.high * self.value) >= 0.0:
-            low, high = (
-                self.value * float((end / self.value) ** factor) for end in (self.low, self.high)
-            )
-        low = self.low if self.open in ("low", "both") else low
-        return replace(self, low=low, high=self.high if self.open in ("high", "both") else high)
+            return self.value * float((end / self.value) ** factor)
+        return self.value + factor * (end - self.value)
 
     def reported(self, unit: str, scale: float = 1.0) -> str:
         """The value alone, as a person reads it: of a named state."""

@@ -41,9 +41,12 @@ def grid_interval(value: float, grid: Sequence[float]) -> Interval:
     place = int(np.searchsorted(points, value))
     if len(points) == 1:
         return Interval(value, value / 2.0, value * 2.0)
-    down = points[place - 1] if place > 0 else value**2 / points[place + 1]
-    up = points[place + 1] if place + 1 < len(points) else value**2 / points[place - 1]
-    return Interval(value, float(np.sqrt(value * down)), float(np.sqrt(value * up)))
+    is_first = place == 0
+    is_last = place + 1 == len(points)
+    # Beyond an end of the grid, as far as its other neighbour is, by ratio.
+    below = value**2 / points[place + 1] if is_first else points[place - 1]
+    above = value**2 / points[place - 1] if is_last else points[place + 1]
+    return Interval(value, float(np.sqrt(value * below)), float(np.sqrt(value * above)))
 
 
 def exactly(value: float) -> Interval:
@@ -64,7 +67,8 @@ def coefficient_interval(
     scale: float = 1.0,
 ) -> Interval:
     """Interval of one coefficient times a known factor."""
-    return _about(scale * float(coefficients[index]), scale**2 * covariance[index, index])
+    estimate = scale * float(coefficients[index])
+    return _about(estimate, scale**2 * covariance[index, index])
 
 
 def amplitude_interval(
@@ -72,9 +76,9 @@ def amplitude_interval(
 ) -> Interval:
     """Interval of the length of a vector, such as (cos, sin) coefficients; it can't be negative."""
     size = float(np.linalg.norm(coefficients))
-    along = (
-        coefficients / size if size > 0.0 else np.full(len(coefficients), len(coefficients) ** -0.5)
-    )
+    along = np.full(len(coefficients), len(coefficients) ** -0.5)
+    if size > 0.0:
+        along = coefficients / size
     interval = _about(size, along @ covariance @ along)
     return replace(interval, low=max(0.0, interval.low))
 
@@ -105,7 +109,9 @@ def phase_interval(coefficients: Float[Array, " 2"], covariance: Float[Array, "2
     phase = float(np.arctan2(coefficients[1], coefficients[0]))
     across = np.array([-np.sin(phase), np.cos(phase)])
     spread = float(np.sqrt(max(across @ covariance @ across, 0.0)))
-    reach = min(np.pi, NORMAL_95 * spread / size) if size > 0.0 else np.pi
+    reach = np.pi
+    if size > 0.0:
+        reach = min(np.pi, NORMAL_95 * spread / size)
     return Interval(phase, phase - reach, phase + reach)
 
 
@@ -125,15 +131,16 @@ def drawn_interval(
 
     For what bends within the coefficients' spread, where the delta method tells anything.
     """
+    value = function(coefficients)
     if not covariance.any():
-        return Interval(*3 * (function(coefficients),))
+        return exactly(value)
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     # The same draws every time: a parameter is reported the same when it is reported again.
     normal = np.random.default_rng(0).standard_normal((INTERVAL_DRAWS, len(coefficients)))
-    drawn = coefficients + (normal * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    deviations = np.sqrt(np.maximum(values, 0.0))
+    drawn = coefficients + (normal * deviations) @ vectors.T
     reported = np.array([function(draw) for draw in np.maximum(drawn, 0.0)])
-    value = function(coefficients)
-    (low, high) = np.quantile(reported, (0.025, 0.975))
+    low, high = np.quantile(reported, (0.025, 0.975))
     return Interval(value, min(value, float(low)), max(value, float(high)))
 
 
@@ -145,16 +152,17 @@ def delta_interval(
     """Interval of a smooth function of coefficients by the delta method, derivatives by central
     differences.
     """
+    value = float(function(coefficients))
     if not covariance.any():
-        return Interval(*3 * (float(function(coefficients)),))
-    sizes = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 1e-12) * 1e-4 / 1e-2
-    ends = [
-        (function(coefficients + step), function(coefficients - step)) for step in np.diag(sizes)
-    ]
-    gradient = np.array(
-        [(up - down) / (2 * size) for (up, down), size in zip(ends, sizes, strict=True)]
-    )
-    return _about(float(function(coefficients)), gradient @ covariance @ gradient)
+        return exactly(value)
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sizes = np.maximum(deviations, 1e-12) * 1e-4 / 1e-2
+    slopes = []
+    for step, size in zip(np.diag(sizes), sizes, strict=True):
+        rise = function(coefficients + step) - function(coefficients - step)
+        slopes.append(rise / (2 * size))
+    gradient = np.array(slopes)
+    return _about(value, gradient @ covariance @ gradient)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,5 +187,6 @@ class SizePrior:
     def beyond_normal(self, coefficients: Float[Array, " k"]) -> float:
         """By how much coefficients are likelier than by a normal of its deviations [nats]."""
         normal = np.sum((coefficients / self.deviation) ** 2)
-        normal += 2.0 * np.sum(np.log(self.deviation)) + len(coefficients) * np.log(2.0 * np.pi)
+        constant = len(coefficients) * np.log(2.0 * np.pi)
+        normal += 2.0 * np.sum(np.log(self.deviation)) + constant
         return self.log_density(coefficients) + 0.5 * float(normal)

@@ -145,21 +145,19 @@ def rated_torque(session: SessionContext, joint: int) -> float:
     rated = float(session.rated_torque[joint])
     if np.isfinite(rated) and rated > 0.0 and not is_placeholder(session.rated_torque[joint]):
         return rated
-    return max(
-        1.5 * max(float(np.abs(run.total[:, joint:]).max(initial=0.0)) for run in session.runs),
-        1e-3,
-    )
+    loads = [float(np.abs(run.total[:, joint:]).max(initial=0.0)) for run in session.runs]
+    return max(1.5 * max(loads), 1e-3)
 
 
 def joined(session: SessionContext, signal: str, joint: int) -> Float[Array, " T"]:
     """A joint's signal over all runs: one of the motion's (`q`, `dq`, `ddq`) or of the run's own
     (`link`, `total`).
     """
-    parts = [
-        getattr(run.motion if hasattr(run.motion, signal) else run, signal)[:, joint]
-        for run in session.runs
-    ]
-    return np.concatenate(parts)
+    signals = []
+    for run in session.runs:
+        holder = run.motion if hasattr(run.motion, signal) else run
+        signals.append(getattr(holder, signal)[:, joint])
+    return np.concatenate(signals)
 
 
 def usual_speed(session: SessionContext, joint: int) -> float:
@@ -179,9 +177,9 @@ def friction_level(session: SessionContext, joint: int) -> tuple[float, float]:
     gram = np.zeros((2, 2))
     right = np.zeros(2)
     for run in session.runs:
-        x = np.stack([run.direction[:, joint], run.motion.dq[:, joint]], axis=1)
-        gram += x.T @ x
-        right += x.T @ run.friction[:, joint]
+        columns = np.stack([run.direction[:, joint], run.motion.dq[:, joint]], axis=1)
+        gram += columns.T @ columns
+        right += columns.T @ run.friction[:, joint]
     coulomb, viscous = np.linalg.lstsq(gram, right, rcond=None)[0]
     typical = LIMIT.typical_coulomb_share * rated_torque(session, joint)
     # A tenth of the typical level is the least that a share may refer to.
@@ -205,15 +203,13 @@ def hardly_moves(session: SessionContext, joint: int) -> str | None:
     name = session.joint_names[joint]
     if high - low < LEAST_TRAVEL:
         return f"{name} covers only {high - low:.3f} rad"
-    ratio = max(
-        float(np.abs(run.motion.dq[:, joint]).max() / run.motion.rest_speed[joint])
-        for run in session.runs
-    )
-    return (
-        f"{name} hardly moves faster than its velocity noise"
-        if ratio < LIMIT.least_speed_ratio
-        else None
-    )
+    ratios = []
+    for run in session.runs:
+        fastest = np.abs(run.motion.dq[:, joint]).max()
+        ratios.append(float(fastest / run.motion.rest_speed[joint]))
+    if max(ratios) < LIMIT.least_speed_ratio:
+        return f"{name} hardly moves faster than its velocity noise"
+    return None
 
 
 def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> str | None:
@@ -228,26 +224,35 @@ def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> 
         joint: The joint.
     """
     name = session.joint_names[joint]
-    reasons = list[str | None]()
     is_sliding = slides(session, joint)
     scale = LIMIT.slide_per_turn if is_sliding else 1.0
     unit = unit_for(ANGLE, is_sliding)
     for need, least in needs.items():
+        reason: str | None = None
         if need == "moves":
-            reasons.append(hardly_moves(session, joint))
+            reason = hardly_moves(session, joint)
         elif need == "poses":
-            ends = [travel(session, j) for j in range(session.n)]
-            widest = max(high - low for low, high in ends)
-            near = f"the arm stays near one pose: no joint covers more than {widest:.2f} rad"
-            reasons.append(near if widest < LIMIT.least_poses else None)
-        elif (
-            need == "travel"
-            and (covered := float(-np.subtract(*travel(session, joint)))) < scale * least
-        ):
-            reasons.append(f"{name} covers {covered:.3g} {unit}; {scale * least:g} are needed")
-        elif need == "top_speed" and (fastest := top_speed(session, joint)) < scale * least:
-            reasons.append(f"{name} moves no faster than {fastest:.3g} {unit}/s")
-    return next(filter(None, reasons), None)
+            reason = _stays_near_a_pose(session)
+        elif need == "travel":
+            low, high = travel(session, joint)
+            if high - low < scale * least:
+                reason = f"{name} covers {high - low:.3g} {unit}; {scale * least:g} are needed"
+        elif need == "top_speed":
+            fastest = top_speed(session, joint)
+            if fastest < scale * least:
+                reason = f"{name} moves no faster than {fastest:.3g} {unit}/s"
+        if reason:
+            return reason
+    return None
+
+
+def _stays_near_a_pose(session: SessionContext) -> str | None:
+    """The reason why several poses can't show, if no joint goes far."""
+    ends = [travel(session, joint) for joint in range(session.n)]
+    widest = max(high - low for low, high in ends)
+    if widest < LIMIT.least_poses:
+        return f"the arm stays near one pose: no joint covers more than {widest:.2f} rad"
+    return None
 
 
 def travel(session: SessionContext, joint: int) -> tuple[float, float]:
@@ -294,9 +299,11 @@ def high_passed(values: Float[Array, " T"], interval: float, corner: float) -> F
     """
     width = min(len(values), max(1, round(1.0 / (corner * interval))))
     sums = np.cumsum(np.concatenate([[0.0], values]))
-    left = np.clip(np.arange(len(values)) - width // 2, 0, None)
-    right = np.clip(np.arange(len(values)) - width // 2 + width, None, len(values))
-    return np.asarray(values - (sums[right] - sums[left]) / (right - left))
+    begin = np.arange(len(values)) - width // 2
+    left = np.clip(begin, 0, None)
+    right = np.clip(begin + width, None, len(values))
+    average = (sums[right] - sums[left]) / (right - left)
+    return np.asarray(values - average)
 
 
 def wave(angle: Float[Array, " T"], cycles: float) -> Float[Array, "T 2"]:
@@ -323,18 +330,16 @@ def arm_reach(arm: ArmModel) -> float:
     """Length of the chain from the first joint to the last link's centre of mass, stretched out
     [m].
     """
-    steps = [np.asarray(placement.translation) for placement in list(arm.model.jointPlacements)[2:]]
-    last = arm.inertial_parameters[-10:]
-    tip = float(np.linalg.norm(last[1:4])) / float(last[0]) if last[0] > 0.0 else 0.0
+    placements = list(arm.model.jointPlacements)[2:]
+    lengths = [np.linalg.norm(np.asarray(placement.translation)) for placement in placements]
+    mass, *moment = arm.inertial_parameters[-10:-6]
+    tip = float(np.linalg.norm(moment)) / float(mass) if mass > 0.0 else 0.0
     limits = arm.known_limits
-    sliding = sum(
-        float(limits.upper[j] - limits.lower[j]) for j in np.flatnonzero(arm.sliding_joints)
-    )
-    return (
-        float(sum(np.linalg.norm(step) for step in steps))
-        + tip
-        + (sliding if np.isfinite(sliding) else 0.0)
-    )
+    travels = limits.upper - limits.lower
+    sliding = sum(float(travels[j]) for j in np.flatnonzero(arm.sliding_joints))
+    if not np.isfinite(sliding):
+        sliding = 0.0
+    return float(sum(lengths)) + tip + sliding
 
 
 def joint_range(

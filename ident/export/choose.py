@@ -1,19 +1,21 @@
 """How far a file is from recordings, and which of all candidates is written.
 
-Torque: RMS of measured less predicted log, both through the run's own filter, where a joint slides. Energy: how far the
-work that this difference does strays on its way through a stretch of time: the standard deviation of the work done so
-far, for at a stretch's end it is next to nothing by chance in one file or another. Replay: the arm starts from a
-measured state, gets the logged torque for a quarter of a second, and is compared with the measured state at the end,
-joints that stood still aside; from a longer stretch without feedback any model drifts away, and nothing is learnt of
-it. A position that is missed by more than the way that the joint went is not foretold at all: how far beyond it is says
-nothing, and one replay that flies off would make the mean of all.
+Torque: RMS of measured less predicted log, both through the run's own filter, where a joint slides.
+Energy: how far the work that this difference does strays on its way through a stretch of time: the
+standard deviation of the work done so far, for at a stretch's end it is next to nothing by chance
+in one file or another. Replay: the arm starts from a measured state, gets the logged torque for a
+quarter of a second, and is compared with the measured state at the end, joints that stood still
+aside; from a longer stretch without feedback any model drifts away, and nothing is learnt of it. A
+position that is missed by more than the way that the joint went is not foretold at all: how far
+beyond it is says nothing, and one replay that flies off would make the mean of all.
 
-Candidates are the URDF's arm, the arm tuned to the same recordings, the arm with its effects, and mixtures: the bodies
-of one of them, and at each joint the losses and laws of the one that does best there with these bodies. None is fitted
-to the recordings that decide: what they would make of one is partly chance, and comes out better than it is. The best
-whole one has the least errors, as shares of the least of the first two's: a gain counts as far as stretches and windows
-make sure of it, a loss as far as they let expect one, and several times as much. A mixture, never fitted as one and the
-best of many, is written where it gains as much on the best whole one.
+Candidates are the URDF's arm, the arm tuned to the same recordings, the arm with its effects, and
+mixtures: the bodies of one of them, and at each joint the losses and laws of the one that does best
+there with these bodies. None is fitted to the recordings that decide: what they would make of one
+is partly chance, and comes out better than it is. The best whole one has the least errors, as
+shares of the least of the first two's: a gain counts as far as stretches and windows make sure of
+it, a loss as far as they let expect one, and several times as much. A mixture, never fitted as one
+and the best of many, is written where it gains as much on the best whole one.
 """
 
 from __future__ import annotations
@@ -21,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.stats import norm
@@ -36,17 +37,22 @@ from ident.motion.motion import Motion
 
 WINDOW = HORIZON  # [s]
 MOST_WINDOWS = 24
-# Measures by which files are compared, their names in a record, and errors that are none: [N m], [J], [rad].
+# Measures by which files are compared, their names in a record, and errors that are none: [N m],
+# [J], [rad].
 MEASURES = {"torque": "torque_rms_Nm", "energy": "energy_J", "position": "position_rms_rad"}
 LEAST = {"torque": 1e-6, "energy": 1e-6, "position": 1e-7}
-# One file is worse than another beyond this logarithm of the ratio of their errors: less are the simulators' own steps.
+# One file is worse than another beyond this logarithm of the ratio of their errors: less are the
+# simulators' own steps.
 WORTH = 0.005
 # How sure a gain has to be to count.
 LEVEL = 0.975
-# What a loss that is to be expected counts against a gain that is sure, both as logarithms of errors' ratios.
+# What a loss that is to be expected counts against a gain that is sure, both as logarithms of
+# errors' ratios.
 WORSE = 5.0
 # Stretches of a run whose work is compared [s].
 STRETCH = 2.0
+# Where no errors scatter, a standard deviation that is none.
+LEAST_SCATTER = 1e-12
 SAID = {
     "given": "the URDF as it is",
     "before": "the URDF's bodies with tuned losses",
@@ -59,8 +65,8 @@ SAID = {
 class Gap:
     """How far a model is from recordings, joint by joint.
 
-    Squared errors of torque (with the share of its samples), energy, position and velocity, of each of k stretches or
-    windows: their means are the squares of the errors in N m, J, rad and rad/s.
+    Squared errors of torque (with the share of its samples), energy, position and velocity, of each
+    of k stretches or windows: their means are the squares of the errors in N m, J, rad and rad/s.
     """
 
     squares: Mapping[str, Float[Array, "k n"]]
@@ -73,35 +79,46 @@ class Gap:
     @property
     def rms(self) -> float:
         """RMS of the torque over all joints' samples [N m]."""
-        return float(np.sqrt(self.count @ self.error("torque") ** 2 / max(self.count.sum(), 1.0)))
+        squares = self.count @ self.error("torque") ** 2
+        return float(np.sqrt(squares / max(self.count.sum(), 1.0)))
 
     def over(self, others: Sequence[Gap], level: float = 0.5) -> Float[Array, "m n"]:
-        """Logarithms of its errors over the least of others', by measure and joint; zero where nothing was measured.
+        """Logarithms of its errors over the least of others', by measure and joint.
 
-        Those that are not exceeded at a level, by Student's distribution of what stretches, pair by pair, leave open; a
-        single one leaves open all.
+        Zero where nothing was measured. Those that are not exceeded at a level, by Student's
+        distribution of what stretches, pair by pair, leave open; a single one leaves open all.
         """
-        found = []
+        logarithms = []
         for name, least in LEAST.items():
-            own, *theirs = (one.squares[name] + least**2 for one in (self, *others))
-            best = np.argmin([one.mean(axis=0) for one in theirs], axis=0)
-            rival = np.array(theirs)[best, :, np.arange(own.shape[1])].T
-            found.append(np.nan_to_num(log_ratio(own, rival, level)))
-        return np.array(found)
+            squares = self.squares[name] + least**2
+            theirs = [other.squares[name] + least**2 for other in others]
+            best = np.argmin([values.mean(axis=0) for values in theirs], axis=0)
+            joints = np.arange(squares.shape[1])
+            rival = np.array(theirs)[best, :, joints].T
+            logarithms.append(np.nan_to_num(log_ratio(squares, rival, level)))
+        return np.array(logarithms)
 
     def cost(self, others: Sequence[Gap]) -> Float[Array, " n"]:
-        """What each joint's errors cost against the least of others': losses to be expected less sure gains."""
-        found = self.over(others)
+        """What each joint's errors cost against the least of others'.
+
+            Σ WORSE E[max(r, 0)] + min(r₀, 0),  r normal about its estimate
+
+        over the measures: losses r to be expected less gains r₀ that are sure.
+        """
+        estimate = self.over(others)
         sure = self.over(others, LEVEL)
-        error = np.maximum((sure - found) / norm.ppf(LEVEL), 1e-12)
-        loss = error * norm.pdf(found / error) + found * norm.cdf(found / error)
+        scatter = np.maximum((sure - estimate) / norm.ppf(LEVEL), LEAST_SCATTER)
+        normal = estimate / scatter
+        loss = scatter * norm.pdf(normal) + estimate * norm.cdf(normal)
         return np.sum(WORSE * loss + np.minimum(sure, 0.0), axis=0)
 
-    def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+    def to_dict(self, joints: Sequence[str]) -> dict[str, object]:
         """Its record, figures by the joints' names."""
-        named = (*MEASURES.items(), ("velocity", "velocity_rms_rad_s"))
-        errors = {key: dict(zip(joints, map(float, self.error(name)), strict=True)) for name, key in named}
-        return {**errors, "windows": int(np.isfinite(self.squares["position"][:, 0]).sum())}
+        record: dict[str, object] = {}
+        for name, key in (*MEASURES.items(), ("velocity", "velocity_rms_rad_s")):
+            record[key] = dict(zip(joints, map(float, self.error(name)), strict=True))
+        record["windows"] = int(np.isfinite(self.squares["position"][:, 0]).sum())
+        return record
 
 
 def log_ratio(squares: Array, rivals: Array, level: float = 0.5) -> Array:
@@ -126,27 +143,51 @@ def log_ratio(squares: Array, rivals: Array, level: float = 0.5) -> Array:
 
 def measure_gap(model: LoadedModel, runs: Sequence[Motion]) -> Gap:
     """All distances of a loaded file from recordings."""
-    each = max(1, MOST_WINDOWS // len(runs))
-    rolled = [roll_run(model, motion, each) for motion in runs]
-    moved = np.concatenate([replayed.moved for replayed in rolled])
-    replay = np.concatenate([replayed.missed for replayed in rolled], axis=1) ** 2
-    replay = replay * moved * len(moved) / np.maximum(moved.sum(axis=0), 1)
-    replay = replay if replay.size else np.full((2, 1, runs[0].n), np.nan)
-    replayed = dict(zip(("position", "velocity"), replay, strict=True))
     counts = np.zeros(runs[0].n)
     squares = []
-    works = []
+    works: list[Float[Array, " n"]] = []
     for motion in runs:
         left = log_error(model, motion)
         counts += motion.settled.sum(axis=0)
         step = motion.interval * motion.lowpass.factor
-        number = max(1, round(len(left) * step / STRETCH))
-        starts = np.linspace(0, len(left), number, endpoint=False).astype(int)
+        starts = stretches(len(left), step)
         squares.append(np.add.reduceat(left**2, starts, axis=0))
         work = np.cumsum(left * motion.dq[motion.coarse] * step, axis=0)
-        works += [part.var(axis=0) for part in np.split(work, starts[1:])]
+        works += [stretch.var(axis=0) for stretch in np.split(work, starts[1:])]
     torque = np.concatenate(squares) * len(works) / np.maximum(counts, 1.0)
-    return Gap({"torque": torque, "energy": np.array(works), **replayed}, counts)
+    position, velocity = _replay_squares(model, runs)
+    measures = {
+        "torque": torque,
+        "energy": np.array(works),
+        "position": position,
+        "velocity": velocity,
+    }
+    return Gap(measures, counts)
+
+
+def stretches(samples: int, step: float) -> Int[Array, " k"]:
+    """First samples of the stretches into which a run is cut.
+
+    Args:
+        samples: How many it has.
+        step: Time between them [s].
+    """
+    number = max(1, round(samples * step / STRETCH))
+    return np.linspace(0, samples, number, endpoint=False).astype(int)
+
+
+def _replay_squares(model: LoadedModel, runs: Sequence[Motion]) -> Float[Array, "2 w n"]:
+    """Squared errors of position and velocity after replays, weighted by who moved.
+
+    NaN where no window is long enough.
+    """
+    each = max(1, MOST_WINDOWS // len(runs))
+    replays = [roll_run(model, motion, each) for motion in runs]
+    moved = np.concatenate([replay.moved for replay in replays])
+    squares = np.concatenate([replay.missed for replay in replays], axis=1) ** 2
+    if not squares.size:
+        return np.full((2, 1, runs[0].n), np.nan)
+    return squares * moved * len(moved) / np.maximum(moved.sum(axis=0), 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,27 +208,32 @@ def roll_run(model: LoadedModel, motion: Motion, count: int, horizon: float = WI
         count: The most windows.
         horizon: Their length [s].
     """
-    samples = min(horizon / motion.interval, len(motion.time))  # a longer window fits no run
-    length = max(2, round(samples))
-    starts = np.zeros(0, dtype=int)
-    if len(motion.time) >= 3 * length:
-        starts = np.unique(np.linspace(length, len(motion.time) - 2 * length, count).astype(int))
+    starts, length = _windows(motion, count, horizon)
     if not len(starts):
         return Replayed(np.zeros((2, 0, motion.n)), np.zeros((0, motion.n), bool), starts)
     rows = starts[:, None] + np.arange(length + 1)
-    states = (motion.q, motion.dq, motion.ddq, motion.interval)
+    run = (motion.q, motion.dq, motion.ddq, motion.interval)
     drive = model.undo_log(np.array(motion.tau), motion.interval)[rows]
-    twists = model.deflections(*states)
-    missing = model.missing(*states)
-    state = np.stack([motion.q, motion.dq])
-    begin = (state[:, starts], twists[starts, :2])
-    arrived = model.roll_out(*begin, drive, -missing[rows], motion.interval)
+    twists = model.deflections(*run)[starts, :2]
+    missing = model.missing(*run)[rows]
+    states = np.stack([motion.q, motion.dq])
+    reached = model.roll_out(states[:, starts], twists, drive, -missing, motion.interval)
+    ends = starts + length
+    missed = reached - states[:, ends]
     speed = np.abs(motion.dq[rows])
     way = speed[:, 1:].sum(axis=1) * motion.interval
-    ends = starts + length
-    missed = arrived - state[:, ends]
     missed[0] = np.clip(missed[0], -way, way)
     return Replayed(missed, (speed > motion.rest_speed).any(axis=1), ends)
+
+
+def _windows(motion: Motion, count: int, horizon: float) -> tuple[Int[Array, " w"], int]:
+    """First samples of evenly spread windows that fit a run, and how many samples one has."""
+    samples = min(horizon / motion.interval, len(motion.time))  # a longer window fits no run
+    length = max(2, round(samples))
+    if len(motion.time) < 3 * length:
+        return np.zeros(0, dtype=int), length
+    last = len(motion.time) - 2 * length
+    return np.unique(np.linspace(length, last, count).astype(int)), length
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +244,8 @@ class Chosen:
     bodies: str  # whose bodies it has, a name of the candidates
     joints: tuple[str, ...]  # whose losses and laws each joint has
     gaps: Mapping[str, Gap]  # its errors, and those of the candidates that are reported beside it
-    # Joints at which another candidate is nearer in some measure, with that measure and the largest ratio.
+    # Joints at which another candidate is nearer in some measure, with that measure and the
+    # largest ratio.
     worse: Mapping[str, tuple[str, float]]
     tried: int = 1  # candidates that were measured
 
@@ -207,49 +254,112 @@ class Chosen:
         """The candidate that it is, or `mixed`."""
         return self.bodies if set(self.joints) == {self.bodies} else "mixed"
 
-    def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
+    def to_dict(self, names: Sequence[str]) -> dict[str, object]:
         """Its record, figures by the joints' names."""
         worse = {name: ratio for name, (_, ratio) in self.worse.items()}
         joints = zip(names, self.joints, strict=True)
         return {"written": self.name, "bodies": self.bodies, "joints": dict(joints), "worse": worse}
 
     def in_words(self, form: str, names: Sequence[str]) -> list[str]:
-        """What a user should know of the choice."""
+        """What a user should know of the choice.
+
+        Args:
+            form: The file's format.
+            names: The joints' names.
+        """
+        file = FILE_OF[form]
         lines = []
         if self.name != "after":
-            own = [name for name, when in zip(names, self.joints, strict=True) if when != "after"]
-            words = SAID[self.bodies] + (f"; losses without effects at {', '.join(own)}" if own else "")
-            lines.append(f"{FILE_OF[form]}: on these runs the best of its candidates has {words}")
+            words = SAID[self.bodies]
+            joints = zip(names, self.joints, strict=True)
+            plain = [name for name, candidate in joints if candidate != "after"]
+            if plain:
+                words += f"; losses without effects at {', '.join(plain)}"
+            lines.append(f"{file}: on these runs the best of its candidates has {words}")
         for name, (measure, ratio) in self.worse.items():
-            lines.append(f"{FILE_OF[form]}: at {name} its error of {measure} is {ratio:.2f} of another candidate's")
+            share = f"{ratio:.2f} of another candidate's"
+            lines.append(f"{file}: at {name} its error of {measure} is {share}")
         return lines
 
 
-def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motion], folder: Path) -> Chosen:
-    """The nearest candidate of a format on recordings that none was fitted to; `folder` is for scratch files."""
-    n = runs[0].n
-    found = dict[tuple[str, tuple[str, ...]], Gap]()
+Mixture = tuple[str, tuple[str, ...]]
+"""Whose bodies an arm has, and whose losses and laws each of its joints: names of candidates."""
 
-    def measure(bodies: str, joints: tuple[str, ...]) -> Gap:
-        if (bodies, joints) not in found:
-            file = WrittenFile.write(form, folder, mix(options, bodies, joints))
-            found[bodies, joints] = measure_gap(file.load(runs[0].payload), runs)
-        return found[bodies, joints]
 
-    own = {name: measure(name, (name,) * n) for name in options}
-    others = [gap for name, gap in own.items() if name != "after"]
+class _Measurer:
+    """Measures mixtures of candidates as files of a format, each once."""
+
+    def __init__(
+        self,
+        form: str,
+        options: Mapping[str, IdentifiedArm],
+        runs: Sequence[Motion],
+        folder: Path,
+    ) -> None:
+        self._form = form
+        self._options = options
+        self._runs = runs
+        self._folder = folder
+        self.gaps: dict[Mixture, Gap] = {}
+
+    def measure(self, bodies: str, joints: tuple[str, ...]) -> Gap:
+        """How far a mixture's file is from the recordings."""
+        if (bodies, joints) not in self.gaps:
+            mixed = mix(self._options, bodies, joints)
+            file = WrittenFile.write(self._form, self._folder, mixed)
+            model = file.load(self._runs[0].payload)
+            self.gaps[bodies, joints] = measure_gap(model, self._runs)
+        return self.gaps[bodies, joints]
+
+    def measure_whole(self, name: str) -> Gap:
+        """How far a candidate's own file is from the recordings."""
+        return self.measure(name, (name,) * self._runs[0].n)
+
+
+def choose(
+    form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motion], folder: Path
+) -> Chosen:
+    """The nearest candidate of a format on recordings that none was fitted to.
+
+    Args:
+        form: The format.
+        options: The candidates by name; `after` is the one with all that was identified.
+        runs: The recordings.
+        folder: For scratch files.
+    """
+    measurer = _Measurer(form, options, runs, folder)
+    whole = {name: measurer.measure_whole(name) for name in options}
+    others = [gap for name, gap in whole.items() if name != "after"]
     for bodies in options:
-        order = [bodies, *(name for name in options if name != bodies)]  # of the same errors its own are taken
-        if bodies != "given" or "before" not in options:  # its bodies are those of `before`
-            costs = np.array([measure(bodies, (name,) * n).cost(others) for name in order])
-            measure(bodies, tuple(order[k] for k in costs.argmin(axis=0)))
-    whole = own[min(own, key=lambda name: own[name].cost(others).sum())]
-    bodies, joints = min(found, key=lambda key: found[key].cost([whole]).sum())
-    gap = found[bodies, joints]
-    most = zip(options["after"].nominal.joint_names, gap.over(others).T, strict=True)
-    worse = {name: (list(MEASURES)[r.argmax()], float(np.exp(r.max()))) for name, r in most if r.max() > WORTH}
-    gaps = own | {"after": gap}
-    return Chosen(mix(options, bodies, joints), bodies, joints, gaps, worse, len(found))
+        if bodies == "given" and "before" in options:
+            continue  # its bodies are those of `before`
+        # Of the same errors its own are taken: they stand first.
+        order = [bodies, *(name for name in options if name != bodies)]
+        costs = []
+        for name in order:
+            mixed = measurer.measure(bodies, (name,) * runs[0].n)
+            costs.append(mixed.cost(others))
+        nearest = np.array(costs).argmin(axis=0)
+        measurer.measure(bodies, tuple(order[index] for index in nearest))
+    best_whole = min(whole.values(), key=lambda gap: float(gap.cost(others).sum()))
+    bodies, joints = min(
+        measurer.gaps, key=lambda mixture: float(measurer.gaps[mixture].cost([best_whole]).sum())
+    )
+    gap = measurer.gaps[bodies, joints]
+    worse = {}
+    names = options["after"].nominal.joint_names
+    for name, ratios in zip(names, gap.over(others).T, strict=True):
+        if ratios.max() > WORTH:
+            measure = list(MEASURES)[ratios.argmax()]
+            worse[name] = (measure, float(np.exp(ratios.max())))
+    return Chosen(
+        stated=mix(options, bodies, joints),
+        bodies=bodies,
+        joints=joints,
+        gaps=whole | {"after": gap},
+        worse=worse,
+        tried=len(measurer.gaps),
+    )
 
 
 def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]) -> IdentifiedArm:
@@ -260,9 +370,12 @@ def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]
         bodies: The one whose bodies are taken, with what a diagnosis changed of them.
         joints: For each joint the name of the candidate whose losses and laws it gets.
     """
-    mixed = ([getattr(options[name].losses, one.name)[j] for j, name in enumerate(joints)] for one in fields(Losses))
-    losses = Losses(*map(np.array, mixed))
+    losses = {}
+    for field in fields(Losses):
+        columns = [getattr(options[name].losses, field.name) for name in joints]
+        losses[field.name] = np.array([column[j] for j, column in enumerate(columns)])
     changes = [change for change in options[bodies].changes if change.of_the_bodies]
     for j, name in enumerate(joints):
-        changes += [c for c in options[name].changes if c.joint == j and not c.of_the_bodies]
-    return replace(options[bodies], losses=losses, changes=tuple(changes))
+        of_joint = [change for change in options[name].changes if change.joint == j]
+        changes += [change for change in of_joint if not change.of_the_bodies]
+    return replace(options[bodies], losses=Losses(**losses), changes=tuple(changes))

@@ -40,17 +40,6 @@ from ident.model.carried import describe_arm
 from ident.model.loss import LossFigure
 from ident.robot.arm import ArmModel
 
-_HEAD = """\
-# Units stand in the names; `low` and `high` bound the 95 % interval. `losses` go with the effects, and
-# `losses_without_effects` are what fits best where none of them is modelled. `links` are a link's ten inertial numbers
-# about the frame of the joint that moves it, and `link_change` is what tuning added to the URDF's. Dry friction turns
-# round over the displacement `sliding_range_rad`, as a spring in series with a slider does; where that is zero, over
-# the speed `transition_rad_s`. `law` has what the law of an effect needs beside its reported parameters. Where
-# robot.urdf has other losses, as the best of its candidates, `losses_of_urdf` has its rotor inertia and widths too.
-# `identified` has the URDF's number (`nominal`, missing where it says nothing) beside the one that was found.
-
-"""
-
 # Poses over which the least acceleration is sought, at which a joint alone starts from rest.
 POSES = 400
 # A joint with less or more than this has no limit in its URDF [rad], [rad/s], [N m].
@@ -66,9 +55,11 @@ OF_LOSSES = (*LOSS_KEYS, "transition_rad_s", "sliding_range_rad")
 # Bytes of a name that a C++ string literal holds as they are.
 PLAIN_BYTE = re.compile(rb"[A-Za-z0-9_\-./ ]")
 LIMITS_HEAD = (
-    "# Positions, speeds and efforts are the URDF's. The acceleration is what the identified arm's effort limit",
+    "# Positions, speeds and efforts are the URDF's. The acceleration is what the identified arm's "
+    "effort limit",
     "# leaves at its worst pose for this joint alone, from rest, after gravity and dry friction.",
-    "# Start a node with --params-file; MoveIt and URDF macros take what lies below ros__parameters.",
+    "# Start a node with --params-file; MoveIt and URDF macros take what lies below "
+    "ros__parameters.",
     "/**:",
     "  ros__parameters:",
     "    joint_limits:",
@@ -127,7 +118,7 @@ def write_parameters(
         }
     if figures:
         record["identified"] = _without_nothing(figures)
-    return _HEAD + tomli_w.dumps(record)
+    return fill("parameters_head.toml.txt", {}) + tomli_w.dumps(record)
 
 
 def _effect_record(change: Change) -> dict[str, Any]:
@@ -207,8 +198,8 @@ def _tables(names: tuple[str, ...], columns: Mapping[str, Float[Array, " n"]]) -
 
 
 def write_limits(identified: IdentifiedArm) -> str:
-    """Limits as ros2_control reads them: YAML parameters for any node, `joint_limits` with one table
-    a joint.
+    """Limits as ros2_control reads them: YAML parameters for any node, `joint_limits` with one
+    table a joint.
     """
     arm = identified.whole
     losses = identified.losses
@@ -252,7 +243,8 @@ def allowed_acceleration(arm: ArmModel, losses: Losses) -> Float[Array, " n"]:
 
 
 def write_cpp(identified: IdentifiedArm) -> str:
-    """A C++ header with the feed-forward torque: no library, no memory from the heap, one call a cycle.
+    """A C++ header with the feed-forward torque: no library, no memory from the heap, one call a
+    cycle.
 
     Newton and Euler's recursion in the joints' own frames, as in `ident.laws.motion`.
     """
@@ -330,8 +322,8 @@ def write_ranges(out: Path, robot: str, ranges: Ranges) -> list[str]:
 
 
 def write_module(identified: IdentifiedArm, files: Mapping[str, InFile]) -> str:
-    """The module's text: the tuned arm without the effects, its losses, and the effects whose law is
-    known.
+    """The module's text: the tuned arm without the effects, its losses, and the effects whose law
+    is known.
     """
     arm = identified.tuned
     losses = identified.losses

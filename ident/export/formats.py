@@ -77,7 +77,7 @@ def express(change: Change, form: str) -> Expression:
     return Expression("yes", "the law")
 
 
-def describe(change: Change, off: dict[str, float]) -> dict[str, Any]:
+def describe(change: Change, off: Shares) -> dict[str, object]:
     """An effect and how each format expresses it, for a record.
 
     Args:
@@ -91,7 +91,9 @@ def describe(change: Change, off: dict[str, float]) -> dict[str, Any]:
             share = off[form]
             stated |= {"off": share, "expressed": _answer(share)}
             if share > SAME:
-                stated["how"] += f"; it lacks {100.0 * share:.0f} % of its torque along these motions"
+                stated["how"] += (
+                    f"; it lacks {100.0 * share:.0f} % of its torque along these motions"
+                )
         formats[form] = stated
     parameters = {name: interval.to_dict() for name, interval in change.parameters.items()}
     return {

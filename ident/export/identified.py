@@ -1,4 +1,5 @@
-"""One identified arm: bodies, losses and effects, made from a diagnosis, a comparison or a model. All formats take it.
+"""One identified arm: bodies, losses and effects, made from a diagnosis, a comparison or a model.
+All formats take it.
 
 Read from the JSON alone, so that a patch can be made where the recordings are not.
 """
@@ -18,10 +19,12 @@ from ident.diagnosis.baseline_record import LINK_KEYS, LOSS_KEYS
 from ident.diagnosis.result import SCHEMA
 from ident.effects.base import Effect, Interval
 from ident.effects.catalogue import CATALOGUE, find_effect
+from ident.effects.intervals import exactly
 from ident.errors import InputError
 from ident.export.bodies import Links, nearest_bodies
 from ident.laws.acting import BODIES, KNOWN, link_change, turned_gravity
 from ident.laws.acting import Effect as ModuleEffect
+from ident.laws.carried import NamedLaw
 from ident.laws.motion import Losses
 from ident.model.bodies import is_consistent
 from ident.model.hybrid import HybridModel
@@ -31,12 +34,17 @@ from ident.robot.arm import ArmModel
 from ident.safe_read import read_record, require_finite
 
 COMPARISON = "ident.comparison/1"
-# Keys of a parameter beside its value and its ends: which ends are open, and where they lie if the URDF may be off.
+# Keys of a parameter beside its value and its ends: which ends are open, and where they lie if the
+# URDF may be off.
 FURTHER_ENDS = {"open", "low_with_urdf", "high_with_urdf"}
 # Ends of names of parameters that no body or gear has below zero.
-POSITIVE = re.compile("(stribeck_velocity_rad_s|displacement_rad|time_constant_s|gap_rad|limit_Nm|mass_kg|delay_s)$")
+POSITIVE = re.compile(
+    "(stribeck_velocity_rad_s|displacement_rad|time_constant_s|gap_rad|limit_Nm|mass_kg|delay_s)$"
+)
 # A loss that a solver left just below zero is zero, in its own unit.
 ROUNDING = 1e-9
+# Least transition width of a diagnosis [rad/s].
+LEAST_WIDTH = 1e-4
 # Smallest transition width, where a model's friction turns round at once [rad/s].
 SHARPEST = 1e-6
 # A base is level where gravity leans by less [rad].
@@ -51,7 +59,8 @@ class Change:
     joint: int  # index of its joint; -1 for the whole arm
     joints: tuple[str, ...]  # names of the joints where it shows
     parameters: Mapping[str, Interval]  # the reported parameters with their intervals
-    law: Mapping[str, Any] | None = None  # coefficients and shape of its law where the parameters leave them open
+    # Coefficients and shape of its law where the parameters leave them open.
+    law: Mapping[str, Any] | None = None
     kind: Effect | None = None  # the effect itself; None where it is none of those that are known
     probability: float = 1.0  # that it acts
 
@@ -73,11 +82,12 @@ class Change:
     @property
     def values(self) -> dict[str, float]:
         """The parameters' values, and what the law needs besides and follows from them."""
-        found = {name: one.value for name, one in self.parameters.items()}
+        values = {name: interval.value for name, interval in self.parameters.items()}
         if self.kind is not None:
-            given = self.law or {"coefficients": (), "shape": {}}
-            found |= self.kind.law_figures(found, tuple(map(float, given["coefficients"])), given["shape"])
-        return found
+            law = self.law or {"coefficients": (), "shape": {}}
+            coefficients = tuple(map(float, law["coefficients"]))
+            values |= self.kind.law_figures(values, coefficients, law["shape"])
+        return values
 
 
 # A tuned baseline: losses, and change of the URDF's inertial numbers, shape (n, 10).
@@ -100,11 +110,13 @@ class IdentifiedArm:
     changes: tuple[Change, ...] = ()  # its identified effects
 
     @classmethod
-    def tuned_to(cls, nominal: ArmModel, tuning: Tuning, changes: Sequence[Change] = ()) -> IdentifiedArm:
+    def tuned_to(
+        cls, nominal: ArmModel, tuning: Tuning, changes: Sequence[Change] = ()
+    ) -> IdentifiedArm:
         """An arm from a tuning and effects; links that no body could be become the nearest bodies.
 
-        An identified error is reported as a change of one link, given the tuning as it is written. Where that alone
-        leaves no body, the links together give its torque.
+        An identified error is reported as a change of one link, given the tuning as it is written.
+        Where that alone leaves no body, the links together give its torque.
         """
         tuned, missed = nearest_bodies(nominal, tuning[1])
         numbers = nominal.inertial_parameters.reshape(nominal.n, 10) + tuned
@@ -120,8 +132,10 @@ class IdentifiedArm:
     @classmethod
     def as_urdf(cls, nominal: ArmModel) -> IdentifiedArm:
         """The URDF as it is: its bodies, damping and friction."""
-        losses = untuned(nominal.n)[0]
-        return cls.with_losses(nominal, replace(losses, viscous=nominal.model.damping, coulomb=nominal.model.friction))
+        none, _ = untuned(nominal.n)
+        model = nominal.model
+        losses = replace(none, viscous=model.damping, coulomb=model.friction)
+        return cls.with_losses(nominal, losses)
 
     @staticmethod
     def losses_of(model: HybridModel) -> Losses:
@@ -133,43 +147,45 @@ class IdentifiedArm:
 
     @classmethod
     def of_model(cls, model: HybridModel, nearest: bool = False) -> IdentifiedArm:
-        """A fitted model, its net, offsets and shared shafts aside; if asked for, links as the nearest bodies.
+        """A fitted model, its net, offsets and shared shafts aside; if asked for, links as the
+        nearest bodies.
 
         Raises:
             InputError: Links that no body could be.
         """
         nominal = model.nominal
-        n = model.nominal.n
-        given, numbers = (one.inertial_parameters.reshape(n, 10) for one in (nominal, model.arm))
-        # A link that the URDF itself leaves without extent is written as it is.
-        rows = zip(nominal.links, numbers, given, strict=True)
-        wrong = [link for link, row, old in rows if not is_consistent(row) and not np.array_equal(row, old)]
-        change = numbers - given
+        n = nominal.n
+        given = nominal.inertial_parameters.reshape(n, 10)
+        fitted = model.arm.inertial_parameters.reshape(n, 10)
+        wrong = []
+        for link, row, given_row in zip(nominal.links, fitted, given, strict=True):
+            # A link that the URDF itself leaves without extent is written as it is.
+            if not is_consistent(row) and not np.array_equal(row, given_row):
+                wrong.append(link)
+        change = fitted - given
+        missed = 0.0
         if wrong and not nearest:
             what = f"its {', '.join(wrong)} could be no real body"
             remedy = "give --nearest to write the nearest bodies, or fit with --inertia consistent"
             raise InputError("the model", what, remedy)
         if wrong:
             change, missed = nearest_bodies(nominal, change)
-        links = Links(freeze(change), freeze(np.zeros((n, 10))), missed if wrong else 0.0, tuple(wrong))
-        losses = cls.losses_of(model)
-        changes = []
-        for law in model.named:  # its shape as parameters, its coefficients with their intervals
-            parameters = {name: Interval(value, value, value) for name, value in law.shape.items()}
-            parameters |= {f"coefficient_{k}": Interval(*one) for k, one in enumerate(law.figures)}
-            known = {"coefficients": [value for value, _, _ in law.figures], "shape": dict(law.shape)}
-            where = (nominal.joint_names[law.joint],)
-            changes.append(Change(law.effect, law.joint, where, parameters, known, find_effect(law.effect)))
-        return cls(nominal, losses, links, tuple(changes))
+        links = Links(freeze(change), freeze(np.zeros((n, 10))), missed, tuple(wrong))
+        changes = tuple(_carried(law, nominal) for law in model.named)
+        return cls(nominal, cls.losses_of(model), links, changes)
 
     @classmethod
     def of_models(cls, model: HybridModel, nearest: bool = False) -> dict[str, IdentifiedArm]:
-        """The arms that could be written of a model, by name; tuned without its laws, where it has any (`of_model`)."""
-        found = {"given": cls.as_urdf(model.nominal)}
+        """The arms that could be written of a model, by name; tuned without its laws, where it has
+        any (`of_model`).
+        """
+        arms = {"given": cls.as_urdf(model.nominal)}
         if model.alone is not None:
             arm, loss = model.alone
-            found["tuned"] = cls.of_model(replace(model, arm=arm, loss=loss, named=()), nearest)
-        return {**found, "after": cls.of_model(model, nearest)}
+            without = replace(model, arm=arm, loss=loss, named=())
+            arms["tuned"] = cls.of_model(without, nearest)
+        arms["after"] = cls.of_model(model, nearest)
+        return arms
 
     @classmethod
     def with_losses(cls, nominal: ArmModel, losses: Losses) -> IdentifiedArm:
@@ -180,12 +196,14 @@ class IdentifiedArm:
     @property
     def tuned(self) -> ArmModel:
         """The arm with tuned links, without the identified link errors."""
-        return self.nominal.with_inertial_parameters(self.nominal.inertial_parameters + self.links.tuned.ravel())
+        numbers = self.nominal.inertial_parameters + self.links.tuned.ravel()
+        return self.nominal.with_inertial_parameters(numbers)
 
     @property
     def whole(self) -> ArmModel:
         """The arm with all that was identified of its links."""
-        return self.nominal.with_inertial_parameters(self.nominal.inertial_parameters + self.links.total.ravel())
+        numbers = self.nominal.inertial_parameters + self.links.total.ravel()
+        return self.nominal.with_inertial_parameters(numbers)
 
     @property
     def gravity(self) -> Float[Array, " 3"]:
@@ -198,9 +216,21 @@ class IdentifiedArm:
 
     @property
     def is_level(self) -> bool:
-        """Whether gravity pulls along the base's -z axis: it is neither mounted otherwise nor tilted."""
+        """Whether gravity pulls along the base's -z axis: it is neither mounted otherwise nor
+        tilted.
+        """
         pull = self.gravity
         return bool(np.linalg.norm(pull[:2]) < LEVEL_ENOUGH * -pull[2])
+
+
+def _carried(law: NamedLaw, nominal: ArmModel) -> Change:
+    """A law that a model carries: shape as parameters, coefficients with their intervals."""
+    parameters = {name: exactly(value) for name, value in law.shape.items()}
+    for index, figure in enumerate(law.figures):
+        parameters[f"coefficient_{index}"] = Interval(*figure)
+    known = {"coefficients": [value for value, _, _ in law.figures], "shape": dict(law.shape)}
+    joints = (nominal.joint_names[law.joint],)
+    return Change(law.effect, law.joint, joints, parameters, known, find_effect(law.effect))
 
 
 def in_module(changes: Sequence[Change]) -> list[ModuleEffect]:
@@ -221,20 +251,25 @@ class Diagnosed:
     urdf: Tuning  # losses tuned without them and with the URDF's own link inertias
     has_baseline: bool  # whether the file says how the baseline was tuned
     cutoff: float  # corner of the common filter that it was made with [Hz]
-    gravity: tuple[float, ...] | None = None  # as it was found, or given, in the arm's base [m/s²]; the URDF's if None
-    content: str = ""  # digest of the arm that it was made with (`ArmModel.content`); "" where the file does not say
-    runs: frozenset[str] = frozenset()  # first digits of the hashes of the files that it was made from
+    # As it was found, or given, in the arm's base [m/s²]; the URDF's if None.
+    gravity: tuple[float, ...] | None = None
+    # Digest of the arm that it was made with (`ArmModel.content`); "" where the file does not say
+    content: str = ""
+    # First digits of the hashes of the files that it was made from.
+    runs: frozenset[str] = frozenset()
     # The URDF's numbers beside those that were found, as its record has them.
     identified: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def load(cls, path: Path, catalogue: Sequence[Effect] = CATALOGUE) -> Diagnosed:
-        """Reads the JSON that `ident diagnose --json` or `ident compare --json` writes, of effects of a catalogue.
+        """Reads the JSON that `ident diagnose --json` or `ident compare --json` writes, of effects
+        of a catalogue.
 
         Raises:
             InputError: No such file, not a diagnosis, or one of which nothing was identified.
         """
-        record = read_record(path, (SCHEMA, COMPARISON), "give the JSON of `ident diagnose` or `ident compare`")
+        remedy = "give the JSON of `ident diagnose` or `ident compare`"
+        record = read_record(path, (SCHEMA, COMPARISON), remedy)
         return cls.of_record(record, catalogue, path)
 
     @classmethod
@@ -247,21 +282,22 @@ class Diagnosed:
     ) -> Diagnosed:
         """Takes the record of a diagnosis that was never a file, or was read already.
 
-        `path` is where it comes from, for messages. Where something to write is `needed`, an effect or a tuned baseline
-        has to be there.
+        `path` is where it comes from, for messages. Where something to write is `needed`, an effect
+        or a tuned baseline has to be there.
 
         Raises:
             InputError: It is damaged, or holds nothing to write.
         """
         try:
-            found = cls._of(path, record, {effect.id: effect for effect in catalogue})
+            diagnosed = cls._of(path, record, {effect.id: effect for effect in catalogue})
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             what = f"it is damaged ({type(error).__name__}: {error})"
             raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
-        if needed and not found.changes and not found.has_baseline:
-            what = f"nothing to write: its verdict is {record['verdict']!r} and nothing was identified"
+        if needed and not diagnosed.changes and not diagnosed.has_baseline:
+            verdict = record["verdict"]
+            what = f"nothing to write: its verdict is {verdict!r} and nothing was identified"
             raise InputError(path, what, "give a diagnosis of recordings that are fit for one")
-        return found
+        return diagnosed
 
     @classmethod
     def _of(cls, path: Path, record: dict[str, Any], known: Mapping[str, Effect]) -> Diagnosed:
@@ -269,14 +305,12 @@ class Diagnosed:
         if not joints or not all(isinstance(name, str) for name in joints):
             raise ValueError(f"its joints are {joints!r}")
         baseline = record.get("baseline", {})
-        found = record["findings" if "findings" in record else "changes"]
-        changes = tuple(_change(one, joints, baseline, known.get(one["effect"])) for one in found)
-        for change in changes:
-            _ = change.values  # a law that lacks a parameter is found here, not by whoever writes it
-        tuned, alone, urdf = (
-            _tuning(record[key], joints) if key in record else untuned(len(joints))
-            for key in ("baseline", "baseline_alone", "baseline_urdf")
-        )
+        changes = []
+        for finding in record["findings" if "findings" in record else "changes"]:
+            change = _change(finding, joints, baseline, known.get(finding["effect"]))
+            _ = change.values  # a law that lacks a parameter is told here, not by who writes it
+            changes.append(change)
+        urdf_losses, urdf_links = _tuning(record, "baseline_urdf", joints)
         origin = record.get("provenance", {})
         settings = origin.get("settings", {})
         cutoff = float(settings.get("cutoff_hz", FOR_DIAGNOSIS.cutoff_hz))
@@ -284,19 +318,19 @@ class Diagnosed:
             raise ValueError(f"its cutoff_hz is {cutoff:g}")
         pull = settings.get("gravity_mps2")
         return cls(
-            path,
-            joints,
-            record["verdict"],
-            changes,
-            tuned,
-            alone,
-            (urdf[0], freeze(np.zeros_like(urdf[1]))),
-            "baseline" in record,
-            cutoff,
-            None if pull is None else tuple(float(pull[k]) for k in range(3)),
-            str(settings.get("arm_sha256", "")),
-            files_of(origin),
-            record.get("identified", {}),
+            path=path,
+            joints=joints,
+            verdict=record["verdict"],
+            changes=tuple(changes),
+            tuned=_tuning(record, "baseline", joints),
+            alone=_tuning(record, "baseline_alone", joints),
+            urdf=(urdf_losses, freeze(np.zeros_like(urdf_links))),
+            has_baseline="baseline" in record,
+            cutoff=cutoff,
+            gravity=None if pull is None else tuple(float(pull[k]) for k in range(3)),
+            content=str(settings.get("arm_sha256", "")),
+            runs=files_of(origin),
+            identified=record.get("identified", {}),
         )
 
     def fit_to(self, arm: ArmModel) -> ArmModel:
@@ -307,16 +341,23 @@ class Diagnosed:
         """
         foreign = [name for name in self.joints if name not in arm.joint_names]
         if foreign:
-            remedy = f"give the --robot that it was made with; {arm.name} has {', '.join(arm.joint_names)}"
+            names = ", ".join(arm.joint_names)
+            remedy = f"give the --robot that it was made with; {arm.name} has {names}"
             raise InputError(self.path, f"its joint {foreign[0]!r} is none of {arm.name}", remedy)
-        kept = arm.keeping(self.joints)
-        if self.content and self.content != kept.content:
-            what = f"it was made with another arm than {arm.name}: joints, lengths or inertias differ"
-            raise InputError(self.path, what, "give the --robot that it was made with, or diagnose with this one")
-        return kept if self.gravity is None else kept.with_gravity(np.array(self.gravity))
+        diagnosed = arm.keeping(self.joints)
+        if self.content and self.content != diagnosed.content:
+            differ = "joints, lengths or inertias differ"
+            what = f"it was made with another arm than {arm.name}: {differ}"
+            remedy = "give the --robot that it was made with, or diagnose with this one"
+            raise InputError(self.path, what, remedy)
+        if self.gravity is None:
+            return diagnosed
+        return diagnosed.with_gravity(np.array(self.gravity))
 
     def candidates(self, arm: ArmModel) -> dict[str, IdentifiedArm]:
-        """The arms that could be written, by name: without the effects, tuned to the same recordings, and with them."""
+        """The arms that could be written, by name: without the effects, tuned to the same
+        recordings, and with them.
+        """
         arm = self.fit_to(arm)
         return {
             "given": IdentifiedArm.as_urdf(arm),
@@ -326,7 +367,9 @@ class Diagnosed:
         }
 
 
-def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None) -> Change:
+def _change(
+    finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None
+) -> Change:
     """A finding as an effect; a parameter that the law can't take is refused here."""
     effect = finding["effect"]
     where = tuple(finding["joints"])
@@ -334,30 +377,41 @@ def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str
     for name, value in finding["parameters"].items():
         if not isinstance(value, dict) or set(value) - FURTHER_ENDS != {"value", "low", "high"}:
             raise ValueError(f"{name} of {effect} is {value!r}, not a value with low and high")
-        middle, low, high = (require_finite(value[key], f"{name} of {effect}") for key in ("value", "low", "high"))
-        found = Interval(middle, low, high)
-        if found.low > found.high:
-            raise ValueError(f"{name} of {effect}: its interval begins above its end")
-        if found.value < 0.0 and POSITIVE.search(name):
-            raise ValueError(f"{name} of {effect} is {found.value:g}, which can't be negative")
-        parameters[name] = found
+        what = f"{name} of {effect}"
+        middle = require_finite(value["value"], what)
+        low = require_finite(value["low"], what)
+        high = require_finite(value["high"], what)
+        if low > high:
+            raise ValueError(f"{what}: its interval begins above its end")
+        if middle < 0.0 and POSITIVE.search(name):
+            raise ValueError(f"{what} is {middle:g}, which can't be negative")
+        parameters[name] = Interval(middle, low, high)
     law = baseline.get(where[0], {}).get("laws", {}).get(effect)
     place = -1 if kind is not None and kind.scope == "arm" else joints.index(where[0])
     sure = require_finite(finding.get("probability", 1.0), f"probability of {effect}")
     return Change(effect, place, where, parameters, law, kind, sure)
 
 
-def _tuning(record: dict[str, Any], joints: tuple[str, ...]) -> Tuning:
+def _tuning(record: dict[str, Any], name: str, joints: tuple[str, ...]) -> Tuning:
+    """A baseline of a record by its name; none where the record has none.
+
+    Raises:
+        ValueError: A figure is no number, or a loss negative.
+    """
+    if name not in record:
+        return untuned(len(joints))
     keys = (*LOSS_KEYS, "transition_rad_s", "sliding_range_rad")
     losses = np.zeros((len(keys), len(joints)))
     links = np.zeros((len(joints), len(LINK_KEYS)))
     for j, joint in enumerate(joints):
-        row = {"sliding_range_rad": 0.0, **record[joint]}
+        row = {"sliding_range_rad": 0.0, **record[name][joint]}
         for k, key in enumerate(keys):
-            losses[k, j] = require_finite(row[key], f"{key} of {joint}")
-            if losses[k, j] < -ROUNDING:  # rounding of zero at most: a negative one would drive the arm
-                raise ValueError(f"{key} of {joint} is {losses[k, j]:g}: a loss can't be negative")
-        links[j] = [require_finite(row["link_change"][key], f"{key} of {joint}") for key in LINK_KEYS]
+            loss = require_finite(row[key], f"{key} of {joint}")
+            if loss < -ROUNDING:  # rounding of zero at most: a negative one would drive the arm
+                raise ValueError(f"{key} of {joint} is {loss:g}: a loss can't be negative")
+            losses[k, j] = loss
+        change = row["link_change"]
+        links[j] = [require_finite(change[key], f"{key} of {joint}") for key in LINK_KEYS]
     losses = np.maximum(losses, 0.0)
-    losses[3] = np.maximum(losses[3], 1e-4)
+    losses[3] = np.maximum(losses[3], LEAST_WIDTH)
     return Losses(*losses), freeze(links)

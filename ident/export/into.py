@@ -1,8 +1,8 @@
 """What was identified, written into the user's own URDF or MJCF; every other byte stays as it is.
 
-Friction and rotor inertia of each joint are set. Links are changed by what was identified of them, so far as the file's
-links are the URDF's: same frames, same inertias. What is not written is told, with the reason. Meshes, actuators,
-sensors, keyframes and comments are not touched.
+Friction and rotor inertia of each joint are set. Links are changed by what was identified of them,
+so far as the file's links are the URDF's: same frames, same inertias. What is not written is told,
+with the reason. Meshes, actuators, sensors, keyframes and comments are not touched.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class WrittenInto:
     path: Path
     form: str  # urdf or mjcf
     joints: dict[str, dict[str, float]] = field(default_factory=dict)  # by its name in the file
-    links: list[str] = field(default_factory=list)  # names of the links that were changed, in the file
+    links: list[str] = field(default_factory=list)  # that were changed, by their names in the file
     left: list[str] = field(default_factory=list)  # what was not written, and why
 
     def to_dict(self) -> dict[str, Any]:
@@ -168,26 +168,31 @@ def save_into(path: Path, data: bytes, text: bytes) -> None:
 
 
 def match_joints(wanted: Sequence[str], there: Sequence[str], where: Path) -> dict[str, str]:
-    """The name in the file of each joint of the arm: its own, or the only one that ends in it or in which it ends.
+    """The name in the file of each joint of the arm: its own, or the only one that ends in it or in
+    which it ends.
 
     Raises:
         InputError: A joint has none, or several.
     """
-    found = {}
+    matched = {}
     for joint in wanted:
         names = [name for name in there if name == joint]
         names = names or [name for name in there if _ends_alike(name, joint)]
         if len(names) != 1:
             near = difflib.get_close_matches(joint, there, 3, 0.0)
-            what = f"it has no joint {joint!r}" + (f", only {', '.join(near)}" if near else "")
-            what = f"{', '.join(names)} may each be {joint!r}" if names else what
-            raise InputError(where, what, "name the joints as the URDF does; <include> is not followed")
-        found[joint] = names[0]
-    several = [name for name, count in Counter(found.values()).items() if count > 1]
+            what = f"it has no joint {joint!r}"
+            if names:
+                what = f"{', '.join(names)} may each be {joint!r}"
+            elif near:
+                what += f", only {', '.join(near)}"
+            remedy = "name the joints as the URDF does; <include> is not followed"
+            raise InputError(where, what, remedy)
+        matched[joint] = names[0]
+    several = [name for name, count in Counter(matched.values()).items() if count > 1]
     if several:
         what = f"{several[0]!r} would be two joints of the arm"
         raise InputError(where, what, "name the joints as the URDF does")
-    return found
+    return matched
 
 
 def _ends_alike(first: str, second: str) -> bool:
@@ -223,11 +228,13 @@ def _edit_urdf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
         element = joints[names[joint]]
         dynamics = element.child("dynamics")
         if dynamics is None:
-            edited.insert(element, f'<dynamics damping="{text["damping"]}" friction="{text["friction"]}"/>')
+            attributes = f'damping="{text["damping"]}" friction="{text["friction"]}"'
+            edited.insert(element, f"<dynamics {attributes}/>")
         else:
             edited.set(dynamics, text)
         written.joints[names[joint]] = values
-    rotors = ", ".join(f"{name} {losses.motor_inertia[j]:.4g}" for j, name in enumerate(arm.joint_names))
+    inertias = zip(arm.joint_names, losses.motor_inertia, strict=True)
+    rotors = ", ".join(f"{name} {inertia:.4g}" for name, inertia in inertias)
     written.left.append(f"rotor inertia, for which a URDF has no place [kg m²]: {rotors}")
     reason = _other_urdf(edited, arm, written)
     if reason:
@@ -254,25 +261,28 @@ def _require_single(named: Mapping[str, Element], elements: Sequence[Element], w
 def _other_urdf(edited: EditedXml, arm: ArmModel, written: WrittenInto) -> str:
     """Why the file's links are not those of the arm; empty where they are."""
     try:
-        own = ArmModel.from_urdf(edited.text.decode(), written.path)
+        in_file = ArmModel.from_urdf(edited.text.decode(), written.path)
     except (RobotError, UnicodeDecodeError) as error:
         return f"the file does not load alone ({first_line(error)})"
-    if not own.is_same(arm.with_gravity(own.model.gravity.linear)):
+    if not in_file.is_same(arm.with_gravity(in_file.model.gravity.linear)):
         return "its lengths or inertias are not those of --robot"
-    if not set(arm.links) <= set(own.links):
+    if not set(arm.links) <= set(in_file.links):
         return "its links have other names than those of --robot"
     return ""
 
 
-def _change_urdf_link(edited: EditedXml, link: Element, change: Float[Array, " 10"], written: WrittenInto) -> None:
+def _change_urdf_link(
+    edited: EditedXml, link: Element, change: Float[Array, " 10"], written: WrittenInto
+) -> None:
     """Adds to a link's own inertia; where nothing of it would be a body, it is left."""
     name = link.attributes.get("name", "")
     text = edited.text[link.start : link.end].decode()
-    own = read_inertial(ElementTree.fromstring(declare_prefixes(text))) + change
-    if link.child("inertial") is None or not is_consistent(own):
+    given = read_inertial(ElementTree.fromstring(declare_prefixes(text)))
+    changed = given + change
+    if link.child("inertial") is None or not is_consistent(changed):
         written.left.append(f"{name}: what was identified is more than the link itself has")
         return
-    mass, centre, about = about_centre(own)
+    mass, centre, about = about_centre(changed)
     moments = dict(zip(MOMENTS, about[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)], strict=True))
     parts = {
         "origin": {"xyz": _digits(centre), "rpy": "0 0 0"},
@@ -311,9 +321,13 @@ def _edit_mjcf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
             "frictionloss": float(losses.coulomb[j]),
             "armature": float(losses.motor_inertia[j]),
         }
-        text = {key: _digits([value]) for key, value in values.items()} | {"damping": _digits(damping)}
+        text = {key: _digits([value]) for key, value in values.items()}
+        text["damping"] = _digits(damping)
         # Dry friction that is as hard as identified: by the default a light joint creeps.
-        text |= {"solreffriction": f"{CONSTRAINT_TIME!r} 1", "solimpfriction": f"{HARDNESS} {HARDNESS}"}
+        text |= {
+            "solreffriction": f"{CONSTRAINT_TIME!r} 1",
+            "solimpfriction": f"{HARDNESS} {HARDNESS}",
+        }
         edited.set(owners[names[joint]][1], text)
         written.joints[names[joint]] = values
     changes = link_changes(identified)
@@ -353,8 +367,10 @@ def _compile(path: Path) -> mujoco.MjModel:
 Frame = tuple[int, Float[Array, "3 3"], Float[Array, " 3"]]
 
 
-def _frames_of(model: mujoco.MjModel, arm: ArmModel, names: Mapping[str, str]) -> list[Frame] | None:
-    """Where each body of the file stands in the arm's link; None where any axis is not the URDF's."""
+def _frames_of(
+    model: mujoco.MjModel, arm: ArmModel, names: Mapping[str, str]
+) -> list[Frame] | None:
+    """Where each body of the file stands in the arm's link; None where an axis is another one."""
     frames: list[Frame] = []
     for angle in (0.0, COMPARED_AT):
         frames = []
@@ -402,11 +418,11 @@ def _change_mjcf_body(
         written.left.append(f"{name}: its inertia is not that of {arm.links[index]} in --robot")
         return
     back = turn.T
-    own = _body_inertia(model, number) + moved(change, back, -back @ place)
-    if not is_consistent(own):
+    changed = _body_inertia(model, number) + moved(change, back, -back @ place)
+    if not is_consistent(changed):
         written.left.append(f"{name}: what was identified is more than the body itself has")
         return
-    mass, centre, about = about_centre(own)
+    mass, centre, about = about_centre(changed)
     rows = about[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
     place_of_mass = f'pos="{_digits(centre)}" mass="{_digits([mass])}"'
     text = f'<inertial {place_of_mass} fullinertia="{_digits(rows)}"/>'

@@ -1,7 +1,8 @@
-"""The whole model in one C++ header: rigid arm, losses, named laws, offsets, net and memory; no heap, no library.
+"""The whole model in one C++ header: rigid arm, losses, named laws, offsets, net and memory; no
+heap, no library.
 
-The first part is the feed-forward header's; `model_torque` adds what a simulator's file has no words for. Its `State`
-holds what joints remember and is the caller's, one for each arm.
+The first part is the feed-forward header's; `model_torque` adds what a simulator's file has no
+words for. Its `State` holds what joints remember and is the caller's, one for each arm.
 """
 
 from __future__ import annotations
@@ -18,6 +19,19 @@ from ident.model.joint_nets import DIRECTION_SCALES, LOAD_ROUNDING, JointNets
 from ident.model.memory import RANGES, TIMES, TURNING, own_inputs
 
 FILE = "learned_torque.hpp"
+# Lines of the header that are longer than one here may be.
+WITHIN = (
+    "inline double within(double x, double low, double high) "
+    "{ return x < low ? low : (x > high ? high : x); }"
+)
+ABOUT_NET = (
+    "// Net of a joint by its speed, acceleration and load; beyond its training it says what it "
+    "says at the edge,"
+)
+SIGNATURE = (
+    "inline Vector model_torque(const Vector& q, const Vector& dq, const Vector& ddq, double dt, "
+    "State& state)"
+)
 
 
 def has_learned(model: HybridModel) -> bool:
@@ -67,12 +81,15 @@ def _law(law: NamedLaw) -> str:
     c = [repr(float(value)) for value, _, _ in law.figures]
     shape = law.shape
     if law.effect == "stribeck_friction":
-        knee, power = shape["stribeck_velocity_rad_s"], shape["exponent"]
+        knee = shape["stribeck_velocity_rad_s"]
+        power = shape["exponent"]
         return f"{c[0]} * s * std::exp(-std::pow(std::fabs(v) / {knee!r}, {power!r}))"
     if law.effect == "nonlinear_viscous_friction":
-        power, knee = shape["exponent"], shape.get("knee_rad_s", 0.0)
+        power = shape["exponent"]
+        knee = shape.get("knee_rad_s", 0.0)
         if knee:
-            return f"{c[0]} * s * std::fabs(v) * std::pow(v * v + {knee * knee!r}, {0.5 * power - 0.5!r})"
+            bend = f"std::pow(v * v + {knee * knee!r}, {0.5 * power - 0.5!r})"
+            return f"{c[0]} * s * std::fabs(v) * {bend}"
         return f"{c[0]} * s * std::pow(std::fabs(v), {power!r})"
     if law.effect == "load_dependent_friction":
         both = f"{c[0]} * (0.75 * s * std::fabs(L) + 0.25 * s * s * L)"
@@ -89,7 +106,8 @@ def _law(law: NamedLaw) -> str:
 def _laws(model: HybridModel) -> str:
     lines = []
     for j in range(model.arm.n):
-        terms = [repr(float(model.loss.offset[j]))] + [_law(law) for law in model.named if law.joint == j]
+        terms = [repr(float(model.loss.offset[j]))]
+        terms += [_law(law) for law in model.named if law.joint == j]
         lines.append(f"    case {j}: return {' + '.join(terms)};")
     body = "\n".join(lines)
     return f"""
@@ -107,11 +125,12 @@ inline double laws(std::size_t joint, double v, double L, double s, double a) {{
 def _net(model: HybridModel) -> str:
     if model.net is None:
         return "inline double net(std::size_t, double, double, double) { return 0.0; }"
-    network, net = model.net.network, model.net
+    net = model.net
+    network = net.network
     assert isinstance(network, JointNets)
     assert net.bounds is not None
-    first, last = (part.astype(float) for part in network.weights)
-    bias, offset = (part.astype(float) for part in network.biases)
+    first, last = (weights.astype(float) for weights in network.weights)
+    bias, offset = (biases.astype(float) for biases in network.biases)
     weights = first / net.input_std[:, :, None]
     biases = bias[:, 0] - np.einsum("jf,jfh->jh", net.input_mean, weights)
     scale = net.output_std
@@ -132,9 +151,9 @@ def _net(model: HybridModel) -> str:
     return (
         "\n".join(tables)
         + f"""
-inline double within(double x, double low, double high) {{ return x < low ? low : (x > high ? high : x); }}
+{WITHIN}
 
-// Net of a joint by its speed, acceleration and load; beyond its training it says what it says at the edge,
+{ABOUT_NET}
 // and never more than it said there.
 inline double net(std::size_t j, double v, double a, double load) {{
   if (kSilent[j]) return 0.0;
@@ -159,19 +178,19 @@ inline double net(std::size_t j, double v, double a, double load) {{
 
 def _memory(model: HybridModel) -> str:
     trees = () if model.memory is None else model.memory.trees
-    kept = [one for one in trees if one is not None]
-    if not kept:
+    grown = [tree for tree in trees if tree is not None]
+    if not grown:
         return """
 inline bool remembers(std::size_t) { return false; }
 inline double memory(std::size_t, const double*) { return 0.0; }
 """
-    count, depth = kept[0].inputs.shape
-    place = [kept.index(one) if one is not None else -1 for one in trees]
+    count, depth = grown[0].inputs.shape
+    place = [-1 if tree is None else grown.index(tree) for tree in trees]
     tables = [
         _table("kPlace", np.array(place), "int"),
-        _table("kInputs", np.array([one.inputs for one in kept]), "int"),
-        _table("kThresholds", np.array([one.thresholds for one in kept])),
-        _table("kLeaves", np.array([one.leaves for one in kept])),
+        _table("kInputs", np.array([tree.inputs for tree in grown]), "int"),
+        _table("kThresholds", np.array([tree.thresholds for tree in grown])),
+        _table("kLeaves", np.array([tree.leaves for tree in grown])),
     ]
     return (
         "\n".join(tables)
@@ -198,13 +217,13 @@ inline double memory(std::size_t j, const double* x) {{
 
 def _whole(model: HybridModel) -> str:
     near, far = DIRECTION_SCALES
-    own = own_inputs()
+    inputs = own_inputs()
     return f"""
 {_table("kRanges", np.array(RANGES))}
 {_table("kTimes", np.array(TIMES))}
 
 // Torque of the whole model [N m]; dt is the time since the last call [s].
-inline Vector model_torque(const Vector& q, const Vector& dq, const Vector& ddq, double dt, State& state) {{
+{SIGNATURE} {{
   Vector tau = torque(q, dq, ddq);
   double load[kJoints];
   const std::array<Link, kJoints>& table = links();
@@ -231,7 +250,7 @@ inline Vector model_torque(const Vector& q, const Vector& dq, const Vector& ddq,
       continue;
     }}
     const double near = std::tanh(dq[j] / {near!r});
-    double x[{own} + 4 * kJoints] = {{dq[j], ddq[j], near, std::tanh(dq[j] / {far!r}), load[j],
+    double x[{inputs} + 4 * kJoints] = {{dq[j], ddq[j], near, std::tanh(dq[j] / {far!r}), load[j],
                                   std::sqrt(load[j] * load[j] + {LOAD_ROUNDING**2!r}) * near}};
     int f = 6;
     for (int r = 0; r < {len(RANGES)}; ++r) x[f++] = state.stops[j][r] / kRanges[r];

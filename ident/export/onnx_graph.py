@@ -1,7 +1,8 @@
 """ONNX graphs put together as formulas: a `Tensor` is one with arithmetic, of doubles.
 
 The laws of joints are written with +, *, ** and what their `xp` has: given tensors in the place of
-arrays they write their own nodes. Cosines are sines a quarter turn on: runtimes have none of doubles.
+arrays they write their own nodes. Cosines are sines a quarter turn on: runtimes have none of
+doubles.
 
 Source: ONNX operators, opset 17.
 """

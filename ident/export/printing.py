@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,16 @@ from ident.show.report.words import effect_name
 # What people call the formats, and how far one says an effect.
 NAMES = {"urdf": "URDF", "mjcf": "MJCF", "parameters": "parameter file", "module": "Python module"}
 ANSWERS = {"yes": "has it", "approximate": "has it nearly", "no": "has no place for it"}
-WHEN = {"given": "URDF", "before": "before", "tuned": "tuned", "after": "written", "after_with_module": "+ module"}
+WHEN = {
+    "given": "URDF",
+    "before": "before",
+    "tuned": "tuned",
+    "after": "written",
+    "after_with_module": "+ module",
+}
 NEXT = (
-    "Next: load robot.xml (MuJoCo) or robot.urdf from there in your simulator; what a format has no place for, "
-    "extra_torque.py adds."
+    "Next: load robot.xml (MuJoCo) or robot.urdf from there in your simulator; what a format has "
+    "no place for, extra_torque.py adds."
 )
 # By state of the file: greys before, then ever nearer to what is written.
 COLOURS = dict(zip(WHEN, ("#cccccc", NOISE, ORANGE, FLEXIBLE, NAMED), strict=True))
@@ -33,8 +40,10 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
     """What is expressed where, what is not and why, and the gaps before and after."""
     for effect in record["effects"]:
         formats = effect["formats"]
-        answers = ", ".join(f"{NAMES[form]} {ANSWERS[formats[form]['expressed']]}" for form in FORMATS)
-        say(console, f"{effect_name(effect['effect'])} in {join_words(effect['joints'])}: {answers}", "", "  ")
+        expressed = {form: formats[form]["expressed"] for form in FORMATS}
+        answers = ", ".join(f"{NAMES[form]} {ANSWERS[how]}" for form, how in expressed.items())
+        where = f"{effect_name(effect['effect'])} in {join_words(effect['joints'])}"
+        say(console, f"{where}: {answers}", "", "  ")
         for form in FORMATS:
             if formats[form]["expressed"] != "yes":
                 say(console, f"{NAMES[form]}: {formats[form]['how']}", "    ", "      ")
@@ -44,8 +53,8 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
         console.print()
     for line in record["told"]:
         say(console, line, "  ", "    ")
-    for form, found in record["structure"].items():
-        left = found["torque_difference_Nm"]
+    for form, check in record["structure"].items():
+        left = check["torque_difference_Nm"]
         said = "its torque is not compared state by state"
         if left is not None:
             said = f"its torque is within {left:.1g} N m of the laws that it is to have"
@@ -63,33 +72,43 @@ def print_into(console: Console, into: dict[str, Any]) -> None:
     rotor = "" if into["format"] == "urdf" else " and rotor inertia"
     links = f"; inertia of {join_words(into['links'])}" if into["links"] else ""
     number = plural(len(into["joints"]), "joint")
-    say(
-        console,
-        f"{into['file']}: damping, dry friction{rotor} of {number}{links} written, all else as it was",
-        "",
-        "  ",
-    )
+    what = f"damping, dry friction{rotor} of {number}{links} written, all else as it was"
+    say(console, f"{into['file']}: {what}", "", "  ")
     for line in into["left"]:
         say(console, f"not written: {line}", "  ", "    ")
     name = Path(into["file"]).name
-    say(console, f"as it was, for this diagnosis and models fitted to it: before_{name} in the folder", "  ", "    ")
+    what = "as it was, for this diagnosis and models fitted to it"
+    say(console, f"{what}: before_{name} in the folder", "  ", "    ")
 
 
 def gap_table(heldout: dict[str, Any]) -> Table:
-    """Torque gap of each joint [N m], and the rollout gap over all joints, of each file in each state."""
-    kind = "that were diagnosed" if heldout["in_sample"] else "that were not diagnosed; they decide what is written"
-    table = Table("file", "gap", title=f"gap on {plural(len(heldout['runs']), 'run')} {kind}", title_justify="left")
+    """Torque gap of each joint [N m], and the rollout gap over all joints, of each file in each
+    state.
+    """
+    kind = "that were not diagnosed; they decide what is written"
+    if heldout["in_sample"]:
+        kind = "that were diagnosed"
+    title = f"gap on {plural(len(heldout['runs']), 'run')} {kind}"
+    table = Table("file", "gap", title=title, title_justify="left")
     for words in WHEN.values():
         table.add_column(words, justify="right")
-    for form, found in heldout["gaps"].items():
-        torques = [gap["torque_rms_Nm"] for gap in found.values()]
-        rows = {f"{name} [N m]": [torque[name] for torque in torques] for name in torques[0]}
-        miss = [list(gap["position_rms_rad"].values()) for gap in found.values()]
-        rows[f"rollout {heldout['window_s']:g} s [mrad]"] = list(1e3 * np.sqrt(np.mean(np.square(miss), axis=1)))
-        for name, values in rows.items():
-            cells = {when: f"{value:.3f}" for when, value in zip(found, values, strict=True)}
-            table.add_row(form, name, *(cells.get(when, "") for when in WHEN), end_section=name.startswith("rollout"))
+    for form, gaps in heldout["gaps"].items():
+        torques = {when: gap["torque_rms_Nm"] for when, gap in gaps.items()}
+        for joint in next(iter(torques.values())):
+            of_joint = {when: torque[joint] for when, torque in torques.items()}
+            table.add_row(form, f"{joint} [N m]", *_cells(of_joint))
+        missed = {}
+        for when, gap in gaps.items():
+            angles = list(gap["position_rms_rad"].values())
+            missed[when] = 1e3 * float(np.sqrt(np.mean(np.square(angles))))
+        name = f"rollout {heldout['window_s']:g} s [mrad]"
+        table.add_row(form, name, *_cells(missed), end_section=True)
     return table
+
+
+def _cells(values: Mapping[str, float]) -> list[str]:
+    """A row's cells; empty for states of the file that have no value."""
+    return [f"{values[when]:.3f}" if when in values else "" for when in WHEN]
 
 
 def write(console: Console, result: Any) -> None:
@@ -100,19 +119,21 @@ def write(console: Console, result: Any) -> None:
         print_patch(console, record, result.folder)
         return
     for check in record.get("checks", ()):
-        value = "not tested by these recordings" if check["value"] is None else f"{check['value']:.4g}"
+        value = "not tested by these recordings"
+        if check["value"] is not None:
+            value = f"{check['value']:.4g}"
         mark = "kept" if check["passed"] else "NOT KEPT"
         place = f"{check['session']}: {check['figure']} {check['joint']}"
         lines.append(f"{place}: {value}, limit {check['bound']:g}: {mark}")
-    for name, found in record.get("loaded_back", {}).items():
-        error = found.get("torque_difference_Nm")
-        if found.get("loads") is None:
-            lines.append(f"{name}: {found['told']}")
+    for name, loading in record.get("loaded_back", {}).items():
+        error = loading.get("torque_difference_Nm")
+        if loading.get("loads") is None:
+            lines.append(f"{name}: {loading['told']}")
             continue
         near = "" if error is None else f", torque within {error:.1e} N m of what it states"
         lines.append(f"{name}: loaded back{near}")
-    for name, error in record.get("torque_rmse_Nm", {}).items():
-        lines.append(f"{name}: torque RMSE {error['before']:.3f} -> {error['after']:.3f} N m")
+    for name, errors in record.get("torque_rmse_Nm", {}).items():
+        lines.append(f"{name}: torque RMSE {errors['before']:.3f} -> {errors['after']:.3f} N m")
     if record.get("changed_links"):
         lines.append(f"nearest bodies written for: {', '.join(record['changed_links'])}")
     lines += [f"left out: {line}" for line in record.get("left_out", ())]
@@ -134,13 +155,17 @@ def draw(result: Any) -> Any:
     record = result.to_dict()
     if "checks" not in record:
         rows: dict[str, tuple[str, list[float | None]]] = {}
-        for form, found in record.get("heldout", {}).get("gaps", {}).items():
-            rows |= {
-                f"{form}, {WHEN[k]}": (COLOURS[k], list(one["torque_rms_Nm"].values())) for k, one in found.items()
-            }
+        for form, gaps in record.get("heldout", {}).get("gaps", {}).items():
+            for when, gap in gaps.items():
+                errors = list(gap["torque_rms_Nm"].values())
+                rows[f"{form}, {WHEN[when]}"] = (COLOURS[when], errors)
         joints = record["joints"] if rows else []
         return draw_bars(joints, rows, "torque gap [N m]", f"files of {record['robot']}")
-    checks = [one for one in record["checks"] if one["value"] is not None]
-    shares: list[float | None] = [one["value"] / one["bound"] if one["bound"] else None for one in checks]
-    names = [f"{one['figure']} {one['joint']}" for one in checks]
-    return draw_bars(names, {"share of its limit": (COLOURS["after"], shares)}, "1", f"limits of {record['model']}")
+    names = []
+    shares: list[float | None] = []
+    for check in record["checks"]:
+        if check["value"] is not None:
+            names.append(f"{check['figure']} {check['joint']}")
+            shares.append(check["value"] / check["bound"] if check["bound"] else None)
+    bars = {"share of its limit": (COLOURS["after"], shares)}
+    return draw_bars(names, bars, "1", f"limits of {record['model']}")

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.export.choose import LEVEL, MOST_WINDOWS, STRETCH, WINDOW, log_ratio, roll_run
+from ident.export.choose import LEVEL, MOST_WINDOWS, WINDOW, log_ratio, roll_run, stretches
 from ident.export.identified import IdentifiedArm
 from ident.export.loaded import LoadedModel, LoadedUrdf, log_error
 from ident.model.hybrid import HybridModel
@@ -129,8 +129,7 @@ def _torque_by_stretch(model: LoadedModel, motion: Motion) -> Float[Array, " s"]
     """Mean square of the torque's error over what slides of all joints, by stretches [N² m²]."""
     squares = log_error(model, motion) ** 2
     step = motion.interval * motion.lowpass.factor
-    number = max(1, round(len(squares) * step / STRETCH))
-    starts = np.linspace(0, len(squares), number, endpoint=False).astype(int)
+    starts = stretches(len(squares), step)
     counts = np.add.reduceat(motion.settled, starts, axis=0, dtype=float).sum(axis=1)
     sums = np.add.reduceat(squares, starts, axis=0).sum(axis=1)
     return np.asarray(sums[counts > 0.0] / counts[counts > 0.0])

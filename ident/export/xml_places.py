@@ -1,7 +1,8 @@
-"""Edits of an XML text that leave every other byte as it is: places of elements, and replacements at them.
+"""Edits of an XML text that leave every other byte as it is: places of elements, and replacements
+at them.
 
-Parsers that write a tree out again lose line breaks, quotes and the order that somebody chose; a reader of `git diff`
-is to see the numbers that changed and nothing else.
+Parsers that write a tree out again lose line breaks, quotes and the order that somebody chose; a
+reader of `git diff` is to see the numbers that changed and nothing else.
 """
 
 from __future__ import annotations
@@ -85,10 +86,10 @@ class EditedXml:
             edits.append((start, element.opened, self._start_tag(element, values, children)))
         for start, (element, text) in self._replaced.items():
             edits.append((start, element.end, text.encode()))
-        found = bytearray(self.text)
+        edited = bytearray(self.text)
         for start, end, new in sorted(edits, reverse=True):
-            found[start:end] = new
-        return bytes(found)
+            edited[start:end] = new
+        return bytes(edited)
 
     def _start_tag(self, element: Element, values: Mapping[str, str], children: list[str]) -> bytes:
         """An element's start tag with new values of attributes and new children behind it."""
@@ -96,7 +97,8 @@ class EditedXml:
         closes_itself = tag.endswith("/>")
         body = tag[: -2 if closes_itself else -1]
         for name, value in values.items():
-            # A value may hold what looks like another attribute; names stand after white space outside of quotes.
+            # A value may hold what looks like another attribute; names stand after white space
+            # outside of quotes.
             pattern = rf"""(?:[^\s"'=<>]+|"[^"]*"|'[^']*'|\s+(?!{re.escape(name)}\s*=)|=)*"""
             before = re.match(pattern, body[1:])
             place = 1 + (before.end() if before else 0)

@@ -103,24 +103,21 @@ def changed_arm(effects: Sequence[Effect], m: MovingArm) -> Array:
 
 def point_mass(centre: Array) -> Array:
     """Ten inertial numbers of a unit point mass."""
-    return np.concatenate(
-        [[1.0], centre, _six(centre @ centre * np.eye(3) - np.outer(centre, centre))]
-    )
+    inertia = centre @ centre * np.eye(3) - np.outer(centre, centre)
+    return np.concatenate([[1.0], centre, _six(inertia)])
 
 
 def moment_change(centre: Array) -> Array:
     """Change of the ten numbers per change of the first moment, for a body that is shifted, shape
     (10, 3).
     """
-    axes = np.eye(3)
-    inertias = [2.0 * (centre @ a) * axes - np.outer(centre, a) - np.outer(a, centre) for a in axes]
-    return np.stack(
-        [
-            np.concatenate([[0.0], a, _six(inertia)])
-            for a, inertia in zip(axes, inertias, strict=True)
-        ],
-        axis=1,
-    )
+    unit = np.eye(3)
+    columns = []
+    for axis in unit:
+        product = np.outer(centre, axis)
+        inertia = 2.0 * (centre @ axis) * unit - product - np.outer(axis, centre)
+        columns.append(np.concatenate([[0.0], axis, _six(inertia)]))
+    return np.stack(columns, axis=1)
 
 
 def _six(inertia: Array) -> Array:
@@ -130,7 +127,8 @@ def _six(inertia: Array) -> Array:
 
 def payload_parameters(p: dict[str, float]) -> Array:
     """Ten inertial numbers of a point mass, from `mass_kg`, `com_x_m`, `com_y_m` and `com_z_m`."""
-    return p["mass_kg"] * point_mass(np.array([p[f"com_{axis}_m"] for axis in "xyz"]))
+    centre = np.array([p[f"com_{axis}_m"] for axis in "xyz"])
+    return p["mass_kg"] * point_mass(centre)
 
 
 def link_change(link: Array, p: dict[str, float]) -> Array:
@@ -142,15 +140,16 @@ def link_change(link: Array, p: dict[str, float]) -> Array:
     that place.
     """
     mass = link[0]
-    centre, density = (
-        (link[1:4] / mass, link / mass) if mass > 0.0 else (np.zeros(3), np.eye(10)[0])
-    )
+    centre = np.zeros(3)
+    density = np.eye(10)[0]
+    if mass > 0.0:
+        centre = link[1:4] / mass
+        density = link / mass
     if "x_m" in p:
         centre = np.array([p[f"{axis}_m"] for axis in "xyz"])
         density = point_mass(centre)
-    shift = (
-        np.array([p[f"moment_change_{axis}_kgm"] for axis in "xyz"]) - p["mass_change_kg"] * centre
-    )
+    moment = np.array([p[f"moment_change_{axis}_kgm"] for axis in "xyz"])
+    shift = moment - p["mass_change_kg"] * centre
     return p["mass_change_kg"] * density + moment_change(centre) @ shift
 
 
@@ -163,9 +162,10 @@ def turned_gravity(gravity: Array, p: dict[str, float]) -> Array:
     """
     tilt = np.array([p["tilt_x_rad"], p["tilt_y_rad"], 0.0])
     angle = float(np.linalg.norm(tilt))
-    return (
-        gravity if angle == 0.0 else rotation_about(tilt / angle, np.array([-angle]))[0] @ gravity
-    )
+    if angle == 0.0:
+        return gravity
+    turn = rotation_about(tilt / angle, np.array([-angle]))[0]
+    return turn @ gravity
 
 
 Law = Callable[[MovingArm, int, dict[str, float]], Array]
@@ -177,8 +177,9 @@ def of_columns(columns: Columns) -> Law:
     """
 
     def law(m: MovingArm, j: int, p: dict[str, float]) -> Array:
-        torques = columns(JointStates(m.q[:, j], m.dq[:, j], m.rigid[:, j], m.direction[:, j]), p)
-        return m.at(j, sum(p[f"coefficient_{k}"] * column for k, column in enumerate(torques)))
+        states = JointStates(m.q[:, j], m.dq[:, j], m.rigid[:, j], m.direction[:, j])
+        weighted = [p[f"coefficient_{k}"] * x for k, x in enumerate(columns(states, p))]
+        return m.at(j, sum(weighted))
 
     return law
 
@@ -198,7 +199,9 @@ KNOWN = frozenset({*LAWS, *BODIES, *SENSING})
 
 def acting_torque(effects: Sequence[Effect], motion: MovingArm) -> Array:
     """Torque of the effects that act on the joints; those of the log alone add nothing [N m]."""
-    torques = (LAWS[name](motion, joint, p) for name, joint, p in effects if name in LAWS)
-    total = sum(torques, np.zeros_like(motion.q))
+    total = np.zeros_like(motion.q)
+    for name, joint, p in effects:
+        if name in LAWS:
+            total = total + LAWS[name](motion, joint, p)
     bodies = [effect for effect in effects if effect[0] in BODIES]
     return total + changed_arm(bodies, motion) if bodies else total

@@ -57,11 +57,13 @@ class LawKind(NamedTuple):
 KINDS: dict[str, LawKind] = {}
 for _effect, _row in TABLE["effects"].items():
     if "states" in _row:
-        _own: dict[str, Any] = {
-            k: tuple(v) if isinstance(v, list) else v for k, v in _row["states"].items()
-        }
-        _columns = getattr(import_module(f"ident.laws.{_own.pop('file')}"), _effect)
-        KINDS[_effect] = LawKind(_columns, nonnegative=tuple(_row.get("nonnegative", ())), **_own)
+        _fields: dict[str, Any] = dict(_row["states"])
+        _columns = getattr(import_module(f"ident.laws.{_fields.pop('file')}"), _effect)
+        for _name, _value in _fields.items():
+            if isinstance(_value, list):
+                _fields[_name] = tuple(_value)
+        _nonnegative = tuple(_row.get("nonnegative", ()))
+        KINDS[_effect] = LawKind(_columns, nonnegative=_nonnegative, **_fields)
 COLUMNS: Mapping[str, Columns] = {effect: kind.columns for effect, kind in KINDS.items()}
 
 
@@ -117,7 +119,8 @@ class NamedLaw:
 
     def torque(self, states: JointStates) -> Float[Array, " T"]:
         """Its torque [N m]."""
-        return np.asarray(self.columns(states) @ np.array([value for value, _, _ in self.figures]))
+        coefficients = np.array([value for value, _, _ in self.figures])
+        return np.asarray(self.columns(states) @ coefficients)
 
     def to_dict(self) -> dict[str, Any]:
         """For model.toml."""
@@ -138,19 +141,18 @@ class NamedLaw:
         joint = record["joint"]
         if not isinstance(joint, int) or not 0 <= joint < joints:
             raise ValueError(f"{record['effect']} is of joint {joint!r}, which the arm has not")
-        triples = tuple(
-            (float(value), float(low), float(high)) for value, low, high in record["coefficients"]
-        )
-        if not triples:
+        figures = []
+        for value, low, high in record["coefficients"]:
+            figures.append((float(value), float(low), float(high)))
+        if not figures:
             raise ValueError(f"{record['effect']} has no coefficients")
-        return cls(str(record["effect"]), joint, dict(record["shape"]), triples)
+        return cls(str(record["effect"]), joint, dict(record["shape"]), tuple(figures))
 
     def describe(self, joints: Sequence[str]) -> str:
         """In words, with coefficients and intervals."""
         reported = ", ".join(self._figure_in_words(k) for k in range(len(self.figures)))
-        shape = ", ".join(
-            f"{name} {value:.3g}" for name, value in self.shape.items() if name not in SCALING
-        )
+        bending = {name: value for name, value in self.shape.items() if name not in SCALING}
+        shape = ", ".join(f"{name} {value:.3g}" for name, value in bending.items())
         bent = f" ({shape})" if shape else ""
         return f"{joints[self.joint]}: {self.kind.words}{bent}: {reported}"
 
@@ -211,8 +213,8 @@ def named_columns(
     first = 0
     slip = np.sign(dq)
     for law in laws:
-        out[:, law.joint, first : first + law.size] = law.columns(
-            states_of(law.joint, q, dq, load, slip)
-        )
-        first += law.size
+        states = states_of(law.joint, q, dq, load, slip)
+        last = first + law.size
+        out[:, law.joint, first:last] = law.columns(states)
+        first = last
     return out

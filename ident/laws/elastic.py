@@ -12,6 +12,7 @@ deflection found before, until it is that of the link itself, `τ_rigid(q − δ
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil
 
 import numpy as np
@@ -32,28 +33,34 @@ CONTACT_DAMPING_RATIO = 0.3
 
 def elasticity(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """A spring and a damper between motor and link."""
-    gear = (p["stiffness_Nm_rad"], p["damping_Nms_rad"], 0.0)
+    stiffness = p["stiffness_Nm_rad"]
+    damping = p["damping_Nms_rad"]
     unit = np.eye(m.q.shape[1])[j]
     twist = np.zeros((3, len(m.q)))
     link = m
     for _ in range(LINEAR_ROUNDS):
         slopes = [slope[:, j] for slope in _slopes(link, j)]
-        load = link.rigid[:, j] + sum(
-            slope * deflection for slope, deflection in zip(slopes, twist, strict=True)
-        )
+        by_position, by_velocity, inertia = slopes
+        load = link.rigid[:, j] + _linear(slopes, twist)
         before = twist
-        twist = _deflect(m, j, load, slopes, gear)
-        twist[2] = (
-            load - (slopes[0] + gear[0]) * twist[0] - (slopes[1] + gear[1]) * twist[1]
-        ) / slopes[2]
-        q, dq, ddq = (
-            signal - by[:, None] * unit
-            for signal, by in zip((m.q, m.dq, m.ddq), twist, strict=True)
-        )
+        twist = _deflect(m, j, load, slopes, (stiffness, damping, 0.0))
+        pull = (by_position + stiffness) * twist[0]
+        drag = (by_velocity + damping) * twist[1]
+        twist[2] = (load - pull - drag) / inertia
+        q = m.q - twist[0][:, None] * unit
+        dq = m.dq - twist[1][:, None] * unit
+        ddq = m.ddq - twist[2][:, None] * unit
         link = MovingArm(m.arm, m.losses, q, dq, ddq, m.interval)
         if np.abs(twist[0] - before[0]).max() < LINEAR_ENOUGH:
             break
     return link.rigid - m.rigid
+
+
+def _linear(slopes: Sequence[Array], deflection: Array) -> Array:
+    """Torque of a deflection, its rate and its acceleration, to first order [N m]."""
+    by_position, by_velocity, inertia = slopes
+    twist, rate, acceleration = deflection
+    return by_position * twist + by_velocity * rate + inertia * acceleration
 
 
 def backlash(m: MovingArm, j: int, p: dict[str, float]) -> Array:
@@ -63,27 +70,28 @@ def backlash(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     slopes = _slopes(m, j)
     stiffness = p.get("stiffness_Nm_rad", CONTACT_STIFFNESS * float(m.arm.rated[j]))
     of_joint = [slope[:, j] for slope in slopes]
-    damping = p.get("damping_Nms_rad") or 2.0 * CONTACT_DAMPING_RATIO * float(
-        np.sqrt(stiffness * np.mean(of_joint[2]))
-    )
-    loose, tight = (
-        _deflect(m, j, m.rigid[:, j], of_joint, (stiffness, damping, gap))
-        for gap in (0.5 * p["gap_rad"], 0.0)
-    )
-    return -sum(
-        slope * deflection[:, None] for slope, deflection in zip(slopes, loose - tight, strict=True)
-    )
+    damping = p.get("damping_Nms_rad")
+    if not damping:
+        critical = float(np.sqrt(stiffness * np.mean(of_joint[2])))
+        damping = 2.0 * CONTACT_DAMPING_RATIO * critical
+    load = m.rigid[:, j]
+    loose = _deflect(m, j, load, of_joint, (stiffness, damping, 0.5 * p["gap_rad"]))
+    tight = _deflect(m, j, load, of_joint, (stiffness, damping, 0.0))
+    play = loose - tight
+    return -_linear(slopes, play[:, :, None])
 
 
 def _slopes(m: MovingArm, j: int, step: float = 1e-5) -> tuple[Array, Array, Array]:
     """Derivatives of all joints' rigid torque by q, dq and ddq of one joint, each (T, n)."""
     unit = np.eye(m.q.shape[1])[j]
-    up, down = (rigid_torque(m.arm, m.q + sign * step * unit, m.dq, m.ddq) for sign in (1.0, -1.0))
-    fast, slow = (
-        rigid_torque(m.arm, m.q, m.dq + sign * step * unit, m.ddq) for sign in (1.0, -1.0)
-    )
+    ahead = rigid_torque(m.arm, m.q + step * unit, m.dq, m.ddq)
+    behind = rigid_torque(m.arm, m.q - step * unit, m.dq, m.ddq)
+    fast = rigid_torque(m.arm, m.q, m.dq + step * unit, m.ddq)
+    slow = rigid_torque(m.arm, m.q, m.dq - step * unit, m.ddq)
+    by_position = (ahead - behind) / (2.0 * step)
+    by_velocity = (fast - slow) / (2.0 * step)
     inertia = rigid_torque(m.arm, m.q, m.dq, m.ddq + unit) - m.rigid
-    return (up - down) / (2.0 * step), (fast - slow) / (2.0 * step), inertia
+    return by_position, by_velocity, inertia
 
 
 def _deflect(
@@ -94,14 +102,15 @@ def _deflect(
     """
     interval = m.sampled("an elastic joint")
     stiffness = gear[0]
-    step = min(LONGEST_STEP, LONGEST_TURN / float(np.sqrt(stiffness / np.mean(slopes[2]))))
-    deflection = [
-        [0.0] * len(load),
-        [float(m.rigid[1, j] - m.rigid[0, j]) / (interval * stiffness)] * len(load),
-    ]
-    signals = [signal.tolist() for signal in (load, *reversed(slopes))]
-    integrate_twist(signals, gear, interval, max(1, ceil(interval / step)), deflection)
-    return np.array([*deflection, np.gradient(deflection[1], interval)])
+    by_position, by_velocity, inertia = slopes
+    swing = float(np.sqrt(stiffness / np.mean(inertia)))
+    step = min(LONGEST_STEP, LONGEST_TURN / swing)
+    gained = float(m.rigid[1, j] - m.rigid[0, j])
+    twist = [0.0] * len(load)
+    rate = [gained / (interval * stiffness)] * len(load)
+    signals = [signal.tolist() for signal in (load, inertia, by_velocity, by_position)]
+    integrate_twist(signals, gear, interval, max(1, ceil(interval / step)), [twist, rate])
+    return np.array([twist, rate, np.gradient(rate, interval)])
 
 
 def integrate_twist(signals, gear, interval, steps, deflection):  # type: ignore[no-untyped-def]
@@ -109,8 +118,8 @@ def integrate_twist(signals, gear, interval, steps, deflection):  # type: ignore
     there.
 
     Signals are the load, then M, V and P; the gear is its stiffness, its damping and half its play;
-    `found` takes the deflection and its rate, which holds the first. All are sequences of numbers;
-    the diagnosis compiles this.
+    `deflection` takes the deflection and its rate, which holds the first. All are sequences of
+    numbers; the diagnosis compiles this.
     """
     load = signals[0]
     inertia = signals[1]
@@ -142,9 +151,9 @@ def integrate_twist(signals, gear, interval, steps, deflection):  # type: ignore
                 touch = 1.0 if (side != 0.0 or half == 0.0) else 0.0
                 k_all = touch * stiffness + pull
                 d_all = touch * damping + drag
-                a = (
-                    force + touch * stiffness * side * half - k_all * x_ahead - d_all * v_ahead
-                ) / (mass + gamma * h * d_all + beta * h * h * k_all)
+                pushed = force + touch * stiffness * side * half
+                effective = mass + gamma * h * d_all + beta * h * h * k_all
+                a = (pushed - k_all * x_ahead - d_all * v_ahead) / effective
                 x = x_ahead + beta * h * h * a
                 flank = 0.0 if abs(x) < half else (1.0 if x > 0.0 else -1.0)
                 if flank == side or half == 0.0:

@@ -43,22 +43,21 @@ class JointStates:
 
 def stribeck_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
     """s exp(−(|v| / v_s)^δ)."""
-    return [
-        states.slip
-        * states.xp.exp(-((states.speed / shape["stribeck_velocity_rad_s"]) ** shape["exponent"]))
-    ]
+    share = states.speed / shape["stribeck_velocity_rad_s"]
+    return [states.slip * states.xp.exp(-(share ** shape["exponent"]))]
 
 
 def nonlinear_viscous_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
     """s |v|^α; with a knee v_k straight below it, s |v| (v² + v_k²)^((α − 1) / 2)."""
-    return [states.slip * bent(states.speed, shape["exponent"], shape.get("knee_rad_s", 0.0))]
+    knee = shape.get("knee_rad_s", 0.0)
+    return [states.slip * bent(states.speed, shape["exponent"], knee)]
 
 
 def bent(speed: Any, exponent: float, knee: float = 0.0) -> Any:
     """A power of speeds, none of them negative; straight below a knee, where there is one."""
-    return (
-        speed * (speed * speed + knee * knee) ** (0.5 * exponent - 0.5) if knee else speed**exponent
-    )
+    if not knee:
+        return speed**exponent
+    return speed * (speed * speed + knee * knee) ** (0.5 * exponent - 0.5)
 
 
 def load_dependent_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
@@ -68,11 +67,10 @@ def load_dependent_friction(states: JointStates, shape: Mapping[str, float]) -> 
     both = states.slip * states.burden
     gain = states.slip**2 * states.load
     columns = [0.75 * both + 0.25 * gain, 0.75 * both - 0.25 * gain]
-    return columns + (
-        [states.slip * states.load**2 / shape["load_Nm"], states.dq * states.burden]
-        if shape["terms"] == 4
-        else []
-    )
+    if shape["terms"] == 4:
+        columns.append(states.slip * states.load**2 / shape["load_Nm"])
+        columns.append(states.dq * states.burden)
+    return columns
 
 
 def position_dependent_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
@@ -89,10 +87,8 @@ def asymmetric_friction(states: JointStates, shape: Mapping[str, float]) -> list
 def thermal(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """The losses are those of the cold joint; both changes are shares of them."""
     viscous = p["viscous_change"] * m.losses.viscous[j] * m.dq[:, j]
-    return m.at(
-        j,
-        m.warmth_of(j) * (viscous + p["coulomb_change"] * m.losses.coulomb[j] * m.direction[:, j]),
-    )
+    coulomb = p["coulomb_change"] * m.losses.coulomb[j] * m.direction[:, j]
+    return m.at(j, m.warmth_of(j) * (viscous + coulomb))
 
 
 def hysteresis(m: MovingArm, j: int, p: dict[str, float]) -> Array:
@@ -109,12 +105,11 @@ def coupling(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """
     other = int(p["other_joint"]) - 1
     mix = p["mix"]
-    slip = (
-        np.tanh((m.dq[:, j] + mix * m.dq[:, other]) / p["width_rad_s"])
-        if mix
-        else m.direction[:, other]
-    )
-    steady = p["coulomb_Nm"] * slip + p["viscous_Nms_rad"] * (m.dq[:, other] + mix * m.dq[:, j])
+    slip = m.direction[:, other]
+    if mix:
+        slip = np.tanh((m.dq[:, j] + mix * m.dq[:, other]) / p["width_rad_s"])
+    viscous = p["viscous_Nms_rad"] * (m.dq[:, other] + mix * m.dq[:, j])
+    steady = p["coulomb_Nm"] * slip + viscous
     return m.at(j, steady + p["inertia_kgm2"] * m.ddq[:, other])
 
 
@@ -126,14 +121,17 @@ def ripple(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     if not turns and m.arm.gears is not None:
         turns = p["order"] * m.arm.gears[j]
     share = m.rigid[:, j] / p["load_Nm"] if p["loaded"] else 1.0
-    return m.at(j, share * p["amplitude_Nm"] * np.cos(turns * m.q[:, j] - p["phase_rad"]))
+    wave = np.cos(turns * m.q[:, j] - p["phase_rad"])
+    return m.at(j, share * p["amplitude_Nm"] * wave)
 
 
 def spring(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """A cubic about an angle, or a wave with two rests a turn."""
     q = m.q[:, j]
     x = q - p["centre_rad"]
-    cubic = p["constant_Nm"] + x * (
-        p["linear_Nm_rad"] + x * (p["square_Nm_rad2"] + x * p["cube_Nm_rad3"])
-    )
-    return m.at(j, cubic + p["cosine_Nm"] * np.cos(2.0 * q) + p["sine_Nm"] * np.sin(2.0 * q))
+    quadratic = p["square_Nm_rad2"] + x * p["cube_Nm_rad3"]
+    slope = p["linear_Nm_rad"] + x * quadratic
+    cubic = p["constant_Nm"] + x * slope
+    cosine = p["cosine_Nm"] * np.cos(2.0 * q)
+    sine = p["sine_Nm"] * np.sin(2.0 * q)
+    return m.at(j, cubic + cosine + sine)

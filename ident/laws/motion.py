@@ -47,19 +47,23 @@ def rigid_torque(
     links = arm.links if links is None else links
     omega = np.zeros((samples, 3))
     alpha = np.zeros((samples, 3))
-    acc = np.tile(-(arm.gravity if gravity is None else gravity), (samples, 1))
+    pull = arm.gravity if gravity is None else gravity
+    acc = np.tile(-pull, (samples, 1))
     turns = []
     levers = []
     wrenches = []
     for i in range(n):
         axis = arm.axes[i]
         slides = bool(arm.sliding[i])
-        turn = arm.rotations[i] @ rotation_about(axis, np.zeros(samples) if slides else q[:, i])
-        lever = arm.offsets[i] + (turn @ axis * q[:, i, None] if slides else 0.0)
+        angle = np.zeros(samples) if slides else q[:, i]
+        turn = arm.rotations[i] @ rotation_about(axis, angle)
+        lever = arm.offsets[i]
+        if slides:
+            lever = lever + turn @ axis * q[:, i, None]
         acc = acc + np.cross(alpha, lever) + np.cross(omega, np.cross(omega, lever))
-        omega, alpha, acc = (
-            np.einsum("tji,tj->ti", turn, vector) for vector in (omega, alpha, acc)
-        )
+        omega = np.einsum("tji,tj->ti", turn, omega)
+        alpha = np.einsum("tji,tj->ti", turn, alpha)
+        acc = np.einsum("tji,tj->ti", turn, acc)
         speed = axis * dq[:, i, None]
         if slides:
             acc = acc + 2.0 * np.cross(omega, speed) + axis * ddq[:, i, None]
@@ -75,9 +79,10 @@ def rigid_torque(
     for i in reversed(range(n)):
         force = force + wrenches[i][0]
         moment = moment + wrenches[i][1]
-        torque[:, i] = (force if arm.sliding[i] else moment) @ arm.axes[i]
-        force, moment = (np.einsum("tij,tj->ti", turns[i], vector) for vector in (force, moment))
-        moment = moment + np.cross(levers[i], force)
+        driven = force if arm.sliding[i] else moment
+        torque[:, i] = driven @ arm.axes[i]
+        force = np.einsum("tij,tj->ti", turns[i], force)
+        moment = np.einsum("tij,tj->ti", turns[i], moment) + np.cross(levers[i], force)
     return torque
 
 
@@ -97,13 +102,16 @@ def _wrench(link: Array, omega: Array, alpha: Array, acc: Array) -> tuple[Array,
     xx, xy, yy, xz, yz, zz = link[4:]
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     force = mass * acc + np.cross(alpha, first) + np.cross(omega, np.cross(omega, first))
-    return force, np.cross(first, acc) + alpha @ inertia + np.cross(omega, omega @ inertia)
+    gyration = np.cross(omega, omega @ inertia)
+    moment = np.cross(first, acc) + alpha @ inertia + gyration
+    return force, moment
 
 
 def direction(dq: Array, width: Array) -> Array:
     """Direction of motion in [-1, 1]: tanh(dq / v₀), or sign(dq) where the width v₀ is zero."""
     width = np.asarray(width, dtype=float)
-    return np.where(width > 0.0, np.tanh(dq / np.where(width > 0.0, width, 1.0)), np.sign(dq))
+    smooth = np.tanh(dq / np.where(width > 0.0, width, 1.0))
+    return np.where(width > 0.0, smooth, np.sign(dq))
 
 
 @dataclass(frozen=True, eq=False)

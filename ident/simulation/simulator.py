@@ -103,15 +103,17 @@ class Simulator:
             filter_rad_s = min(FILTER_RAD_S, FILTER_PER_BANDWIDTH * hardware.bandwidth)
             most = hardware.loop_noise * drive.effort_limit / (damping * filter_rad_s)
             resolution = np.minimum(sensing.count, np.sqrt(12.0) * most)
-            self._loop_noise = np.minimum(sensing.count_noise * sensing.count, most) / resolution
-        constants = {
-            "limit": drive.effort_limit,
-            "offset": sensing.encoder_offset,
-            "resolution": resolution,
-        }
-        smoothing = -np.expm1(-filter_rad_s * TICK_S)
+            noise = np.minimum(sensing.count_noise * sensing.count, most)
+            self._loop_noise = noise / resolution
         self.control = make_law(
-            "control", arm.n, stiffness=stiffness, damping=damping, smoothing=smoothing, **constants
+            "control",
+            arm.n,
+            stiffness=stiffness,
+            damping=damping,
+            smoothing=-np.expm1(-filter_rad_s * TICK_S),
+            limit=drive.effort_limit,
+            offset=sensing.encoder_offset,
+            resolution=resolution,
         )
 
     def run(
@@ -153,14 +155,10 @@ class Simulator:
         laws = self._laws(number)
         approach = self._approach(motion.q[0])
         self._place(approach.q[0])
-        views = (
-            engine(self.model, self.data),
-            laws,
-            self.control,
-            round(TICK_S / self.step),
-            self.state,
-        )
-        way_there = approach, -approach.duration - TICK_S, feed_forward(self.hardware, approach)
+        steps = round(TICK_S / self.step)
+        views = (engine(self.model, self.data), laws, self.control, steps, self.state)
+        ahead_there = feed_forward(self.hardware, approach)
+        way_there = (approach, -approach.duration - TICK_S, ahead_there)
         for piece, start, ahead in (way_there, (motion, 0.0, feed)):
             log = fresh_log(len(piece.q), self.hardware.n)
             noise = self._loop_noise * self.rng.standard_normal(piece.q.shape)
@@ -168,9 +166,8 @@ class Simulator:
             if not check_finite(log, self.data):
                 raise InputError(motion.name, "the simulation diverged", "choose a smaller effect")
             if np.abs(log.angle - piece.q).max() > MOST_LAG:
-                raise InputError(
-                    motion.name, "the arm can't follow its motion", "choose a smaller effect"
-                )
+                what = "the arm can't follow its motion"
+                raise InputError(motion.name, what, "choose a smaller effect")
         return Trace(motion, clock, log)
 
     def _laws(self, number: int) -> Laws:
@@ -179,8 +176,9 @@ class Simulator:
         spread = np.exp(h.friction_spread * self.rng.standard_normal((2, h.n)))
         if h.friction_path is not None:
             spread = h.friction_path[number % len(h.friction_path)]
-        law = h.friction
-        friction = change_law(law, coulomb=law.coulomb * spread[0], viscous=law.viscous * spread[1])
+        coulomb = h.friction.coulomb * spread[0]
+        viscous = h.friction.viscous * spread[1]
+        friction = change_law(h.friction, coulomb=coulomb, viscous=viscous)
         contact = h.contact if h.contact_run in (-1, number) else no_contact()
         return Laws(friction, h.drive, h.heat, h.outside, contact)
 
@@ -189,10 +187,10 @@ class Simulator:
         arm.
         """
         aside = ASIDE_RAD * self.rng.uniform(-1.0, 1.0, self.hardware.n)
-        s = np.clip(
-            np.arange(round((APPROACH_S + SETTLE_S) / TICK_S)) * TICK_S / APPROACH_S, 0.0, 1.0
-        )
-        path = goal + np.outer((1.0 - s) ** 3 * (1.0 + 3.0 * s + 6.0 * s**2), aside)
+        times = np.arange(round((APPROACH_S + SETTLE_S) / TICK_S)) * TICK_S
+        s = np.clip(times / APPROACH_S, 0.0, 1.0)
+        left = (1.0 - s) ** 3 * (1.0 + 3.0 * s + 6.0 * s**2)
+        path = goal + np.outer(left, aside)
         dq = np.gradient(path, TICK_S, axis=0)
         return ReferenceMotion("approach", path, dq, np.gradient(dq, TICK_S, axis=0))
 
@@ -227,9 +225,8 @@ def feed_forward(hardware: Hardware, motion: ReferenceMotion) -> Float[Array, "K
     torque = arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)
     if hardware.feed_forward == "friction":
         law = hardware.friction
-        torque = torque + FED_FRICTION * (
-            law.coulomb * np.tanh(motion.dq / FED_SPEED) + law.viscous * motion.dq
-        )
+        dry = law.coulomb * np.tanh(motion.dq / FED_SPEED)
+        torque = torque + FED_FRICTION * (dry + law.viscous * motion.dq)
     return torque
 
 
@@ -256,9 +253,13 @@ def least_link_inertia(hardware: Hardware) -> Float[Array, " n"]:
     poses [kg m²].
     """
     arm = hardware.arm
-    poses = np.clip(np.random.default_rng(0).uniform(-1.5, 1.5, (12, arm.n)), arm.lower, arm.upper)
+    drawn = np.random.default_rng(0).uniform(-1.5, 1.5, (12, arm.n))
+    poses = np.clip(drawn, arm.lower, arm.upper)
     rotors = np.diag(np.where(hardware.drive.elastic, 0.0, hardware.drive.rotor_inertia))
-    free = [1.0 / np.diag(np.linalg.inv(mass_matrix(hardware, pose) + rotors)) for pose in poses]
+    free = []
+    for pose in poses:
+        mobility = np.linalg.inv(mass_matrix(hardware, pose) + rotors)
+        free.append(1.0 / np.diag(mobility))
     return np.asarray(np.min(free, axis=0))
 
 

@@ -41,7 +41,9 @@ FULL: dict[str, tuple[Any, ...]] = {key: tuple(values) for key, values in _TABLE
 """Bounds of all that is a number, and choices of the rest: a world outside them is none that an arm
 lives in.
 """
-GROUPS: dict[str, tuple[str, ...]] = {name: tuple(some) for name, some in _TABLES["groups"].items()}
+GROUPS: dict[str, tuple[str, ...]] = {
+    group: tuple(names) for group, names in _TABLES["groups"].items()
+}
 """Lists by name; a check takes the worlds of a list in turn."""
 # Counts of a sliding joint: its encoder turns once in this travel over two pi [m].
 SLIDE_LEVER_M = 0.1
@@ -131,29 +133,12 @@ class WorldRange:
             if key not in ("robot", *FULL):
                 known = ", ".join(["preset", "robot", *FULL])
                 raise InputError(where, f"a world has no {key!r}", f"choose from: {known}")
-            options = tuple(value) if isinstance(value, list) else (value,)
-            allowed = FULL.get(key)
-            remedy = ""
             if _is_choice(key):
-                if not options or any(
-                    option not in allowed if allowed else not isinstance(option, str)
-                    for option in options
-                ):
-                    remedy = (
-                        "choose from: "
-                        f"{', '.join(map(str, allowed)) if allowed else 'names of robots'}"
-                    )
+                options = tuple(value) if isinstance(value, list) else (value,)
+                remedy = _wrong_choice(key, options)
             else:
-                low, high = FULL[key]
-                options = options if isinstance(value, list) else options * 2
-                numeric = all(
-                    isinstance(option, int | float) and not isinstance(option, bool)
-                    for option in options
-                )
-                if len(options) != 2 or not numeric or not options[0] <= options[1]:
-                    remedy = "give a number, or two in order: [low, high]"
-                elif options[0] < low or options[1] > high:
-                    remedy = f"choose between {low:g} and {high:g}"
+                options = tuple(value) if isinstance(value, list) else (value, value)
+                remedy = _wrong_bounds(key, options)
             if remedy:
                 raise InputError(where, f"{key} = {value!r}", remedy)
             checked[key] = options
@@ -167,6 +152,30 @@ class WorldRange:
 
 def _is_choice(name: str) -> bool:
     return name == "robot" or isinstance(FULL[name][0], str | bool)
+
+
+def _wrong_choice(name: str, options: tuple[object, ...]) -> str:
+    """What to give instead of some choices; nothing where they are right."""
+    allowed = FULL.get(name)
+    if allowed is None:
+        right = all(isinstance(option, str) for option in options)
+    else:
+        right = all(option in allowed for option in options)
+    if options and right:
+        return ""
+    known = "names of robots" if allowed is None else ", ".join(map(str, allowed))
+    return f"choose from: {known}"
+
+
+def _wrong_bounds(name: str, bounds: tuple[Any, ...]) -> str:
+    """What to give instead of two bounds; nothing where they are right."""
+    numeric = [isinstance(end, int | float) and not isinstance(end, bool) for end in bounds]
+    if len(bounds) != 2 or not all(numeric) or not bounds[0] <= bounds[1]:
+        return "give a number, or two in order: [low, high]"
+    least, most = FULL[name]
+    if bounds[0] < least or bounds[1] > most:
+        return f"choose between {least:g} and {most:g}"
+    return ""
 
 
 def draw_value(name: str, options: tuple[Any, ...], place: float) -> Any:
@@ -186,16 +195,12 @@ def draw_value(name: str, options: tuple[Any, ...], place: float) -> Any:
 
 PRESETS: dict[str, WorldRange] = {}
 for _name, _row in _TABLES["presets"].items():  # a row changes what it starts from
-    _own = {key: value for key, value in _row.items() if key not in ("about", "sound")}
-    _from = {
-        **_TABLES["full"],
-        **_TABLES["start"],
-        **(_TABLES["sound"] if _row.get("sound") else {}),
-        **_own,
-    }
-    PRESETS[_name] = WorldRange(
-        _name, _row["about"], {key: tuple(bounds) for key, bounds in _from.items()}
-    )
+    _changes = dict(_row)
+    _about = _changes.pop("about")
+    _sound = _TABLES["sound"] if _changes.pop("sound", False) else {}
+    _bounds = {**_TABLES["full"], **_TABLES["start"], **_sound, **_changes}
+    _values = {key: tuple(ends) for key, ends in _bounds.items()}
+    PRESETS[_name] = WorldRange(_name, _about, _values)
 """Ranges by name: what goes together in real cells, and `any`, where nothing does."""
 
 
@@ -214,9 +219,8 @@ def find_world(name: str | Path) -> WorldRange:
     if str(name) in PRESETS:
         return PRESETS[str(name)]
     if path.suffix != ".toml" and not path.is_file():
-        raise InputError(
-            "--world", f"unknown world {str(name)!r}", f"give a TOML file or one of: {listed}"
-        )
+        remedy = f"give a TOML file or one of: {listed}"
+        raise InputError("--world", f"unknown world {str(name)!r}", remedy)
     values = read_toml(path, "give a TOML file of a world")
     preset = values.pop("preset", "any")
     if not isinstance(preset, str) or preset not in PRESETS:
@@ -239,9 +243,8 @@ def find_worlds(text: str) -> tuple[WorldRange, ...]:
         else:
             chosen += [find_world(name) for name in GROUPS.get(word, (word,))]
     if not chosen:
-        raise InputError(
-            "--worlds", f"{text!r} names no world", f"choose from: {', '.join([*GROUPS, *PRESETS])}"
-        )
+        remedy = f"choose from: {', '.join([*GROUPS, *PRESETS])}"
+        raise InputError("--worlds", f"{text!r} names no world", remedy)
     return tuple(chosen)
 
 
@@ -252,11 +255,10 @@ def settle(worlds: WorldRange, seed: int, **asked: Any) -> World:
     """
     world = worlds.draw(np.random.default_rng([seed, 6]))
     asked = {key: value for key, value in asked.items() if value is not None}
-    given = {
-        key: asked[name]
-        for key, name in (("robot", "robot"), ("runs", "runs"), ("rate_hz", "rate"))
-        if name in asked
-    }
+    given = {}
+    for field, name in (("robot", "robot"), ("runs", "runs"), ("rate_hz", "rate")):
+        if name in asked:
+            given[field] = asked[name]
     if "duration" in asked:
         given["duration_s"] = asked["duration"] * asked.get("runs", world.runs)
     if "velocity" in asked and asked["velocity"] != (world.velocity != "none"):
@@ -312,9 +314,16 @@ def draw_world_arm(arm: ArmModel, world: World, rng: np.random.Generator) -> Har
 
 def channels_of(world: World, commands: bool = True, temperature: bool = False) -> Channels:
     """What a world's log holds."""
-    shown = world.velocity != "none", commands, temperature
+    has_velocity = world.velocity != "none"
     return Channels(
-        world.rate_hz, *shown, world.velocity, world.velocity_delay_s, world.jitter, world.lost
+        world.rate_hz,
+        has_velocity,
+        commands,
+        temperature,
+        world.velocity,
+        world.velocity_delay_s,
+        world.jitter,
+        world.lost,
     )
 
 
@@ -328,13 +337,11 @@ def friction_path(
     """Factors on dry and viscous friction of each run: its own change, and a drift that gathers as
     a random walk.
     """
-    spans = np.array(
-        [pause + motion.duration for pause, motion in zip(pauses, motions, strict=True)]
-    )
-    gathered = spans / spans.sum()
-    walk = np.cumsum(
-        rng.standard_normal((len(spans), 1, n)) * np.sqrt(gathered)[:, None, None], axis=0
-    )
+    runs = zip(pauses, motions, strict=True)
+    spans = np.array([pause + motion.duration for pause, motion in runs])
+    gathered = np.sqrt(spans / spans.sum())
+    steps = rng.standard_normal((len(spans), 1, n)) * gathered[:, None, None]
+    walk = np.cumsum(steps, axis=0)
     scatter = rng.standard_normal((len(spans), 2, n))
     return np.exp(world.friction_spread * scatter + world.friction_drift * walk)
 
@@ -385,11 +392,11 @@ def _densities(
     """
     f = frequencies[:, None]
     sensing = hardware.sensing
-    coloured = (
-        sensing.coloured**2 * (2.0 / np.pi) * sensing.corner_hz / (sensing.corner_hz**2 + f**2)
-    )
+    corner = sensing.corner_hz
+    coloured = sensing.coloured**2 * (2.0 / np.pi) * corner / (corner**2 + f**2)
+    white = 2.0 * sensing.white**2 / world.rate_hz
     encoder = 2.0 * _disturbance(hardware) ** 2 / world.rate_hz * (2.0 * np.pi * f) ** 4
-    return 2.0 * sensing.white**2 / world.rate_hz + coloured, encoder
+    return white + coloured, encoder
 
 
 def noise_density(

@@ -62,17 +62,16 @@ def cycle(
     fitted = None if model is None else HybridModel.given(model)
     task = choose_stops(task, fitted, chosen)
     problems = split_cycle(task, fitted, chosen)
-    found = solve_cycle(task, problems, chosen, spent=processor_seconds() - began)
+    result = solve_cycle(task, problems, chosen, spent=processor_seconds() - began)
     named = None if model is None or isinstance(model, HybridModel) else str(model)
     names = ("objective", "metric", "seed", "evaluations", "seconds")
     asked = {name: getattr(chosen, name) for name in names}
-    return found.with_provenance(
-        Provenance("plan cycle", settings={"scene": str(task.source), "model": named, **asked}),
-    )
+    settings = {"scene": str(task.source), "model": named, **asked}
+    return result.with_provenance(Provenance("plan cycle", settings=settings))
 
 
-def write_motions(found: CycleResult, folder: Path, rate: float = DEFAULT_RATE) -> None:
+def write_motions(result: CycleResult, folder: Path, rate: float = DEFAULT_RATE) -> None:
     """Samples of a solved cycle's motions, one CSV file a leg; whole or not at all."""
     with atomic_folder(folder, MOTIONS_KIND) as partial:
-        for number, leg in enumerate(found.legs, start=1):
+        for number, leg in enumerate(result.legs, start=1):
             write_motion_file(leg.plan, partial / f"leg_{number:02d}.csv", rate)

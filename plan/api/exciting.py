@@ -31,22 +31,30 @@ def excite(
 
     Args:
         robot: URDF path, name or arm.
-        diagnosis: A diagnosis, its record, or the file of `ident diagnose --json`: its open question, sizes and noise.
+        diagnosis: A diagnosis, its record, or the file of `ident diagnose --json`: its open
+            question, sizes and noise.
         catalogue: Further effects, or a Python file with them (which is run).
-        options: Any field of `ExciteOptions`, as the options of `plan excite`: `separate`, `joint`, `minutes` …
+        options: Any field of `ExciteOptions`, as the options of `plan excite`: `separate`, `joint`,
+            `minutes` …
 
     Raises:
         InputError: Unknown effects or joint, or a diagnosis of another arm.
         TypeError: No such option.
     """
-    chosen, arm = ExciteOptions(**options), load_robot(robot, ())
+    chosen = ExciteOptions(**options)
+    arm = load_robot(robot, ())
     around = surroundings_of(arm, chosen)
     _, payload, _ = hang(arm, around.attached, around.payload, around.payload_link)
-    arm = arm if payload is None else arm.with_payload(payload)
+    if payload is not None:
+        arm = arm.with_payload(payload)
     record = diagnosis.to_dict() if isinstance(diagnosis, Diagnosis) else diagnosis
     hypotheses = ask(arm, chosen.separate, chosen.joint, record, gather_effects(catalogue))
     stage("searching for motions")
-    found = Designer(arm, hypotheses, chosen, around).best()
-    named = {"robot": arm.name, "diagnosis": str(diagnosis) if isinstance(diagnosis, str | Path) else None}
-    given = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(chosen).items()}
-    return found.with_provenance(Provenance("plan excite", settings={**named, **given}))
+    excitation = Designer(arm, hypotheses, chosen, around).best()
+    settings: dict[str, object] = {
+        "robot": arm.name,
+        "diagnosis": str(diagnosis) if isinstance(diagnosis, str | Path) else None,
+    }
+    for name, value in asdict(chosen).items():
+        settings[name] = str(value) if isinstance(value, Path) else value
+    return excitation.with_provenance(Provenance("plan excite", settings=settings))

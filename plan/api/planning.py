@@ -30,22 +30,27 @@ Scene = Task | str | Path
 Model = HybridModel | str | Path
 
 
-def solve(scene: Scene, model: Model | None = None, *, planner: Planner | None = None, **options: Any) -> PlanResult:
+def solve(
+    scene: Scene, model: Model | None = None, *, planner: Planner | None = None, **options: Any
+) -> PlanResult:
     """Finds one trajectory and certifies it; an expected failure is a status with a reason.
 
     Args:
         scene: Scene file, or the task that `load_task` read from it.
         model: Fitted model or its folder; the rigid arm without losses if None.
         planner: A planner of one's own in place of a method.
-        options: Any field of `SolveOptions`, as the options of `plan solve`: `method`, `objective`, `seconds` …
+        options: Any field of `SolveOptions`, as the options of `plan solve`: `method`, `objective`,
+            `seconds` …
 
     Raises:
         InputError: Scene, model, method or via points can't be used.
         TypeError: No such option.
     """
-    chosen, began = SolveOptions(**options), processor_seconds()
+    chosen = SolveOptions(**options)
+    began = processor_seconds()
     result = open_task(scene, model, chosen).solve(chosen, planner, began=began)
-    return replace(result, cpu_seconds=max(result.cpu_seconds, processor_seconds() - began))  # all since the call
+    since_call = processor_seconds() - began
+    return replace(result, cpu_seconds=max(result.cpu_seconds, since_call))
 
 
 def compare(scene: Scene, model: Model | None = None, **options: Any) -> Comparison:
@@ -67,8 +72,9 @@ def compare(scene: Scene, model: Model | None = None, **options: Any) -> Compari
 class OpenedTask:
     """A task that was read and checked.
 
-    The first of its problems is started from the straight line, or from the way that the user taught; the others are
-    the same with other goals, or ways to stand, that bring a frame to the task's pose.
+    The first of its problems is started from the straight line, or from the way that the user
+    taught; the others are the same with other goals, or ways to stand, that bring a frame to the
+    task's pose.
     """
 
     task: Task  # the scene file's contents
@@ -99,23 +105,25 @@ class OpenedTask:
         controller: Controller | None = None,
         began: float | None = None,
     ) -> PlanResult:
-        """Solves it, with a planner of one's own if one is given, for the options' controller or a given one.
+        """Solves it, with a planner of one's own if one is given, for the options' controller or a
+        given one.
 
         Args:
             options: How.
             planner: A planner in place of a method.
             controller: Who executes the plan.
-            began: Processor time of the process at which the seconds that may be spent began to count [s]; now if None.
+            began: Processor time of the process at which the seconds that may be spent began to
+                count [s]; now if None.
 
         Raises:
             InputError: No such method, or not for this task; no such controller.
         """
         began = processor_seconds() if began is None else began
         controller = controller or self.controller(options)
-        problems = self.problems
-        most, seconds = options.budget
+        evaluations, seconds = options.budget
         left = max(seconds - (processor_seconds() - began), 0.0)
-        problem, note = cheapest_goal(problems, self.task.pose is not None, (most, left), options.seed)
+        posed = self.task.pose is not None
+        problem, notes = cheapest_goal(self.problems, posed, (evaluations, left), options.seed)
         stage("searching for a motion")
         spent = processor_seconds() - began
         if problem.longest is None:
@@ -124,10 +132,17 @@ class OpenedTask:
             from plan.solving.free_duration import solve_free_duration
 
             result = solve_free_duration(problem, options, planner, controller, spent)
-        asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds", "workers")}
-        executed = None if controller is None else controller.name
-        origin = self._origin("plan solve", method=result.method, controller=executed, **asked)
-        result = replace(result, notes=(*note, *result.notes), cpu_seconds=processor_seconds() - began)
+        origin = self._origin(
+            "plan solve",
+            method=result.method,
+            controller=None if controller is None else controller.name,
+            seed=options.seed,
+            evaluations=options.evaluations,
+            seconds=options.seconds,
+            workers=options.workers,
+        )
+        spent = processor_seconds() - began
+        result = replace(result, notes=(*notes, *result.notes), cpu_seconds=spent)
         return result.with_provenance(origin)
 
     def compare(self, options: CompareOptions) -> Comparison:
@@ -139,33 +154,61 @@ class OpenedTask:
         from plan.solving.compare import compare as compare_methods
 
         if self.problem.longest is not None:
-            raise InputError(self.task.source, "methods are compared at one duration", "give task.duration_s")
-        problem, _ = cheapest_goal(self.problems, self.task.pose is not None, USUAL_BUDGET, 0)
+            what = "methods are compared at one duration"
+            raise InputError(self.task.source, what, "give task.duration_s")
+        posed = self.task.pose is not None
+        problem, _ = cheapest_goal(self.problems, posed, USUAL_BUDGET, 0)
         table = compare_methods(problem, self.task.source.stem, options)
-        asked = {name: getattr(options, name) for name in ("methods", "seeds", "evaluations", "seconds")}
-        return table.with_provenance(self._origin("plan compare", **asked))
+        origin = self._origin(
+            "plan compare",
+            methods=options.methods,
+            seeds=options.seeds,
+            evaluations=options.evaluations,
+            seconds=options.seconds,
+        )
+        return table.with_provenance(origin)
 
-    def _origin(self, command: str, **asked: Any) -> Provenance:
-        problem = self.problem
-        fixed = {"scene": str(self.task.source), "model": self.model, "objective": problem.objective}
-        return Provenance(command, settings={**fixed, "metric": problem.metric, "variables": problem.free, **asked})
+    def _origin(self, command: str, **asked: object) -> Provenance:
+        """Where a result comes from: a command, what was asked for, and how the task is taken."""
+        settings = {
+            "scene": str(self.task.source),
+            "model": self.model,
+            "objective": self.problem.objective,
+            "metric": self.problem.metric,
+            "variables": self.problem.free,
+            **asked,
+        }
+        return Provenance(command, settings=settings)
 
 
-def open_task(scene: Scene, model: Model | None = None, options: TaskOptions = DEFAULTS) -> OpenedTask:
+def open_task(
+    scene: Scene, model: Model | None = None, options: TaskOptions = DEFAULTS
+) -> OpenedTask:
     """Reads scene and model, and checks start and goal.
 
     Raises:
         InputError: Any of them is at fault.
     """
     if not isinstance(scene, Task | str | Path):
-        raise InputError("scene", f"a {type(scene).__name__} is no task", "give a scene file, or what load_task read")
+        what = f"a {type(scene).__name__} is no task"
+        raise InputError("scene", what, "give a scene file, or what load_task read")
     task = scene if isinstance(scene, Task) else load_task(scene)
     if task.stops:
-        raise InputError(task.source, "its [[leg]] tables make it a cycle", "use `plan cycle`, or take them out")
+        what = "its [[leg]] tables make it a cycle"
+        raise InputError(task.source, what, "use `plan cycle`, or take them out")
     task = hold_driveless(task, ArmModel.load(task.robot))
     fitted = None if model is None else HybridModel.given(model)
     problems = reach_goals(set_up(task, fitted, options), task)
     require_valid_ends(problems[0], task, options.inside)
-    named = model.robot.name if isinstance(model, HybridModel) else None if model is None else str(model)
-    begun = (one if task.taught is None else from_taught(one, task.taught, task.taught_times) for one in problems)
-    return OpenedTask(task, tuple(begun), named)
+    if task.taught is not None:
+        taught = task.taught
+        times = task.taught_times
+        problems = tuple(from_taught(problem, taught, times) for problem in problems)
+    return OpenedTask(task, problems, _name_of(model))
+
+
+def _name_of(model: Model | None) -> str | None:
+    """What a model is called in results: its robot's name, or its folder."""
+    if model is None:
+        return None
+    return model.robot.name if isinstance(model, HybridModel) else str(model)

@@ -22,7 +22,10 @@ from plan.command_options import CompareOptions, ExciteOptions, PaperOptions, So
 if TYPE_CHECKING:
     from plan.experiment.result import Excitation
 
-app = make_app("plan", "Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.")
+app = make_app(
+    "plan",
+    "Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.",
+)
 command = commands_of(app)
 # Exit status where a task has no plan: neither done nor anybody's fault.
 NO_PLAN = 3
@@ -31,7 +34,10 @@ COMPARISON_FILES = ("comparison.png", "best.png", "best.rrd", "best.json")
 
 SceneFile = Annotated[Path, typer.Argument(help="Scene file (TOML).", show_default=False)]
 ModelFolder = Annotated[
-    Path | None, typer.Option("--model", help="Folder of a fitted model; the rigid arm without losses if not given.")
+    Path | None,
+    typer.Option(
+        "--model", help="Folder of a fitted model; the rigid arm without losses if not given."
+    ),
 ]
 
 
@@ -42,19 +48,25 @@ def solve(
     model: ModelFolder = None,
     json_file: JsonFile = None,
     picture: Annotated[
-        Path | None, typer.Option(help="Draw motion and torques into this file (PNG, SVG)."), Writes()
+        Path | None,
+        typer.Option(help="Draw motion and torques into this file (PNG, SVG)."),
+        Writes(),
     ] = None,
-    rrd: Annotated[Path | None, typer.Option(help="Write the motion as a Rerun recording."), Writes()] = None,
+    rrd: Annotated[
+        Path | None, typer.Option(help="Write the motion as a Rerun recording."), Writes()
+    ] = None,
     curve: Annotated[
         Path | None,
-        typer.Option(help="Where the duration is free: least energy over duration, as PNG, SVG or CSV."),
+        typer.Option(
+            help="Where the duration is free: least energy over duration, as PNG, SVG or CSV."
+        ),
         Writes(),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Write the motion for a controller: .yaml (JointTrajectory), .tmscript (PVT), .script (URScript); or "
-            "samples of it: .csv, .parquet."
+            help="Write the motion for a controller: .yaml (JointTrajectory), .tmscript (PVT), "
+            ".script (URScript); or samples of it: .csv, .parquet."
         ),
         Writes(),
     ] = None,
@@ -64,12 +76,17 @@ def solve(
     began, before = time.perf_counter(), time.process_time()
     from plan.problem.task_file import load_task
 
-    task = load_task(scene)  # before anything heavy is loaded: a slip of the pen is reported at once
+    task = load_task(
+        scene
+    )  # before anything heavy is loaded: a slip of the pen is reported at once
     from plan.api.planning import open_task
     from plan.planners.base import processor_seconds
 
     if out is not None:
-        from plan.problem.execution import require_writable, write_motion_file  # brings the table formats along
+        from plan.problem.execution import (
+            require_writable,
+            write_motion_file,
+        )  # brings the table formats along
 
         require_writable(out, rate)
     if picture is not None:
@@ -82,13 +99,21 @@ def solve(
         require_curve(curve)
     opened = open_task(task, model, options)
     if curve is not None and opened.problem.longest is None:
-        raise InputError("--curve", "the task's duration is fixed", "give task.at_most_s or standby_W in its place")
+        raise InputError(
+            "--curve",
+            "the task's duration is fixed",
+            "give task.at_most_s or standby_W in its place",
+        )
     controller = opened.controller(options, out)
     if options.beyond:  # before anything is planned
         console.print(opened.problem.notes[0], soft_wrap=True, highlight=False)
     with progress_line(console, f"solve by {options.method}"):
-        result = opened.solve(options, controller=controller, began=0.0)  # from the process's own start
-    spent = before + time.perf_counter() - began  # loading Python and its libraries, all of it processor time, too
+        result = opened.solve(
+            options, controller=controller, began=0.0
+        )  # from the process's own start
+    spent = (
+        before + time.perf_counter() - began
+    )  # loading Python and its libraries, all of it processor time, too
     result = replace(result, seconds=spent, cpu_seconds=processor_seconds())
     written = []
 
@@ -108,10 +133,16 @@ def solve(
             save_timeline(opened.problem, result, rrd)
 
     def write_motion() -> None:
-        """Where there is none, one of an earlier run is removed: a controller would take it for this task's."""
+        """Where there is none, one of an earlier run is removed: a controller would take it for
+        this task's.
+        """
         if out is not None and result.solved:
             motion = write_motion_file(result, out, rate)
-            longer = f", {motion.longer:.3f} s longer than planned to start and end at rest" if motion.longer else ""
+            longer = (
+                f", {motion.longer:.3f} s longer than planned to start and end at rest"
+                if motion.longer
+                else ""
+            )
             whose = f" for {motion.controller.name}" if motion.controller is not None else ""
             points = f"{len(motion.times)} points, {motion.duration:.4f} s{longer}"
             written.append(f"motion{whose} written to {out}: {points}")
@@ -131,10 +162,14 @@ def cycle(
     options: SolveOptions,
     model: ModelFolder = None,
     json_file: JsonFile = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for samples of each motion (CSV), one file a leg.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for samples of each motion (CSV), one file a leg.")
+    ] = None,
     rate: Annotated[float, typer.Option(help="Rate of samples [Hz].")] = 250.0,
 ) -> None:
-    """Plans a cycle of several motions as one task: stops, a load gripped and released, one duration for all."""
+    """Plans a cycle of several motions as one task: stops, a load gripped and released, one
+    duration for all.
+    """
     from plan.problem.task_file import load_task
 
     task = load_task(scene)
@@ -147,14 +182,15 @@ def cycle(
 
         require_writable(Path("leg.csv"), rate)
     with progress_line(console, "cycle"):
-        found = plan_cycle(task, model, began=0.0, **asdict(options))  # from the process's own start
+        # From the process's own start.
+        result = plan_cycle(task, model, began=0.0, **asdict(options))
 
     def write_folder() -> None:
-        if out is not None and found.solved:
-            write_motions(found, out, rate)
+        if out is not None and result.solved:
+            write_motions(result, out, rate)
 
-    hand_over(found, json_file, write_folder)
-    if not found.solved:
+    hand_over(result, json_file, write_folder)
+    if not result.solved:
         raise typer.Exit(NO_PLAN)
 
 
@@ -164,7 +200,9 @@ def compare(
     options: CompareOptions,
     model: ModelFolder = None,
     json_file: JsonFile = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the pictures and the Rerun recording.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the pictures and the Rerun recording.")
+    ] = None,
 ) -> None:
     """Runs all methods on one task."""
     from plan.problem.task_file import load_task
@@ -172,7 +210,9 @@ def compare(
     task = load_task(scene)
     from plan.api.planning import open_task
 
-    written = {} if out is None else {f"--out {out}: {name}": out / name for name in COMPARISON_FILES}
+    written = (
+        {} if out is None else {f"--out {out}: {name}": out / name for name in COMPARISON_FILES}
+    )
     check_outputs([scene, model], {**written, "--json": json_file})
     opened = open_task(task, model, options)
     if options.beyond:
@@ -201,7 +241,9 @@ def compare(
 def paper(
     options: PaperOptions,
     model: ModelFolder = None,
-    out: Annotated[Path, typer.Option(help="Folder for the page and its pictures.")] = Path("out/paper"),
+    out: Annotated[Path, typer.Option(help="Folder for the page and its pictures.")] = Path(
+        "out/paper"
+    ),
 ) -> None:
     """The paper's planning tables and figures beside ours, on one page."""
     from ident.model.hybrid import HybridModel
@@ -210,8 +252,8 @@ def paper(
     check_outputs([model], {f"--out {out}: {name}": out / name for name in FILES})
     fitted = None if model is None else HybridModel.load(model)
     with progress_line(console, "paper"):
-        found = repeat_paper(fitted, options)
-    console.print(f"page written to {write_page(found, out)}")
+        repeated = repeat_paper(fitted, options)
+    console.print(f"page written to {write_page(repeated, out)}")
 
 
 @command
@@ -219,15 +261,24 @@ def excite(
     options: ExciteOptions,
     robot: Annotated[str, typer.Option(help=f"{ROBOT_HELP}.")] = "tm5-900",
     diagnosis: Annotated[
-        Path | None, typer.Option(help="File of `ident diagnose --json`: its open question, sizes and noise.")
+        Path | None,
+        typer.Option(help="File of `ident diagnose --json`: its open question, sizes and noise."),
     ] = None,
     catalogue: Annotated[
-        Path | None, typer.Option(help="A Python file with further effects. It is run: give none that you don't trust.")
+        Path | None,
+        typer.Option(
+            help="A Python file with further effects. It is run: give none that you don't trust."
+        ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the motion's command files, one a run.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the motion's command files, one a run.")
+    ] = None,
     capture: Annotated[
         str | None,
-        typer.Option(help="With --out: slow test, warm-up, runs and held-out ones for a controller: its name, or csv."),
+        typer.Option(
+            help="With --out: slow test, warm-up, runs and held-out ones for a controller: "
+            "its name, or csv."
+        ),
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
@@ -235,11 +286,16 @@ def excite(
     from plan.api.exciting import excite as find_motion
     from plan.experiment.result import MOTION_KIND
 
-    check_outputs([robot, diagnosis, catalogue, options.scene], {"--json": json_file}, {"--out": (out, MOTION_KIND)})
+    check_outputs(
+        [robot, diagnosis, catalogue, options.scene],
+        {"--json": json_file},
+        {"--out": (out, MOTION_KIND)},
+    )
     write = _excite_writer(robot, out, capture)
     with progress_line(console, "excite"):
-        found = find_motion(robot, diagnosis=diagnosis, catalogue=catalogue, **asdict(options))
-    hand_over(found, json_file, lambda: None if write is None else write(found))
+        asked = asdict(options)
+        excitation = find_motion(robot, diagnosis=diagnosis, catalogue=catalogue, **asked)
+    hand_over(excitation, json_file, lambda: None if write is None else write(excitation))
     if out is None:
         console.print("nothing written: give --out FOLDER for the motion's files")
         return
@@ -248,7 +304,9 @@ def excite(
         console.print(f"what to do with it, step by step: {out / 'capture.json'}")
 
 
-def _excite_writer(robot: str, out: Path | None, capture: str | None) -> Callable[[Excitation], object] | None:
+def _excite_writer(
+    robot: str, out: Path | None, capture: str | None
+) -> Callable[[Excitation], object] | None:
     """What writes the motion's files; None where none are asked for.
 
     Raises:
@@ -268,7 +326,10 @@ def _excite_writer(robot: str, out: Path | None, capture: str | None) -> Callabl
 @app.command()
 def schema(
     name: Annotated[
-        str, typer.Argument(help="Kind of result file: result, cycle, comparison or excite.", show_default=False)
+        str,
+        typer.Argument(
+            help="Kind of result file: result, cycle, comparison or excite.", show_default=False
+        ),
     ],
 ) -> None:
     """The JSON Schema of a result file, on standard output."""

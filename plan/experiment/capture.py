@@ -159,17 +159,17 @@ def write_capture(
     """
     joints = list(excitation.noise)
     suffix = SAMPLED[0] if controller is None else controller.suffix
-    with atomic_folder(folder, MOTION_KIND) as part:
-        excitation.write_into(part)
+    with atomic_folder(folder, MOTION_KIND) as partial:
+        excitation.write_into(partial)
         steps = []
         for step in steps_of(excitation.runs):
             files = []
             for number, motion in enumerate(step.motions, start=1):
-                path = part / step.name / f"{number:02d}_{motion.name}{suffix}"
+                path = partial / step.name / f"{number:02d}_{motion.name}{suffix}"
                 path.parent.mkdir(exist_ok=True)
                 execution, miss = execution_of(motion, joints, controller)
                 execution.save(path)
-                files.append(_file_record(path, part, motion, miss))
+                files.append(_file_record(path, partial, motion, miss))
             record = {"step": step.name, "do": step.order, "session": step.session, "files": files}
             steps.append(record)
         told = {
@@ -181,7 +181,7 @@ def write_capture(
             "steps": steps,
             "between_runs": "ident diagnose my_session --robot … --until 0.95",
         }
-        (part / RECORD_NAME).write_text(as_json(told) + "\n", encoding="utf-8")
+        (partial / RECORD_NAME).write_text(as_json(told) + "\n", encoding="utf-8")
     return told
 
 

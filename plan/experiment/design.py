@@ -99,26 +99,32 @@ def search(
 
     count = max(len(FAMILIES), int(STARTS_SHARE * evaluations))
     names = list(FAMILIES)
-    first = [hinted if hinted in FAMILIES else "wide"] * int(HINTED_SHARE * count)
-    for family in first + [names[k % len(names)] for k in range(count - len(first))]:
+    suited = [hinted if hinted in FAMILIES else "wide"] * int(HINTED_SHARE * count)
+    others = [names[k % len(names)] for k in range(count - len(suited))]
+    for family in suited + others:
         attempt(family, rng.uniform(0.0, 1.0, RunSet.freedom(family, joints)))
     # None where no start fits: no step from one will.
-    finalists = [one for one in _best_of_families(done) if np.isfinite(one.rate)][:FINALISTS]
-    for i, best in enumerate(finalists):  # a (1 + 1) evolution strategy in the unit cube
+    fitting = [trial for trial in _best_of_families(done) if np.isfinite(trial.rate)]
+    finalists = fitting[:FINALISTS]
+    for number, best in enumerate(finalists):  # a (1 + 1) evolution strategy in the unit cube
         reach = STEP
-        for _ in range((evaluations - len(done)) // (len(finalists) - i)):
+        for _ in range((evaluations - len(done)) // (len(finalists) - number)):
             move = reach * rng.standard_normal(len(best.shares))
             trial = attempt(best.family, np.clip(best.shares + move, 0.0, 1.0))
-            reach *= GROW if trial.rate > best.rate else SHRINK
-            best = trial if trial.rate > best.rate else best
+            if trial.rate > best.rate:
+                best = trial
+                reach *= GROW
+            else:
+                reach *= SHRINK
     ranked = _best_of_families(done)
-    return ranked[:FINALISTS] + [one for one in ranked[FINALISTS:] if one.family == BASELINE]
+    baselines = [trial for trial in ranked[FINALISTS:] if trial.family == BASELINE]
+    return ranked[:FINALISTS] + baselines
 
 
 def _best_of_families(done: Sequence[RatedRuns]) -> list[RatedRuns]:
     """The best trial of each family, the best first."""
     best: dict[str, RatedRuns] = {}
-    for trial in sorted(done, key=lambda one: -one.rate):
+    for trial in sorted(done, key=lambda trial: -trial.rate):
         best.setdefault(trial.family, trial)
     return list(best.values())
 
@@ -166,7 +172,9 @@ class Designer:
     def rate(self, family: str, shares: Float[Array, " d"]) -> float:
         """Score of a few runs a minute [nats/min]; minus infinity if they don't fit."""
         runs = self.decode(family, shares).runs(TRIAL_RUNS, self.feasible)
-        return 60.0 * self.hypotheses.score(self.see(runs)) / duration_of(runs) if runs else -np.inf
+        if not runs:
+            return -np.inf
+        return 60.0 * self.hypotheses.score(self.see(runs)) / duration_of(runs)
 
     def best(self) -> Excitation:
         """The motion that a search finds, with random motion of its length beside it.
@@ -177,31 +185,18 @@ class Designer:
         began = time.perf_counter()
         asked = self.hypotheses
         scene = self.feasible.scene
-        run_sets = [self.general]
-        evaluations = 0
-        seed = self.options.seed
-        if asked.testable != ():
-            evaluations = self.options.evaluations
-            found = search(self.rate, self.arm.n, asked.family, evaluations, seed)
-            rng = np.random.default_rng([seed, 2])
-            draws = rng.uniform(0.0, 1.0, (BASELINE_DRAWS, RunSet.freedom(BASELINE, self.arm.n)))
-            run_sets = [self.decode(one.family, one.shares) for one in found]
-            run_sets += [self.decode(BASELINE, one, k) for k, one in enumerate(draws)]
-            run_sets += self._textbook()
+        searches = asked.testable != ()
+        evaluations = self.options.evaluations if searches else 0
+        run_sets = self._searched() if searches else [self.general]
         run_set, runs, view = self._best_at_length(run_sets)
-        each = max(duration_of(runs) / len(runs), 1.0)
-        chance = [
-            self.see(random_runs(self.arm, len(runs), each, np.random.default_rng([seed, k, 1])))
-            for k in range(RANDOM_TRIES)
-        ]
-        by_chance = sorted(chance, key=asked.score)[RANDOM_TRIES // 2]
+        by_chance = self._by_chance(runs)
+        noise = map(float, self.predictor.noise)
+        sources = {"noise": "a share of the rated torque" if asked.noise is None else "diagnosis"}
+        for candidate in view.candidates:
+            sources[candidate.effect.id] = candidate.source
         return Excitation(
             robot=self.arm.name,
-            status="ready"
-            if asked.testable is None
-            else "one_sided"
-            if asked.testable
-            else "needs_set_up",
+            status=asked.status,
             aim=asked.aim,
             effects=asked.ids,
             joint=self.arm.joint_names[asked.joint],
@@ -212,28 +207,46 @@ class Designer:
             testable=asked.testable,
             information=(view.information(), by_chance.information()),
             against_textbook=self._against_textbook(view, len(runs)),
-            noise=dict(zip(self.arm.joint_names, map(float, self.predictor.noise), strict=True)),
-            sources={
-                "noise": "a share of the rated torque" if asked.noise is None else "diagnosis",
-                **{candidate.effect.id: candidate.source for candidate in view.candidates},
-            },
+            noise=dict(zip(self.arm.joint_names, noise, strict=True)),
+            sources=sources,
             clearance=min(map(self.feasible.clearance, runs)) if len(scene.pairs) else None,
             scene=scene,
             carried=self.feasible.carried,
             set_up=asked.set_up,
             evaluations=evaluations,
             seconds=time.perf_counter() - began,
-            seed=seed,
+            seed=self.options.seed,
         )
+
+    def _searched(self) -> list[RunSet]:
+        """What a search finds, beside random motion and the textbook's."""
+        seed = self.options.seed
+        evaluations = self.options.evaluations
+        rated = search(self.rate, self.arm.n, self.hypotheses.family, evaluations, seed)
+        rng = np.random.default_rng([seed, 2])
+        freedom = RunSet.freedom(BASELINE, self.arm.n)
+        draws = rng.uniform(0.0, 1.0, (BASELINE_DRAWS, freedom))
+        run_sets = [self.decode(trial.family, trial.shares) for trial in rated]
+        run_sets += [self.decode(BASELINE, shares, number) for number, shares in enumerate(draws)]
+        return run_sets + self._textbook()
+
+    def _by_chance(self, runs: Sequence[ReferenceMotion]) -> PredictedDesign:
+        """What random motion of the same length usually tells: the middle of several draws."""
+        each = max(duration_of(runs) / len(runs), 1.0)
+        designs = []
+        for draw in range(RANDOM_TRIES):
+            rng = np.random.default_rng([self.options.seed, draw, 1])
+            designs.append(self.see(random_runs(self.arm, len(runs), each, rng)))
+        return sorted(designs, key=self.hypotheses.score)[RANDOM_TRIES // 2]
 
     def _textbook(self) -> list[RunSet]:
         """The textbook's Fourier series about the arm's middle, with other phases each."""
         home = np.array(self.feasible.limits.centre)
-        draws = range(TEXTBOOK_DRAWS)
-        return [
-            RunSet("fourier", {**TEXTBOOK, "draw": draw}, home, self.hypotheses.joint, 0)
-            for draw in draws
-        ]
+        run_sets = []
+        for draw in range(TEXTBOOK_DRAWS):
+            figures = {**TEXTBOOK, "draw": draw}
+            run_sets.append(RunSet("fourier", figures, home, self.hypotheses.joint, 0))
+        return run_sets
 
     def _against_textbook(self, view: PredictedDesign, count: int) -> tuple[float, float] | None:
         """What the textbook's series of so many runs tells [nats], and how wide the proposal's
@@ -242,15 +255,17 @@ class Designer:
         The width is the median, over the base parameters, of the ratio of standard deviations. None
         where no series fits this arm.
         """
-        found: list[PredictedDesign] = []
+        designs: list[PredictedDesign] = []
         for run_set in self._textbook():
             runs = run_set.runs(count, self.feasible)
             if runs:
-                found.append(self.see(runs))
-        if not found:
+                designs.append(self.see(runs))
+        if not designs:
             return None
-        told = sorted(found, key=lambda each: each.information())[len(found) // 2]
-        return told.information(), float(np.median(view.base_deviations() / told.base_deviations()))
+        ranked = sorted(designs, key=lambda design: design.information())
+        middle = ranked[len(designs) // 2]
+        ratios = view.base_deviations() / middle.base_deviations()
+        return middle.information(), float(np.median(ratios))
 
     def _testable(self) -> tuple[tuple[str, str], ...] | None:
         """Of effects that another set-up would part, the pairs (true, rival) that wide motion of
@@ -264,14 +279,13 @@ class Designer:
         runs = self.general.runs(TRIAL_RUNS, self.feasible)
         if not runs:
             return ()
-        found = self.hypotheses.distances(self.see(runs))
-        needed = {pair: minutes_to_odds(value, duration_of(runs)) for pair, value in found.items()}
-        parted = tuple(
-            pair
-            for pair, minutes in needed.items()
-            if minutes is not None and minutes <= LONGEST_MINUTES
-        )
-        return None if len(parted) == len(found) else parted
+        distances = self.hypotheses.distances(self.see(runs))
+        parted = []
+        for pair, distance in distances.items():
+            minutes = minutes_to_odds(distance, duration_of(runs))
+            if minutes is not None and minutes <= LONGEST_MINUTES:
+                parted.append(pair)
+        return None if len(parted) == len(distances) else tuple(parted)
 
     def _best_at_length(
         self, run_sets: list[RunSet]
@@ -280,7 +294,8 @@ class Designer:
 
         A few trial runs flatter some families.
         """
-        found = []
+        best = None
+        most = -np.inf
         for run_set in run_sets:
             try:
                 runs = self._of_length(run_set)
@@ -289,8 +304,12 @@ class Designer:
                     raise
                 continue
             view = self.see(runs)
-            found.append((self.hypotheses.score(view) / duration_of(runs), run_set, runs, view))
-        return max(found, key=lambda one: one[0])[1:]
+            score = self.hypotheses.score(view) / duration_of(runs)
+            if best is None or score > most:
+                most = score
+                best = (run_set, runs, view)
+        assert best is not None
+        return best
 
     def _of_length(self, run_set: RunSet) -> list[ReferenceMotion]:
         """As many runs as the question takes, each proven to keep its distance."""
@@ -298,27 +317,25 @@ class Designer:
         minutes = self.options.minutes
         wanted = minutes
         if wanted is None:
-            found = self.hypotheses.counted(self.hypotheses.distances(self.see(trial)))
-            needed = minutes_to_odds(min(found), duration_of(trial)) if found else USUAL_MINUTES
+            distances = self.hypotheses.counted(self.hypotheses.distances(self.see(trial)))
+            needed = None
+            if distances:
+                needed = minutes_to_odds(min(distances), duration_of(trial))
             wanted = RESERVE * (needed or USUAL_MINUTES)
-        count = int(np.ceil(60.0 * wanted / (duration_of(trial) / len(trial))))
-        # A length that was asked for is kept.
-        count = (
-            max(count, LEAST_RUNS)
-            if minutes is not None
-            else int(np.clip(count, FEWEST_RUNS, MOST_RUNS))
-        )
-        return self._proven(run_set, count)
+        each = duration_of(trial) / len(trial)
+        count = int(np.ceil(60.0 * wanted / each))
+        if minutes is not None:  # a length that was asked for is kept
+            return self._proven(run_set, max(count, LEAST_RUNS))
+        return self._proven(run_set, int(np.clip(count, FEWEST_RUNS, MOST_RUNS)))
 
     def _proven(self, run_set: RunSet, count: int) -> list[ReferenceMotion]:
         """Runs of a set, those left out that don't fit or can't be proven."""
-        found: list[ReferenceMotion] = []
+        proven: list[ReferenceMotion] = []
         for number in range(PROOF_TRIES * count):
             run = run_set.run(number, self.feasible)
             if run is not None and self.feasible.clearance(run) > 0.0:
-                found.append(run)
-            if len(found) == count:
-                return found
-        raise RobotError(
-            self.arm.name, "no motion found that fits", "check its limits and collision geometry"
-        )
+                proven.append(run)
+            if len(proven) == count:
+                return proven
+        what = "no motion found that fits"
+        raise RobotError(self.arm.name, what, "check its limits and collision geometry")

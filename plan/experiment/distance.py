@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -63,10 +64,14 @@ class TrueModel:
     source: str  # where its size is from: `diagnosis`, `typical`, or `not seen`, with the reason
     # Its coefficients at the expected point of its inner grid; None where the motion can't show it.
     beta: Float[Array, " k"] | None = None
-    columns: tuple[
-        Int[Array, " k"], ...
-    ] = ()  # for each point of the grid, its columns in `PredictedDesign.rest`
-    at: int = 0  # which point is the expected one
+    # For each point of the grid, its columns in `PredictedDesign.rest`.
+    columns: tuple[Int[Array, " k"], ...] = ()
+    expected: int = 0  # which point is the expected one
+
+    @property
+    def expected_columns(self) -> Int[Array, " k"]:
+        """The columns at the expected point."""
+        return self.columns[self.expected]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,43 +115,45 @@ class PredictedDesign:
 
         Against the baseline alone if there is no rival.
         """
-        own = self.candidates[k]
-        if own.beta is None:
+        candidate = self.candidates[k]
+        if candidate.beta is None:
             return 0.0
-        at = own.columns[own.at]
-        beta = own.beta
-        plain = float(beta @ self.rest[np.ix_(at, at)] @ beta)
+        columns = candidate.expected_columns
+        beta = candidate.beta
+        power = float(beta @ self.rest[np.ix_(columns, columns)] @ beta)
         rivals = () if rival is None else self.candidates[rival].columns
-        return 0.5 * max(
-            plain - max((self._absorbed(at, beta, other) for other in rivals), default=0.0), 0.0
-        )
+        absorbed = [self._absorbed(columns, beta, other) for other in rivals]
+        return 0.5 * max(power - max(absorbed, default=0.0), 0.0)
 
-    def _absorbed(self, at: Array, beta: Array, other: Array) -> float:
-        """What of an effect's whitened power a rival takes over."""
+    def _absorbed(self, columns: Array, beta: Array, other: Array) -> float:
+        """What of an effect's whitened power a rival takes over.
+
+            cᵀ (R + ridge)⁻¹ c,  c = S Φ_lᵀ Φ_k β
+
+        with the rival's sums R and columns scaled to unit length by S.
+        """
         inner = self.rest[np.ix_(other, other)]
         power = np.maximum(np.diag(inner), 0.0)
         if not power.any():
             return 0.0
         # Columns of unit length: they differ by orders.
         root = 1.0 / np.sqrt(np.maximum(power, 1e-12 * power.max()))
-        cross = root * (self.rest[np.ix_(other, at)] @ beta)
-        return float(
-            cross
-            @ np.linalg.solve(inner * np.outer(root, root) + RIDGE * np.eye(len(power)), cross)
-        )
+        cross = root * (self.rest[np.ix_(other, columns)] @ beta)
+        scaled = inner * np.outer(root, root) + RIDGE * np.eye(len(power))
+        return float(cross @ np.linalg.solve(scaled, cross))
 
     def between(self) -> dict[tuple[str, str], float]:
         """Distance of every effect from every other [nats]."""
         ids = [candidate.effect.id for candidate in self.candidates]
-        pairs = [(k, rival) for k in range(len(ids)) for rival in range(len(ids)) if k != rival]
+        pairs = permutations(range(len(ids)), 2)
         return {(ids[k], ids[rival]): self.distance(k, rival) for k, rival in pairs}
 
     def visible(self) -> dict[tuple[str, str], float]:
         """Distance of every effect from the tuned baseline alone [nats]."""
-        return {
-            (one.effect.id, "baseline"): self.distance(k, None)
-            for k, one in enumerate(self.candidates)
-        }
+        distances = {}
+        for k, candidate in enumerate(self.candidates):
+            distances[candidate.effect.id, "baseline"] = self.distance(k, None)
+        return distances
 
     def information(self) -> float:
         """½ log det (I + F), nats gained.
@@ -155,11 +162,12 @@ class PredictedDesign:
         expected size, or, without effects, of the base parameters in units of the URDF's doubt."""
         fisher = self.base
         if self.candidates:
-            own = self.candidates[0]
-            if own.beta is None:
+            candidate = self.candidates[0]
+            if candidate.beta is None:
                 return 0.0
-            at = own.columns[own.at]
-            fisher = self.rest[np.ix_(at, at)] * np.outer(own.beta, own.beta)
+            columns = candidate.expected_columns
+            sizes = np.outer(candidate.beta, candidate.beta)
+            fisher = self.rest[np.ix_(columns, columns)] * sizes
         values = np.linalg.eigvalsh(0.5 * (fisher + fisher.T))
         return 0.5 * float(np.sum(np.log1p(np.maximum(values, 0.0))))
 
@@ -195,11 +203,9 @@ class Predictor:
             tau += COULOMB_SHARE * rated * (np.tanh(run.dq / 2e-3) + run.dq / VISCOUS_SPEED)
             tau += NOISE_SHARE * rated * rng.standard_normal(tau.shape)
             healthy.append(replace(run, tau=freeze(tau)))
-        return cls(
-            arm,
-            fit_baseline(healthy, arm),
-            freeze(np.array(NOISE_SHARE * rated if noise is None else noise)),
-        )
+        if noise is None:
+            noise = NOISE_SHARE * rated
+        return cls(arm, fit_baseline(healthy, arm), freeze(np.array(noise)))
 
     def look(
         self,
@@ -216,12 +222,14 @@ class Predictor:
         """
         session = self._session(runs)
         reasons = [effect.untestable(session, joint) for effect, joint in effects]
-        seen = [one for one, reason in zip(effects, reasons, strict=True) if reason is None]
-        grids = [(effect, joint, tuple(effect.variants(session, joint))) for effect, joint in seen]
+        grids = []
+        for (effect, joint), reason in zip(effects, reasons, strict=True):
+            if reason is None:
+                grids.append((effect, joint, tuple(effect.variants(session, joint))))
         layout = layout_of(session, self.baseline.base.rank, grids)
-        joints = range(self.arm.n)
+        joints: Sequence[int] = range(self.arm.n)
         if effects and all(effect.rows == "own" for effect, _ in effects):
-            joints = sorted({joint for _, joint in effects})  # type: ignore[assignment]
+            joints = sorted({joint for _, joint in effects})
         gram = np.zeros((layout.size, layout.size))
         for rows in compute_rows(session, self.baseline, layout, build_partition(session)):
             for j in joints:
@@ -229,24 +237,23 @@ class Predictor:
                 local = layout.local[j][:-1]
                 gram[np.ix_(local, local)] += table.T @ table / self.noise[j] ** 2
         places = iter(group.columns - layout.tuned for group in layout.groups)
-        found = []
+        models = []
         points = iter(grids)
         for (effect, joint), reason in zip(effects, reasons, strict=True):
             if reason is not None:
-                found.append(TrueModel(effect, f"not seen: {reason}"))
+                models.append(TrueModel(effect, f"not seen: {reason}"))
                 continue
-            variants = next(points)[2]
+            _, _, variants = next(points)
             columns = tuple(next(places) for _ in variants)
             stated = (reported or {}).get(effect.id, {})
             # Of the inner grid the point nearest to what is reported, or to what is typical; else
             # the first.
             apart = [effect.typical.distance(variant.inner, stated) for variant in variants]
-            at = apart.index(min(apart))
-            beta, source = size_effect(
-                effect, session, joint, variants[at], len(columns[at]), stated
-            )
-            found.append(TrueModel(effect, source, beta, columns, at))
-        return PredictedDesign.of(gram, layout.rank, layout.tuned, self.baseline.prior, found)
+            nearest = apart.index(min(apart))
+            width = len(columns[nearest])
+            beta, source = size_effect(effect, session, joint, variants[nearest], width, stated)
+            models.append(TrueModel(effect, source, beta, columns, nearest))
+        return PredictedDesign.of(gram, layout.rank, layout.tuned, self.baseline.prior, models)
 
     def _session(self, runs: Sequence[ReferenceMotion]) -> SessionContext:
         """Runs as the effects will see them, on one clock."""
@@ -299,5 +306,8 @@ def size_effect(
     if typical.figure not in reported:
         return beta, "typical"
     usual = max(optional.size_of(effect, session, joint, variant, beta), 1e-12)
-    ratio = max(abs(reported[typical.figure]) / usual, 1e-12) ** (-1 if typical.inverse else 1)
-    return beta * float(np.clip(ratio, 1.0 / LARGEST_CHANGE, LARGEST_CHANGE)), "diagnosis"
+    ratio = max(abs(reported[typical.figure]) / usual, 1e-12)
+    if typical.inverse:
+        ratio = ratio**-1
+    factor = float(np.clip(ratio, 1.0 / LARGEST_CHANGE, LARGEST_CHANGE))
+    return beta * factor, "diagnosis"

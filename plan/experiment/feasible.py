@@ -54,15 +54,18 @@ class Feasibility:
     def __init__(
         self, arm: ArmModel, stand_in: str | None = None, around: Surroundings = OPEN
     ) -> None:
-        self.limits = limits = MotionLimits(arm)
-        limits.lower = np.fmax(limits.lower, around.lower if around.lower is not None else -np.inf)
-        limits.upper = np.fmin(limits.upper, around.upper if around.upper is not None else np.inf)
-        limits.speed = np.fmin(limits.speed, around.speed if around.speed is not None else np.inf)
+        limits = MotionLimits(arm)
+        if around.lower is not None:
+            limits.lower = np.fmax(limits.lower, around.lower)
+        if around.upper is not None:
+            limits.upper = np.fmin(limits.upper, around.upper)
+        if around.speed is not None:
+            limits.speed = np.fmin(limits.speed, around.speed)
+        self.limits = limits
         empty = np.flatnonzero(limits.lower >= limits.upper)
         if len(empty):
-            what = (
-                f"[limits] leave {arm.joint_names[empty[0]]} no room inside the robot's own limits"
-            )
+            joint = arm.joint_names[empty[0]]
+            what = f"[limits] leave {joint} no room inside the robot's own limits"
             raise InputError(around.source, what, "widen lower_deg and upper_deg")
         _, _, self.carried = hang(arm, around.attached, around.payload, around.payload_link)
         self.scene = Scene.build(
@@ -79,11 +82,10 @@ class Feasibility:
         """
         limits = self.limits
         bounded = np.isfinite(limits.upper - limits.lower)
-        low, high = (
-            np.where(bounded, one, side)
-            for one, side in ((limits.lower, -np.pi), (limits.upper, np.pi))
-        )
-        gaps = self.scene.gaps(np.random.default_rng(0).uniform(low, high, (POSITIONS, len(low))))
+        low = np.where(bounded, limits.lower, -np.pi)
+        high = np.where(bounded, limits.upper, np.pi)
+        rng = np.random.default_rng(0)
+        gaps = self.scene.gaps(rng.uniform(low, high, (POSITIONS, len(low))))
         most = gaps.max(axis=0, initial=-np.inf)
         if len(most) and most.min() <= MARGINS[0]:
             pair = int(most.argmin())
@@ -91,11 +93,9 @@ class Feasibility:
             reads = f"overlap by {-best:.0f} mm" if best < 0.0 else f"are {best:.0f} mm apart"
             tried = f"of {POSITIONS} positions within the limits"
             what = f"{self.scene.pair_name(pair)} {reads} at best, {tried}"
-            remedy = (
-                "lower the floor (--floor METRES, or none)"
-                if FLOOR in self.scene.names_of(pair)
-                else LEAVE_OUT
-            )
+            remedy = LEAVE_OUT
+            if FLOOR in self.scene.names_of(pair):
+                remedy = "lower the floor (--floor METRES, or none)"
             raise RobotError(self.scene.arm.name, what, remedy)
 
     def allows(self, motion: ReferenceMotion) -> bool:
@@ -119,23 +119,33 @@ class Feasibility:
             return 1.0
         if self.scene.distances(motion.q[0]).min() <= 0.0:  # inside a closed mesh, too
             return 0.0
-        travel = np.concatenate(
-            [np.zeros((1, motion.q.shape[1])), np.cumsum(np.abs(np.diff(motion.q, axis=0)), 0)]
-        )
-        return next((target for target in MARGINS if self._keeps(motion.q, travel, target)), 0.0)
+        moved = np.abs(np.diff(motion.q, axis=0, prepend=motion.q[:1]))
+        travel = np.cumsum(moved, axis=0)
+        for margin in MARGINS:
+            if self._keeps(motion.q, travel, margin):
+                return margin
+        return 0.0
 
     def _keeps(self, q: Float[Array, "K n"], travel: Float[Array, "K n"], target: float) -> bool:
         """Whether every pair is proven to keep a distance along a densely sampled path."""
-        at = 0
+        tick = 0
         while True:
-            left = self.scene.proximity.distances(q[at]) - target
-            if left.min() <= 0.0 or at == len(q) - 1:
+            left = self.scene.proximity.distances(q[tick]) - target
+            if left.min() <= 0.0 or tick == len(q) - 1:
                 return bool(left.min() > 0.0)
-            moved = (travel[at + 1 : at + 1 + STRIDE] - travel[at]) @ self.scene.levers.T
+            ahead = travel[tick + 1 : tick + 1 + STRIDE]
+            moved = (ahead - travel[tick]) @ self.scene.levers.T
             short = np.flatnonzero((moved > left).any(axis=1))
             if len(short) and short[0] == 0:
                 return False  # a single tick could bring them too near
-            at += int(short[0]) if len(short) else len(moved)
+            tick += int(short[0]) if len(short) else len(moved)
+
+
+def _is_of_another(around: Surroundings, arm: ArmModel) -> bool:
+    """Whether a scene names another robot than the arm."""
+    if around.robot is None or arm.source is None:
+        return False
+    return real_path(find_urdf(around.robot)) != real_path(arm.source)
 
 
 def surroundings_of(arm: ArmModel, options: ExciteOptions) -> Surroundings:
@@ -148,15 +158,9 @@ def surroundings_of(arm: ArmModel, options: ExciteOptions) -> Surroundings:
         InputError: The scene file is at fault, or another robot's.
     """
     around = OPEN if options.scene is None else load_surroundings(options.scene, arm.sliding_joints)
-    robot = around.robot
-    if (
-        robot is not None
-        and arm.source is not None
-        and real_path(find_urdf(robot)) != real_path(arm.source)
-    ):
-        raise InputError(
-            around.source, f"it is for {robot!r}, the robot is {arm.name!r}", "give its --robot"
-        )
+    if _is_of_another(around, arm):
+        what = f"it is for {around.robot!r}, the robot is {arm.name!r}"
+        raise InputError(around.source, what, "give its --robot")
     if options.floor != "none" and all(box.name != FLOOR for box in around.obstacles):
         try:
             height = float(options.floor)
@@ -167,8 +171,8 @@ def surroundings_of(arm: ArmModel, options: ExciteOptions) -> Surroundings:
             raise InputError("--floor", what, f"give metres within {HIGHEST_FLOOR:g}, or none")
         around = replace(around, obstacles=(*around.obstacles, floor_box(height)))
     if options.top_speed is not None:
-        given = np.where(arm.sliding_joints, np.inf, math.radians(options.top_speed))
-        around = replace(
-            around, speed=given if around.speed is None else np.minimum(given, around.speed)
-        )
+        speed = np.where(arm.sliding_joints, np.inf, math.radians(options.top_speed))
+        if around.speed is not None:
+            speed = np.minimum(speed, around.speed)
+        around = replace(around, speed=speed)
     return around

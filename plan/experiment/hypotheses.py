@@ -10,8 +10,9 @@ a share and masses that are all too large by it give the same log, since frictio
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -32,6 +33,10 @@ LONGEST_MINUTES = 30.0
 SCHEMA = "ident.diagnosis/1"
 NO_DIAGNOSIS: dict[str, Any] = {"findings": [], "not_testable": [], "gap": {}}
 REMEDY = "give the file of `ident diagnose --json`"
+# What the mean of all distances counts beside the smallest.
+REST_SHARE = 1e-3
+# Positions at which joints' loads are compared.
+POSITIONS = 64
 # Of a large class, the nearest are asked for: each pair costs time.
 MOST_EFFECTS = 4
 
@@ -73,13 +78,18 @@ def widen(ids: Sequence[str], catalogue: Sequence[Effect] = CATALOGUE) -> list[E
 
     Beside `all_masses`, which no catalogue names, a gain error is one of all joints.
     """
-    special: dict[str, Effect] = (
-        {one.id: one for one in (AllMasses(), AllGains())} if AllMasses.id in ids else {}
-    )
+    special: dict[str, Effect] = {}
+    if AllMasses.id in ids:
+        special = {effect.id: effect for effect in (AllMasses(), AllGains())}
     return [special.get(name) or find_effect(name, tuple(catalogue)) for name in ids]
 
 
 Aim = Literal["separate", "show", "identify"]
+"""`separate` effects from each other, `show` effects, or `identify` the base parameters."""
+
+Status = Literal["ready", "one_sided", "needs_set_up"]
+"""Whether motion can part all that is asked, one way of some pairs only, or nothing."""
+
 Distances = Mapping[tuple[str, str], float]
 
 
@@ -87,9 +97,7 @@ Distances = Mapping[tuple[str, str], float]
 class Hypotheses:
     """What is asked of the arm."""
 
-    aim: (
-        Aim  # `separate` effects from each other, `show` effects, or `identify` the base parameters
-    )
+    aim: Aim
     effects: tuple[tuple[Effect, int], ...]  # effects and their joints (0 for one of the whole arm)
     joint: int  # the joint that moves most
     # What a diagnosis knows of their sizes, by effect.
@@ -104,11 +112,18 @@ class Hypotheses:
         return tuple(effect.id for effect, _ in self.effects)
 
     @property
+    def status(self) -> Status:
+        """What motion can do for the question."""
+        if self.testable is None:
+            return "ready"
+        return "one_sided" if self.testable else "needs_set_up"
+
+    @property
     def family(self) -> str:
         """The kind of motion that is known to answer such questions."""
-        return (
-            family_for(self.ids, [effect for effect, _ in self.effects]) if self.ids else "fourier"
-        )
+        if not self.ids:
+            return "fourier"
+        return family_for(self.ids, [effect for effect, _ in self.effects])
 
     @property
     def set_up(self) -> str | None:
@@ -130,9 +145,9 @@ class Hypotheses:
         Returns:
             Their sizes [nats]; those of all pairs where `testable` names none.
         """
-        return [
-            value for pair, value in distances.items() if not self.testable or pair in self.testable
-        ]
+        if not self.testable:
+            return list(distances.values())
+        return [distance for pair, distance in distances.items() if pair in self.testable]
 
     def score(self, view: PredictedDesign) -> float:
         """What the search makes large.
@@ -141,9 +156,9 @@ class Hypotheses:
         """
         if len(self.effects) < 2:
             return view.information()
-        found = self.counted(self.distances(view))
+        distances = self.counted(self.distances(view))
         # Where one effect is nearly contained in another, the rest still decides between motions.
-        return min(found) + 1e-3 * float(np.mean(found))
+        return min(distances) + REST_SHARE * float(np.mean(distances))
 
 
 def ask(
@@ -181,11 +196,8 @@ def ask(
         raise InputError(where, f"its joints are {joints!r}, not a list of names", REMEDY)
     for name in joints:
         if name not in arm.joint_names:
-            raise InputError(
-                where,
-                f"it speaks of {name}, which {arm.name} lacks",
-                "give the robot that it is of",
-            )
+            what = f"it speaks of {name}, which {arm.name} lacks"
+            raise InputError(where, what, "give the robot that it is of")
     try:
         return _ask(arm, ids, joint, {**NO_DIAGNOSIS, **record}, catalogue)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
@@ -200,33 +212,41 @@ def _ask(
     record: Mapping[str, Any],
     catalogue: Sequence[Effect],
 ) -> Hypotheses:
-    aim: Aim = "separate" if len(ids) > 1 else "show" if ids else "identify"
-    places = [one["joints"][0] for one in record["findings"] if set(ids) & set(one["class"])]
+    aim: Aim = "separate" if len(ids) > 1 else "show"
+    findings = record["findings"]
+    places = [finding["joints"][0] for finding in findings if set(ids) & set(finding["class"])]
     if not ids:
         ids, places, aim = _open_question(record, catalogue)
     effects = widen(list(dict.fromkeys(ids))[:MOST_EFFECTS], catalogue)
-    at = _joint(arm, joint or (str(places[0]) if places else None))
-    gap = record["gap"] or {}
+    index = _joint(arm, joint or (str(places[0]) if places else None))
+    reported: dict[str, Reported] = {}
+    for finding in findings:
+        figures = {}
+        for name, figure in finding["parameters"].items():
+            figures[name] = require_finite(figure["value"], name)
+        reported[finding["effect"]] = figures
+    return Hypotheses(
+        aim=aim,
+        effects=tuple((effect, index if effect.scope == "joint" else 0) for effect in effects),
+        joint=index,
+        reported=reported,
+        noise=_noise_floors(arm, record["gap"] or {}),
+    )
+
+
+def _noise_floors(arm: ArmModel, gap: Mapping[str, Any]) -> Array | None:
+    """Noise of each joint as a diagnosis found it [N m]; None where it does not say all.
+
+    Raises:
+        ValueError: One is no number, or below zero.
+    """
+    known = [name for name in arm.joint_names if name in gap]
     floors = [
-        require_finite(gap[name]["noise_floor_Nm"], f"noise floor of {name}")
-        for name in arm.joint_names
-        if name in gap
+        require_finite(gap[name]["noise_floor_Nm"], f"noise floor of {name}") for name in known
     ]
     if min(floors, default=0.0) < 0.0:
         raise ValueError("a noise floor is below zero")
-    return Hypotheses(
-        aim=aim,
-        effects=tuple((effect, at if effect.scope == "joint" else 0) for effect in effects),
-        joint=at,
-        reported={
-            one["effect"]: {
-                name: require_finite(figure["value"], name)
-                for name, figure in one["parameters"].items()
-            }
-            for one in record["findings"]
-        },
-        noise=np.array(floors) if len(floors) == arm.n else None,
-    )
+    return np.array(floors) if len(floors) == arm.n else None
 
 
 def _open_question(
@@ -241,21 +261,25 @@ def _open_question(
         tied = [name for name in finding["class"] if name in known]
         if len(tied) > 1:
             return tied, list(finding["joints"]), "separate"
-    unseen = [one for one in record["not_testable"] if one["effect"] in known]
+    unseen = [entry for entry in record["not_testable"] if entry["effect"] in known]
     if not unseen:
         return [], [], "identify"
-    family = Counter(known[one] for one in {one["effect"]: 0 for one in unseen}).most_common(1)[0][
-        0
-    ]
-    wanted = [one for one in unseen if known[one["effect"]] == family]
-    joint = Counter(name for one in wanted for name in one["joints"]).most_common(1)[0][0]
-    return list(dict.fromkeys(one["effect"] for one in wanted)), [joint], "show"
+    effects = dict.fromkeys(entry["effect"] for entry in unseen)
+    family = _most_common(known[effect] for effect in effects)
+    wanted = [entry for entry in unseen if known[entry["effect"]] == family]
+    joint = _most_common(chain.from_iterable(entry["joints"] for entry in wanted))
+    return [effect for effect in effects if known[effect] == family], [joint], "show"
+
+
+def _most_common(values: Iterable[str]) -> str:
+    """The value that stands there most often; of several, that which came first."""
+    return Counter(values).most_common(1)[0][0]
 
 
 def _joint(arm: ArmModel, name: str | None) -> int:
     """Its index; of the joint that carries most, where none is named."""
     if name is None:
-        poses = np.random.default_rng(0).uniform(-1.0, 1.0, (64, arm.n))
+        poses = np.random.default_rng(0).uniform(-1.0, 1.0, (POSITIONS, arm.n))
         return int(np.argmax(np.std(arm.gravity(poses), axis=0)))
     if name in arm.joint_names:
         return arm.joint_names.index(name)

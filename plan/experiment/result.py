@@ -92,9 +92,9 @@ class Excitation(Result):
         counted = [pair for pair in self.distances if not self.testable or pair in self.testable]
         if not counted:
             return self.information
-        return min(self.distances[pair] for pair in counted), min(
-            self.random[pair] for pair in counted
-        )
+        proposed = min(self.distances[pair] for pair in counted)
+        by_chance = min(self.random[pair] for pair in counted)
+        return proposed, by_chance
 
     @property
     def minutes(self) -> tuple[float | None, float | None]:
@@ -110,19 +110,18 @@ class Excitation(Result):
     @property
     def untold(self) -> dict[str, list[str]]:
         """Effects that motion does not tell from others, if they are there; and those others."""
-        found: dict[str, list[str]] = {}
+        untold: dict[str, list[str]] = {}
         for true, rival in self.distances:
             if (true, rival) not in (self.testable or ()):
-                found.setdefault(true, []).append(rival)
-        return found
+                untold.setdefault(true, []).append(rival)
+        return untold
 
     @property
     def file_names(self) -> list[str]:
         """One file a run, in order."""
         width = max(len(str(len(self.runs))), 2)
-        return [
-            f"{number:0{width}d}_{run.name}.csv" for number, run in enumerate(self.runs, start=1)
-        ]
+        numbered = enumerate(self.runs, start=1)
+        return [f"{number:0{width}d}_{run.name}.csv" for number, run in numbered]
 
     def to_dict(self) -> dict[str, Any]:
         (proposed, by_chance) = self.smallest
@@ -184,8 +183,8 @@ class Excitation(Result):
 
         Whole or not at all.
         """
-        with atomic_folder(folder, MOTION_KIND) as part:
-            self.write_into(part)
+        with atomic_folder(folder, MOTION_KIND) as partial:
+            self.write_into(partial)
 
     def write_into(self, folder: Path) -> None:
         """The same into a folder that somebody else writes."""

@@ -35,6 +35,8 @@ from plan.experiment.feasible import Feasibility
 CORNER = 3.0
 DWELL = 0.05
 HARMONICS = 5
+# Steady speeds of a ladder.
+STEADY_SPEEDS = 5
 # Time in which a Fourier series fades in, and out [s].
 FADE_S = 1.5
 # Random paths that are drawn until one touches nothing.
@@ -45,12 +47,12 @@ SPREAD = "pose_spread"
 
 As a share of the usual span.
 """
-FAMILIES: dict[str, dict[str, tuple[float, float]]] = {
-    family: {name: (low, high) for name, (low, high) in ranges.items()}
-    for family, ranges in tomllib.loads(
-        Path(__file__).with_name("families.toml").read_text(encoding="utf-8")
-    ).items()
-}
+Figures = dict[str, tuple[float, float]]
+"""The ends of each figure's range, by its name."""
+
+FAMILIES: dict[str, Figures] = tomllib.loads(
+    Path(__file__).with_name("families.toml").read_text(encoding="utf-8")
+)
 """Each family, as in `ident.effects.effect_info`, with ranges of the numbers that are searched."""
 # Ends of the names of figures that are searched on a logarithmic scale.
 LOGARITHMIC = ("_rad", "_rad_s", "_hz", "leg_s", "period_s", "speed_share")
@@ -59,6 +61,11 @@ RUN_S = 10.0
 STILL_S = 0.3
 # Mean speed of the moves from home to a run's own pose and back, as a share of the speed limits.
 TRANSFER_SHARE = 0.3
+# Shortest of these moves, and of a run's own part [s].
+SHORTEST_TRANSFER = 0.2
+SHORTEST_PART = 4.0
+# Top speed of a move of continuous acceleration, over its mean: 15/8, and a little.
+FASTEST_OF_MEAN = 1.9
 # Sizes that are tried until a run fits.
 SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
 # Every so many runs all joints move, if they don't in all: that keeps the inertias known, and
@@ -143,9 +150,8 @@ class Stage:
     def ladder(self, slowest_rad_s: float, fastest_share: float) -> Float[Array, "K n"]:
         """There and back at five steady speeds, in an order of chance."""
         top = fastest_share * float(self.limits.speed[self.joint])
-        return self._there_and_back(
-            self.rng.permutation(np.geomspace(min(slowest_rad_s, top), top, 5))
-        )
+        speeds = np.geomspace(min(slowest_rad_s, top), top, STEADY_SPEEDS)
+        return self._there_and_back(self.rng.permutation(speeds))
 
     def slow(self, slowest_rad_s: float, ratio: float) -> Float[Array, "K n"]:
         """There and back at two slow steady speeds."""
@@ -174,14 +180,14 @@ class Stage:
         first = min(first_rad, self.reach, 0.25 * speed * self.duration)
         moves = []
         left = self.duration
-        at = middle
+        position = middle
         side = 1.0
         half = first
         while left > 0.0:
             goal = middle + side * half
             moves.append((goal, speed))
-            left -= abs(goal - at) / speed + speed / CORNER + DWELL
-            at = goal
+            left -= abs(goal - position) / speed + speed / CORNER + DWELL
+            position = goal
             side = -side
             half = half * ratio
             if half < last_rad:
@@ -221,15 +227,13 @@ class Stage:
 
     def wide(self, base_hz: float, swing: float) -> Float[Array, "K n"]:
         """All joints by a Fourier series about the pose."""
-        weight = (
-            self.rng.uniform(0.4, 1.0, (HARMONICS, len(self.pose)))
-            / np.arange(1, HARMONICS + 1)[:, None]
-        )
+        order = np.arange(1, HARMONICS + 1)[:, None]
+        weight = self.rng.uniform(0.4, 1.0, (HARMONICS, len(self.pose))) / order
         phase = self.rng.uniform(0.0, 2.0 * np.pi, weight.shape)
         far = self.size * swing * self.room * weight / weight.sum(axis=0)
-        return fourier(
-            "", self.pose, far * np.sin(phase), far * np.cos(phase), base_hz, self.duration
-        ).q
+        sines = far * np.sin(phase)
+        cosines = far * np.cos(phase)
+        return fourier("", self.pose, sines, cosines, base_hz, self.duration).q
 
     def fourier(
         self, period_s: float, slope: float, swing: float, draw: float
@@ -262,13 +266,10 @@ class Stage:
         """
         rng = np.random.default_rng([int(draw), int(self.rng.integers(2**31))])
         count = max(2, round(self.duration / leg_s) - 1)
-        points = self.pose + self.size * swing * self.room * rng.uniform(
-            -1.0, 1.0, (count, len(self.pose))
-        )
-        points = np.clip(points, self.limits.lower, self.limits.upper)
-        return via_spline(
-            "", np.concatenate([self.pose[None], points, self.pose[None]]), self.duration
-        ).q
+        away = self.size * swing * self.room * rng.uniform(-1.0, 1.0, (count, len(self.pose)))
+        points = np.clip(self.pose + away, self.limits.lower, self.limits.upper)
+        path = np.concatenate([self.pose[None], points, self.pose[None]])
+        return via_spline("", path, self.duration).q
 
     def random(
         self, swing: float, leg_s: float, fast_share: float, draw: float
@@ -292,9 +293,8 @@ class Stage:
             if inside and not limits.touches(path.q):
                 break
         # In one second the path has the speeds that it has in any other time, times that.
-        there = timed_spline(
-            limits, "", points, max(half, float((np.abs(path.dq) / limits.speed).max()))
-        )
+        needed = float((np.abs(path.dq) / limits.speed).max())
+        there = timed_spline(limits, "", points, max(half, needed))
         return np.concatenate([there.q, there.q[::-1]])
 
 
@@ -320,17 +320,12 @@ class RunSet:
     ) -> RunSet:
         """A set from shares in [0, 1]: first of the home pose, then of the figures."""
         n = limits.arm.n
-        home = limits.centre + HOME_SHARE * limits.span * (
-            2.0 * np.clip(shares[:n], 0.0, 1.0) - 1.0
-        )
-        ranges = zip(FAMILIES[family].items(), shares[n:], strict=True)
-        return cls(
-            family,
-            {name: figure_at(name, ends, share) for (name, ends), share in ranges},
-            home,
-            joint,
-            seed,
-        )
+        away = 2.0 * np.clip(shares[:n], 0.0, 1.0) - 1.0
+        home = limits.centre + HOME_SHARE * limits.span * away
+        figures = {}
+        for (name, (low, high)), share in zip(FAMILIES[family].items(), shares[n:], strict=True):
+            figures[name] = figure_at(name, (low, high), share)
+        return cls(family, figures, home, joint, seed)
 
     @staticmethod
     def freedom(family: str, n: int) -> int:
@@ -357,32 +352,33 @@ class RunSet:
             limits: Of the arm.
         """
         wide = self.family not in WIDE_FAMILIES and number % WIDE_EVERY == WIDE_EVERY - 1
-        family, figures = (
-            ("wide", dict(WIDE_FIGURES)) if wide else (self.family, dict(self.figures))
-        )
+        family = "wide" if wide else self.family
+        figures = dict(WIDE_FIGURES if wide else self.figures)
         rng = np.random.default_rng([self.seed, number])
         home = self.home
         spread = size * figures.pop(SPREAD) * HOME_SHARE * limits.span
-        own = np.clip(home + spread * rng.uniform(-1.0, 1.0, len(home)), limits.lower, limits.upper)
-        duration = max(
-            0.2, 1.9 * float(np.max(np.abs(own - home) / (TRANSFER_SHARE * limits.speed)))
-        )
+        away = spread * rng.uniform(-1.0, 1.0, len(home))
+        pose = np.clip(home + away, limits.lower, limits.upper)
+        steady = np.max(np.abs(pose - home) / (TRANSFER_SHARE * limits.speed))
+        duration = max(SHORTEST_TRANSFER, FASTEST_OF_MEAN * float(steady))
         s = ticks(duration)[:, None] / duration
         # Its acceleration is continuous.
-        there = home + (own - home) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        left = max(RUN_S - 2.0 * len(there) * TICK_S - 2.0 * STILL_S, 4.0)
-        path = getattr(Stage(limits, self.joint, own, size, left, rng), family)(**figures)
-        return sampled(family, np.concatenate([there, path, there[::-1]])).held(STILL_S, STILL_S)
+        there = home + (pose - home) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        left = max(RUN_S - 2.0 * len(there) * TICK_S - 2.0 * STILL_S, SHORTEST_PART)
+        stage = Stage(limits, self.joint, pose, size, left, rng)
+        path = getattr(stage, family)(**figures)
+        whole = np.concatenate([there, path, there[::-1]])
+        return sampled(family, whole).held(STILL_S, STILL_S)
 
     def runs(self, count: int, feasible: Feasibility) -> list[ReferenceMotion]:
         """The first runs; none at all if one of them can't be made to fit."""
-        found: list[ReferenceMotion] = []
+        runs: list[ReferenceMotion] = []
         for number in range(count):
             motion = self.run(number, feasible)
             if motion is None:
                 return []
-            found.append(motion)
-        return found
+            runs.append(motion)
+        return runs
 
 
 def duration_of(runs: Sequence[ReferenceMotion]) -> float:
@@ -410,9 +406,8 @@ def random_runs(
         return list(plan_motions(arm, ("spline",), count, duration, rng))
     except RobotError:
         feasible = Feasibility(arm, "capsules")  # to compare with, never to be run
-        careful = RunSet(
-            "vias", CAREFUL, np.array(feasible.limits.centre), 0, int(rng.integers(2**31))
-        )
+        centre = np.array(feasible.limits.centre)
+        careful = RunSet("vias", CAREFUL, centre, 0, int(rng.integers(2**31)))
         runs = careful.runs(count, feasible)
         if not runs:
             raise

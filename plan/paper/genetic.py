@@ -54,8 +54,8 @@ class Genetic(Planner):
     ) -> Float[Array, " P"]:
         number = genes @ (1 << np.arange(self.bits)[::-1])
         x = problem.lower + number / (2**self.bits - 1) * (problem.upper - problem.lower)
-        found = ledger.penalised(problem, x)
-        return np.concatenate([found, np.full(len(x) - len(found), np.inf)])
+        costs = ledger.penalised(problem, x)
+        return np.concatenate([costs, np.full(len(x) - len(costs), np.inf)])
 
     def _offspring(self, genes: Array, cost: Array, rng: np.random.Generator) -> Array:
         rank = np.argsort(np.argsort(cost))

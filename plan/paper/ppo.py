@@ -123,13 +123,13 @@ class _Agent:
 
     def _update(self, size: int, ledger: Ledger) -> None:
         with torch.no_grad():
-            mean, spread = (part.numpy() for part in self.actor())
+            mean, spread = (output.numpy() for output in self.actor())
         noise = self.rng.normal(size=(size, len(mean)))
         # Antithetic pairs: the mean is felt with less noise.
         noise[size // 2 : 2 * (size // 2)] = -noise[: size // 2]
         action = mean + np.exp(spread) * noise
-        found = ledger.evaluate(self.problem, self.problem.initial + action * self.unit)
-        penalised = self.problem.penalised(found)
+        candidates = self.problem.initial + action * self.unit
+        penalised = self.problem.penalised(ledger.evaluate(self.problem, candidates))
         # The paper's reward, eq. 7 and 9, is singular at contact and unknown under penetration:
         # this one is bounded.
         reward = -np.clip(penalised, -10.0, 10.0)

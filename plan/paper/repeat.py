@@ -31,8 +31,9 @@ from plan.paper.progress import FASTEST, MORE, SearchProgress, all_searches, lea
 from plan.planners.base import Planner
 from plan.planners.evolution import start_compressed
 from plan.planners.sequential import Sequential
+from plan.problem.certificate import certify
 from plan.problem.problem import PlanningProblem
-from plan.problem.result import PlanResult, certify
+from plan.problem.result import PlanResult
 from plan.problem.task_file import Task
 from plan.show.pictures import draw_comparison, draw_motion, save_figure
 from plan.solving.compare import Comparison
@@ -246,24 +247,22 @@ class Repeat:
             "free": "times",
             "label": "the energy optimum that was learned",
         }
-        slow = [
-            problem.with_initial(p.splines, **start)
-            for p in plans
-            if p.splines is not None and p.solved
-        ]
+        splines = [plan.splines for plan in plans if plan.splines is not None and plan.solved]
+        slow = [problem.with_initial(motion, **start) for motion in splines]
         timed = map(start_compressed, slow)
-        both = [start_compressed(replace(one, free="both")) for one in slow]
+        both = [start_compressed(replace(task, free="both")) for task in slow]
         planners: dict[str, tuple[list[PlanningProblem], Planner]] = {
             "time compression, each section once": (slow, Compression("pass")),
             "RL (PPO), time stamps": (list(timed), self.ppo()),
             "RL (PPO), stamps and via points": (both, self.ppo(MORE)),
         }
         for number, (name, (starts, planner)) in enumerate(planners.items()):
-            last = [self.run(table, one, planner, t, ([one], [])) for t, one in enumerate(starts)]
-            self.enter(
-                table,
-                _line(name, "s", PAPER[f"{table} {'learned' if number else 'compressed'}"], *last),
-            )
+            last = [
+                self.run(table, task, planner, seed, ([task], []))
+                for seed, task in enumerate(starts)
+            ]
+            printed = PAPER[f"{table} {'learned' if number else 'compressed'}"]
+            self.enter(table, _line(name, "s", printed, *last))
         free = self.run(table, replace(problem, objective="time", free="both"), Sequential())
         self.enter(table, _line("default (sqp), from the task", "s", (), free))
         if last:
@@ -331,6 +330,6 @@ def write_page(repeat: Repeat, out: Path) -> Path:
         made_by=made_by(),
         pictures={name: words for name, words in PICTURES.items() if name in drawn},
     )
-    with atomic_write(out / PAGE) as part:
-        part.write_text(text, encoding="utf-8")
+    with atomic_write(out / PAGE) as temporary:
+        temporary.write_text(text, encoding="utf-8")
     return out / PAGE

@@ -67,8 +67,8 @@ class Toppra(Planner):
             ledger.notes.append(f"toppra ({problem.label}): {bound}")
             # The spline through the motion is slowed down until every limit holds.
             times = np.linspace(0.0, motion.duration, KNOTS)
-            found = Splines(motion(times)[None], SLOWEST * np.diff(times)[None])
-            carrier = problem.with_initial(found, free="times", label=f"{problem.label}, retimed")
+            slowed = Splines(motion(times)[None], SLOWEST * np.diff(times)[None])
+            carrier = problem.with_initial(slowed, free="times", label=f"{problem.label}, retimed")
             shortest(
                 carrier,
                 ledger,

@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from plan.planners.base import Ledger
-from plan.planners.local_model import LocalModel, Look
+from plan.planners.local_model import LocalModel, TrajectoryValues
 from plan.planners.subproblem import Bounds, ConstraintRows, Step, solve_step
 from plan.planners.transcription import ACTING, DEGREE
 
@@ -71,7 +71,7 @@ class Course:
 
     local: LocalModel  # task and grid
     x: Float[Array, " d"]  # variables
-    look: Look  # what the trajectory costs and breaks
+    look: TrajectoryValues  # what the trajectory costs and breaks
     curvature: Float[Array, "d d"]  # learned second derivative of the scaled cost
 
     @property
@@ -87,7 +87,7 @@ class Course:
         return True, self.look.broken
 
 
-def _breaks(look: Look) -> bool:
+def _breaks(look: TrajectoryValues) -> bool:
     return look.limits > KEPT or look.clearance > KEPT_CLEAR or look.rules > KEPT_RULE
 
 

@@ -12,7 +12,7 @@ from ident.arrays import Array, Float, Int
 from plan.dynamics.power import ChainTorque, Slopes, differentiate_torque, find_kinks, rounded
 from plan.planners.subproblem import Bounds, ConstraintRows
 from plan.planners.transcription import ACTING, DEGREE, Grid, States, sections_of
-from plan.planners.velocity_reversals import FULLY, Turns, find_dips, find_turns
+from plan.planners.velocity_reversals import FULLY, Reversals, find_dips, find_turns
 from plan.problem.problem import SHARE, PlanningProblem
 from plan.problem.rule_values import RuleRow, Rules
 from plan.spline import Splines
@@ -52,7 +52,7 @@ Dips = tuple[Float[Array, " m"], Int[Array, " m"], Float[Array, " m"]]
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class TrajectoryValues:
     """What a trajectory costs and breaks, as a local search sees it."""
 
     cost: float  # energy [J] or duration [s], rounded as the search rounds it
@@ -138,7 +138,7 @@ class LocalModel:
         """The trajectory."""
         return self.grid.splines(*self.split(x))
 
-    def look(self, x: Float[Array, " d"]) -> Look:
+    def look(self, x: Float[Array, " d"]) -> TrajectoryValues:
         """What a trajectory costs and breaks."""
         coefficients, duration = self.split(x)
         states = self.grid.states(coefficients, duration)
@@ -150,7 +150,7 @@ class LocalModel:
         excess = self._excess(coefficients, states, tau, duration)
         rules = self.problem.rules
         rule_excess = 0.0 if rules is None else rules.excess(q, dq)
-        return Look(cost, excess, self._shortfall(coefficients, duration), rule_excess)
+        return TrajectoryValues(cost, excess, self._shortfall(coefficients, duration), rule_excess)
 
     def _excess(
         self, coefficients: Float[Array, "C n"], states: States, tau: Array, duration: float
@@ -410,8 +410,8 @@ class LocalModel:
 
     def _turns(
         self, coefficients: Float[Array, "C n"], dq: Array, ddq: Array, duration: float
-    ) -> tuple[Turns, States, Int[Array, " m"]]:
-        """Turns, the states there, and their sections.
+    ) -> tuple[Reversals, States, Int[Array, " m"]]:
+        """Reversals, the states there, and their sections.
 
         None that are so slow that the nodes see friction come and go. A joint that waits may creep
         either way: were each crossing of zero a turn with friction fully there, a step that changes
@@ -426,7 +426,7 @@ class LocalModel:
         fast = ~turns.inside | (gained >= FULLY * width)
         return turns.only(fast), (q[fast], dq[fast], ddq[fast]), first[fast]
 
-    def _turn_limit(self, turns: Turns, first: Int[Array, " m"]) -> Float[Array, " m"]:
+    def _turn_limit(self, turns: Reversals, first: Int[Array, " m"]) -> Float[Array, " m"]:
         """Torque that is aimed at where joints turn round [N m]."""
         aims = self.torque_aim * self.problem.limits.torque
         limit: Array = SHARE * aims[first, turns.joints]

@@ -61,7 +61,7 @@ def _settled(shares, joints, inside, grid, coefficients, duration):  # type: ign
 
 
 @dataclass(frozen=True, eq=False)
-class Turns:
+class Reversals:
     """Places where a joint turns round, gets going, or comes to rest, each with one side of it."""
 
     shares: Float[Array, " m"]  # places as shares of the duration
@@ -74,16 +74,16 @@ class Turns:
         """Numbers of the places."""
         return np.arange(len(self.shares))
 
-    def only(self, chosen: Bool[Array, " m"]) -> Turns:
+    def only(self, chosen: Bool[Array, " m"]) -> Reversals:
         """Some of them."""
-        return Turns(
+        return Reversals(
             self.shares[chosen],
             self.joints[chosen],
             self.sides[chosen],
             self.inside[chosen],
         )
 
-    def settled(self, grid: Grid, coefficients: Float[Array, "C n"], duration: float) -> Turns:
+    def settled(self, grid: Grid, coefficients: Float[Array, "C n"], duration: float) -> Reversals:
         """The same turns where the motion's speed is nought, by Newton's method."""
         shares = _settled(
             self.shares,
@@ -136,7 +136,7 @@ class Turns:
 
 def find_turns(
     shares: Float[Array, " T"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
-) -> Turns:
+) -> Reversals:
     """The turns of a motion that is known at some places, from rest to rest.
 
     Args:
@@ -153,7 +153,7 @@ def find_turns(
     push = np.concatenate([ddq[0], -ddq[-1]])
     # One that gets going softly meets its friction later.
     ends = np.where(np.abs(push) > SLOW, np.sign(push), 0.0)
-    return Turns(
+    return Reversals(
         np.concatenate([places, places, np.zeros(n), np.ones(n)]),
         np.concatenate([joints, joints, each, each]),
         np.concatenate([np.ones(count), -np.ones(count), ends]),

@@ -52,17 +52,17 @@ class Execution:
         """Writes the motion in the format of the path's suffix, whole or not at all."""
         if path.suffix == ".csv":
             require_plain_header(self.joints, path)
-        with atomic_write(path) as part:
+        with atomic_write(path) as temporary:
             if path.suffix == ".parquet":
-                pq.write_table(self.table(), part)
+                pq.write_table(self.table(), temporary)
             elif path.suffix == ".csv":
-                pacsv.write_csv(self.table(), part)
+                pacsv.write_csv(self.table(), temporary)
             elif path.suffix == ".tmscript":
-                part.write_text(self.tmscript(), encoding="utf-8")
+                temporary.write_text(self.tmscript(), encoding="utf-8")
             elif path.suffix == ".script":
-                part.write_text(self.urscript(), encoding="utf-8")
+                temporary.write_text(self.urscript(), encoding="utf-8")
             else:
-                part.write_text(self.yaml(), encoding="utf-8")
+                temporary.write_text(self.yaml(), encoding="utf-8")
         if path.suffix in UNMARKED:
             mark_file(path)
 

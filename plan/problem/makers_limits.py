@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -42,10 +44,19 @@ def find_makers_limits(arm: ArmModel) -> MakersLimits | None:
         if row["joints"] == arm.n and any(
             re.fullmatch(row["name"], name.lower()) for name in names
         ):
-            parts = (row.get(key) for key in ("speed_rad_s", "acceleration_rad_s2", "jerk_rad_s3"))
-            speed, acceleration, jerk = (None if part is None else np.array(part) for part in parts)
-            return MakersLimits(row["source"], speed, acceleration, jerk, row["binding"])
+            return MakersLimits(
+                row["source"],
+                _limits(row, "speed_rad_s"),
+                _limits(row, "acceleration_rad_s2"),
+                _limits(row, "jerk_rad_s3"),
+                row["binding"],
+            )
     return None
+
+
+def _limits(row: Mapping[str, Any], key: str) -> Array | None:
+    """A limit of each joint; None where the maker says nothing."""
+    return np.array(row[key]) if key in row else None
 
 
 def say_limits(

@@ -15,7 +15,7 @@ from ident.records import Record
 from ident.robot.arm import ArmModel
 from plan.dynamics.rigid import frame_states
 from plan.geometry.tool import find_frame
-from plan.problem.rules import ViaPoint, WayRules
+from plan.problem.rules import Cone, ViaPoint, WayRules
 from plan.spline import Splines
 
 # Units in which excesses count: a decimetre, a tenth of a radian; others are shares of their
@@ -26,6 +26,10 @@ UNIT = 0.1
 AIM = 0.9
 # The same of the square of the tool's speed, which changes little between two places.
 AIM_OF_SPEED = 0.996
+# A cone is aimed at within this much less than what is left of it.
+AIM_OF_CONE = 0.01
+# A line that is shorter has no direction [m].
+SHORTEST = 1e-9
 # Fewest joints that can turn a tool as they like.
 TURNING = 6
 # Places at which a certificate looks, and at which it looks closer about a via point.
@@ -70,6 +74,17 @@ class RuleCheck(Record):
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Measure:
+    """What a rule measures along T states."""
+
+    name: str  # the rule, in words
+    values: Float[Array, " T"]
+    limit: float
+    unit: str  # of both
+    sign: float = 1.0  # -1 where the limit is the least
+
+
 class Rules:
     """The rules of one task: arm, start and goal are known."""
 
@@ -78,24 +93,26 @@ class Rules:
         self.rules = rules
         self._chain = arm.chain
         self.frame = str(frame.name)
-        turn, place = (
-            np.ascontiguousarray(part)
-            for part in (frame.placement.rotation, frame.placement.translation)
-        )
-        self._tool = int(frame.parentJoint), turn, place
-        ends = self.tool(np.stack([start, goal]))
-        self.first, self.last = ((freeze(ends[0][k]), freeze(ends[1][k])) for k in (0, 1))
+        turn = np.ascontiguousarray(frame.placement.rotation)
+        place = np.ascontiguousarray(frame.placement.translation)
+        self._tool = (int(frame.parentJoint), turn, place)
+        places, axes, _, _ = self.tool(np.stack([start, goal]))
+        self.first = (freeze(places[0]), freeze(axes[0]))
+        self.last = (freeze(places[1]), freeze(axes[1]))
         way = self.last[0] - self.first[0]
         self.length = float(np.linalg.norm(way))
-        along = way / self.length if self.length > 1e-9 else np.array([1.0, 0.0, 0.0])
+        along = np.array([1.0, 0.0, 0.0])
+        if self.length > SHORTEST:
+            along = way / self.length
         self._axes = np.linalg.svd(along[None])[2]  # along the line, or against it, and two across
         self._axes[0] = along
         self._turn = pin.log3(self.first[1].T @ self.last[1])
 
     def tool(self, q: Float[Array, "T n"]) -> tuple[Array, Array, Array, Array]:
         """Place and axes of the tool, and how they change with the joints, as `frame_states`."""
-        at, axes, linear, angular = frame_states(self._chain, np.ascontiguousarray(q), *self._tool)
-        return at, axes, linear, angular
+        states = frame_states(self._chain, np.ascontiguousarray(q), *self._tool)
+        place, axes, linear, angular = states
+        return place, axes, linear, angular
 
     def rows(self, q: Float[Array, "T n"], dq: Float[Array, "T n"]) -> list[RuleRow]:
         """All rules that hold at every instant, along T states."""
@@ -103,22 +120,30 @@ class Rules:
         if rules.speed is None and rules.straight is None and not rules.cones:
             return []
         states = self.tool(q)
-        found = [] if rules.speed is None else [self._speed_row(states, dq, rules.speed)]
-        found += [] if rules.straight is None else self._straight_rows(states, rules.straight)
-        for cone in rules.cones:
-            pointing = states[1] @ cone.axis
-            sign, rest = (
-                (-1.0, 1.0 - np.cos(cone.angle))
-                if cone.allowed
-                else (1.0, 1.0 + np.cos(cone.angle))
-            )
-            limit = sign * float(np.cos(cone.angle))
-            slope = np.cross(pointing, cone.towards)
-            by_position = sign * np.einsum("tnk,tk->tn", states[3], slope)
-            value = sign * (pointing @ cone.towards)
-            aim = limit - 0.01 * rest
-            found.append(RuleRow("cone", value, limit, float(rest), float(aim), by_position))
-        return found
+        rows = []
+        if rules.speed is not None:
+            rows.append(self._speed_row(states, dq, rules.speed))
+        if rules.straight is not None:
+            rows += self._straight_rows(states, rules.straight)
+        return rows + [self._cone_row(states, cone) for cone in rules.cones]
+
+    def _cone_row(self, states: tuple[Array, Array, Array, Array], cone: Cone) -> RuleRow:
+        """Cosine of the angle between a tool's axis and a cone's; less it where it stays inside."""
+        _, axes, _, angular = states
+        pointing = axes @ cone.axis
+        sign = -1.0 if cone.allowed else 1.0
+        cosine = np.cos(cone.angle)
+        rest = 1.0 + sign * cosine  # from the limit to the farthest
+        limit = sign * float(cosine)
+        slope = np.cross(pointing, cone.towards)
+        return RuleRow(
+            name="cone",
+            value=sign * (pointing @ cone.towards),
+            limit=limit,
+            unit=float(rest),
+            aim=float(limit - AIM_OF_CONE * rest),
+            by_position=sign * np.einsum("tnk,tk->tn", angular, slope),
+        )
 
     def _speed_row(
         self, states: tuple[Array, Array, Array, Array], dq: Array, limit: float
@@ -140,37 +165,49 @@ class Rules:
         self, states: tuple[Array, Array, Array, Array], within: float
     ) -> list[RuleRow]:
         """Off the line to either side and beyond its ends, and off the even turn."""
-        place, axes, linear, angular = states
+        place, _, linear, _ = states
         away = (place - self.first[0]) @ self._axes.T
         slopes = linear @ self._axes.T
         side = within / np.sqrt(2.0)
-        found = []
+        rows = []
         for k in (1, 2):
             for sign in (1.0, -1.0):
-                row = sign * away[:, k], side, UNIT, AIM * side, sign * slopes[:, :, k]
-                found.append(RuleRow("line", *row, sparse=True))
-        found.append(
-            RuleRow(
-                "line",
-                away[:, 0],
-                self.length + within,
-                UNIT,
-                self.length + within / 2,
-                slopes[:, :, 0],
-            )
-        )
-        found.append(RuleRow("line", -away[:, 0], within, UNIT, within / 2, -slopes[:, :, 0]))
-        if linear.shape[1] < TURNING:
-            return found
-        error, reference = self._turned(axes, away[:, 0])
+                off = sign * away[:, k]
+                slope = sign * slopes[:, :, k]
+                rows.append(RuleRow("line", off, side, UNIT, AIM * side, slope, sparse=True))
+        farthest = self.length + within
+        aim = self.length + within / 2
+        rows.append(RuleRow("line", away[:, 0], farthest, UNIT, aim, slopes[:, :, 0]))
+        rows.append(RuleRow("line", -away[:, 0], within, UNIT, within / 2, -slopes[:, :, 0]))
+        if linear.shape[1] >= TURNING:
+            rows += self._turn_rows(states, away[:, 0], slopes[:, :, :1])
+        return rows
+
+    def _turn_rows(
+        self,
+        states: tuple[Array, Array, Array, Array],
+        along: Float[Array, " T"],
+        slope: Float[Array, "T n 1"],
+    ) -> list[RuleRow]:
+        """Off the even turn, about each axis either way.
+
+        Args:
+            states: Of the tool.
+            along: How far along the line it is [m].
+            slope: How that changes with the joints.
+        """
+        _, axes, _, angular = states
+        error, reference = self._turned(axes, along)
         by_turn = np.einsum("tki,tnk->tni", reference, angular)
-        by_turn -= slopes[:, :, :1] * self._turn / max(self.length, 1e-9)
+        by_turn -= slope * self._turn / max(self.length, SHORTEST)
         most = self.rules.turning / np.sqrt(3.0)
+        rows = []
         for k in range(3):
             for sign in (1.0, -1.0):
-                row = sign * error[:, k], most, UNIT, AIM * most, sign * by_turn[:, :, k]
-                found.append(RuleRow("turn", *row, sparse=True))
-        return found
+                off = sign * error[:, k]
+                by_position = sign * by_turn[:, :, k]
+                rows.append(RuleRow("turn", off, most, UNIT, AIM * most, by_position, sparse=True))
+        return rows
 
     def _turned(
         self, axes: Float[Array, "T 3 3"], along: Float[Array, " T"]
@@ -178,11 +215,11 @@ class Rules:
         """How far the tool is turned from where it should be at its place on the line [rad], and
         that reference.
         """
-        shares = np.clip(along / max(self.length, 1e-9), 0.0, 1.0)
-        reference = np.array([self.first[1] @ pin.exp3(share * self._turn) for share in shares])
-        return np.array(
-            [pin.log3(a.T @ b) for a, b in zip(reference, axes, strict=True)]
-        ), reference
+        shares = np.clip(along / max(self.length, SHORTEST), 0.0, 1.0)
+        begin = self.first[1]
+        reference = np.array([begin @ pin.exp3(share * self._turn) for share in shares])
+        turned = [pin.log3(even.T @ axis) for even, axis in zip(reference, axes, strict=True)]
+        return np.array(turned), reference
 
     def missed(self, via: ViaPoint, q: Float[Array, "T n"]) -> Float[Array, "T k"]:
         """How far each joint, or the tool's place, is off a via point [rad or m]."""
@@ -192,9 +229,11 @@ class Rules:
         """Which of T positions are nearest to the via points, in their order, the sum of what is
         missed least.
         """
-        cost = np.array(
-            [np.abs(self.missed(via, q)).max(axis=1) / via.within for via in self.rules.vias]
-        )
+        costs = []
+        for via in self.rules.vias:
+            missed = np.abs(self.missed(via, q)).max(axis=1)
+            costs.append(missed / via.within)
+        cost = np.array(costs)
         so_far = cost[0]
         for k in range(1, len(cost)):
             so_far = cost[k] + np.minimum.accumulate(so_far)
@@ -217,7 +256,9 @@ class Rules:
         slopes = self.tool(q[None])[2][0].T if via.of_tool else np.eye(len(q))
         along = slopes @ dq
         square = float(along @ along)
-        across = np.eye(len(missed)) - (np.outer(along, along) / square if square > 1e-12 else 0.0)
+        across = np.eye(len(missed))
+        if square > 1e-12:
+            across -= np.outer(along, along) / square
         values = across @ missed
         slopes = across @ slopes
         excess = np.concatenate([values, -values]) - AIM * via.within
@@ -228,61 +269,86 @@ class Rules:
 
         Against the limits themselves if not aimed.
         """
-        found = [
-            float((row.value - (row.aim if aimed else row.limit)).max()) / row.unit
-            for row in self.rows(q, dq)
-        ]
-        if self.rules.vias:
-            for number, t in enumerate(self.when_passed(q)):
-                slack = 0.0 if aimed else (1.0 - AIM) * self.rules.vias[number].within / UNIT
-                found.append(float(self.via_rows(number, q[t], dq[t])[0].max()) - slack)
-        return max(0.0, *found) if found else 0.0
+        largest = 0.0
+        for row in self.rows(q, dq):
+            allowed = row.aim if aimed else row.limit
+            largest = max(largest, float((row.value - allowed).max()) / row.unit)
+        if not self.rules.vias:
+            return largest
+        for number, t in enumerate(self.when_passed(q)):
+            slack = 0.0 if aimed else (1.0 - AIM) * self.rules.vias[number].within / UNIT
+            missed, _ = self.via_rows(number, q[t], dq[t])
+            largest = max(largest, float(missed.max()) - slack)
+        return largest
 
     def check(self, splines: Splines) -> tuple[RuleCheck, ...]:
         """Every rule along the first of a batch of motions, looked at densely, in the scene file's
         own units.
         """
         times = np.linspace(0.0, float(splines.total[0]), DENSE)
+        checks = []
+        for measure in self._measures(*splines.at(times)[:2]):
+            worst = int(np.argmax(measure.sign * measure.values))
+            value = measure.values[worst]
+            checks.append(
+                RuleCheck(
+                    rule=measure.name,
+                    worst=float(value),
+                    limit=float(measure.limit),
+                    unit=measure.unit,
+                    time_s=float(times[worst]),
+                    kept=bool(measure.sign * value <= measure.sign * measure.limit),
+                )
+            )
+        return tuple(checks + self._check_vias(splines, times))
+
+    def _measures(self, q: Float[Array, "T n"], dq: Float[Array, "T n"]) -> list[_Measure]:
+        """What each rule measures along T states."""
         rules = self.rules
-        q, dq, _ = splines.at(times)
         place, axes, linear, _ = self.tool(q)
-        # Name, values, limit, unit, and -1 where it is the least.
-        seen: list[tuple[str, Array, float, str, float]] = []
+        measures = []
         if rules.speed is not None:
             speed = np.linalg.norm(np.einsum("tni,tn->ti", linear, dq), axis=1)
-            seen.append(("speed of the tool", speed, rules.speed, "m/s", 1.0))
+            measures.append(_Measure("speed of the tool", speed, rules.speed, "m/s"))
         if rules.straight is not None:
             away = (place - self.first[0]) @ self._axes.T
             beyond = np.maximum(np.maximum(away[:, 0] - self.length, -away[:, 0]), 0.0)
             off = np.linalg.norm(np.column_stack([beyond, away[:, 1:]]), axis=1)
-            seen.append(("tool off its straight line", off, rules.straight, "m", 1.0))
+            measures.append(_Measure("tool off its straight line", off, rules.straight, "m"))
             if q.shape[1] >= TURNING:
-                turned = np.degrees(np.linalg.norm(self._turned(axes, away[:, 0])[0], axis=1))
-                seen.append(
-                    ("tool off its even turn", turned, np.degrees(rules.turning), "deg", 1.0)
-                )
+                error, _ = self._turned(axes, away[:, 0])
+                turned = np.degrees(np.linalg.norm(error, axis=1))
+                most = np.degrees(rules.turning)
+                measures.append(_Measure("tool off its even turn", turned, most, "deg"))
         for number, cone in enumerate(rules.cones, start=1):
-            angle = np.degrees(np.arccos(np.clip(axes @ cone.axis @ cone.towards, -1.0, 1.0)))
+            cosine = np.clip(axes @ cone.axis @ cone.towards, -1.0, 1.0)
+            angle = np.degrees(np.arccos(cosine))
             name = f"tool's axis {'inside' if cone.allowed else 'outside'} cone {number}"
-            seen.append((name, angle, np.degrees(cone.angle), "deg", 1.0 if cone.allowed else -1.0))
-        found = []
-        for name, values, limit, unit, sign in seen:
-            worst = int(np.argmax(sign * values))
-            kept = bool(sign * values[worst] <= sign * limit)
-            found.append(
-                RuleCheck(name, float(values[worst]), float(limit), unit, float(times[worst]), kept)
-            )
+            sign = 1.0 if cone.allowed else -1.0
+            measures.append(_Measure(name, angle, np.degrees(cone.angle), "deg", sign))
+        return measures
+
+    def _check_vias(self, splines: Splines, times: Float[Array, " T"]) -> list[RuleCheck]:
+        """How near each via point is passed, looked at closely about the nearest of T times."""
+        if not self.rules.vias:
+            return []
         step = times[1] - times[0]
-        for number, t in enumerate(self.when_passed(q) if rules.vias else ()):
-            via = rules.vias[number]
-            near = np.clip(np.linspace(times[t] - step, times[t] + step, CLOSER), 0.0, times[-1])
+        checks = []
+        for number, t in enumerate(self.when_passed(splines.at(times)[0])):
+            via = self.rules.vias[number]
+            window = np.linspace(times[t] - step, times[t] + step, CLOSER)
+            near = np.clip(window, 0.0, times[-1])
             missed = np.abs(self.missed(via, splines.at(near)[0])).max(axis=1)
             best = int(np.argmin(missed))
             scale, unit = (1.0, "m") if via.of_tool else (np.degrees(1.0), "deg")
-            reached = scale * float(missed[best])
-            kept = bool(missed[best] <= via.within)
-            name = f"via point {number + 1} passed within"
-            found.append(
-                RuleCheck(name, reached, scale * via.within, unit, float(near[best]), kept)
+            checks.append(
+                RuleCheck(
+                    rule=f"via point {number + 1} passed within",
+                    worst=scale * float(missed[best]),
+                    limit=scale * via.within,
+                    unit=unit,
+                    time_s=float(near[best]),
+                    kept=bool(missed[best] <= via.within),
+                )
             )
-        return tuple(found)
+        return checks

@@ -54,5 +54,6 @@ class WayRules:
     @property
     def given(self) -> bool:
         """Whether anything is asked for."""
-        own = self.frame, self.speed, self.straight
-        return any(part is not None for part in own) or bool(self.cones or self.vias)
+        if self.frame is not None or self.speed is not None or self.straight is not None:
+            return True
+        return bool(self.cones or self.vias)

@@ -6,9 +6,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,41 +15,14 @@ import pinocchio as pin
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import InputError
 from ident.robot.rotations import rpy_to_matrix
+from plan.problem.scene_key import Keys, SceneKey, read_keys
 
+# Tables of a scene file, and their keys.
+KEYS = read_keys(Path(__file__).with_suffix(".toml"))
+# The largest of what is a whole number.
+MOST_WHOLE = 20
 # A quaternion whose length is farther from one than this is a slip of the pen, not rounding.
 ROUNDED = 0.01
-
-
-@dataclass(frozen=True)
-class SceneKey:
-    """A key of a scene file."""
-
-    says: str  # its meaning, for people
-    # What it holds: one number or several, degrees that become radians (`angle`; `angles`, `rows`
-    # of them, one a joint; of joints that slide metres), one number for three (`scale`), a unit
-    # vector (`direction`), a rotation matrix (`turn`, `quaternion`), `text`, a `flag`, a `whole`
-    # number; what is `any` is looked at by whoever reads it.
-    kind: str = "any"
-    default: Any = None  # its value where it is left out; None for none
-    needed: bool = False  # whether it may not be left out
-    least: float = 0.0  # of a number the least, or, if `above`, what it has to lie above
-    above: bool = False
-    most: float = math.inf  # the largest that a number, or the modulus of any of several, may be
-    count: int | str | None = None  # how many numbers; `joints` for as many as joints move
-    positive: bool = False  # whether all of several numbers have to lie above zero
-    without: tuple[str, ...] = ()  # keys that may not stand beside it
-
-
-Keys = Mapping[str, SceneKey]
-KEYS: dict[str, Keys] = {
-    table: {
-        name: SceneKey(**row | {"without": tuple(row.get("without", ()))})
-        for name, row in rows.items()
-    }
-    for table, rows in tomllib.loads(
-        Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
-    ).items()
-}
 
 
 def as_given(value: float, slides: bool, digits: int = 1) -> str:
@@ -102,29 +72,28 @@ class SceneTable:
     def __getitem__(self, key: str) -> Any:
         """A key's value in SI units; its default, or None, where it is left out."""
         known = self.keys[key]
-        found = self.entry.get(key, known.default)
-        if found is None:
+        value = self.entry.get(key, known.default)
+        if value is None:
             return self.need(key) if known.needed else None
-        return self._checked(key, found, known)
+        return self._checked(key, value, known)
 
     def need(self, key: str) -> Any:
         """A key's value, which may not be left out here."""
         if key in self:
             return self[key]
-        text = (
-            f'add {key} = "…"'
-            if self.keys[key].kind == "text"
-            else "add it, in metres" * key.endswith("_m")
-        )
-        raise self.fault(key, "is missing", text or "add it")
+        remedy = "add it"
+        if self.keys[key].kind == "text":
+            remedy = f'add {key} = "…"'
+        elif key.endswith("_m"):
+            remedy = "add it, in metres"
+        raise self.fault(key, "is missing", remedy)
 
     def one_of(self, *keys: str) -> str:
         """The key that is given, of some that exclude each other."""
         given = [key for key in keys if key in self]
         if not given:
-            raise InputError(
-                self.file, f"{self.name} has neither {' nor '.join(keys)}", "give one of them"
-            )
+            what = f"{self.name} has neither {' nor '.join(keys)}"
+            raise InputError(self.file, what, "give one of them")
         return given[0]
 
     def path(self, key: str) -> str:
@@ -141,13 +110,12 @@ class SceneTable:
 
     def items(self, key: str) -> list[tuple[str, dict[str, Any]]]:
         """The tables of a list, each with what it is called in messages."""
-        found = self.entry.get(key, [])
+        tables = self.entry.get(key, [])
         name = self.path(key)
-        if not isinstance(found, list) or not all(isinstance(one, dict) for one in found):
-            raise InputError(
-                self.file, f"{name} is not a list of tables", f"write [[{name}]], with two brackets"
-            )
-        return [(f"{name} {number}", one) for number, one in enumerate(found, start=1)]
+        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+            remedy = f"write [[{name}]], with two brackets"
+            raise InputError(self.file, f"{name} is not a list of tables", remedy)
+        return [(f"{name} {number}", table) for number, table in enumerate(tables, start=1)]
 
     def tables(self, key: str) -> list[SceneTable]:
         """The tables of a list; each refuses keys that a scene file does not know."""
@@ -156,58 +124,66 @@ class SceneTable:
             SceneTable(self.file, name, entry, keys, self.joints) for name, entry in self.items(key)
         ]
 
-    def _checked(self, key: str, found: Any, known: SceneKey) -> Any:
-        """A value of the kind that the key asks for."""
-        count = known.count
-        slides = np.zeros(1, dtype=bool)
-        if count == "joints":
-            count = None if self.joints is None else len(self.joints)
-            slides = slides if self.joints is None else self.joints
-        if known.kind in ("number", "angle"):
-            value = self._number(key, found, known)
-            return math.radians(value) if known.kind == "angle" else value
-        if known.kind in ("numbers", "angles"):
-            values = self._numbers(key, found, count, known.positive)
-            if np.abs(values).max() > known.most:
-                raise self.fault(
-                    key, f"has {np.abs(values).max():.3g}, beyond {known.most:g}", "give metres"
-                )
-            return (
-                np.where(slides, values, np.radians(values)) if known.kind == "angles" else values
-            )
+    def _checked(self, key: str, value: Any, known: SceneKey) -> Any:
+        """A value of the kind that the key asks for, in SI units."""
+        if known.kind == "number":
+            return self._number(key, value, known)
+        if known.kind == "angle":
+            return math.radians(self._number(key, value, known))
+        if known.kind in ("numbers", "angles", "rows"):
+            return self._several(key, value, known)
         if known.kind in ("direction", "turn", "quaternion"):
-            return self._turned(key, self._numbers(key, found, count), known.kind)
+            return self._turned(key, self._numbers(key, value, self._count(known)), known.kind)
         if known.kind == "scale":
-            return self._numbers(key, found if isinstance(found, list) else [found] * 3, 3, True)
-        if known.kind == "rows":
-            if not isinstance(found, list) or not found:
-                raise self.fault(
-                    key, "is not a list of rows", "give rows of joint angles in degrees"
-                )
-            rows = [self._numbers(f"{key} {k}", row, count) for k, row in enumerate(found, start=1)]
-            return [np.where(slides, row, np.radians(row)) for row in rows]
-        if known.kind == "text" and (not isinstance(found, str) or not found):
+            return self._numbers(key, value if isinstance(value, list) else [value] * 3, 3, True)
+        if known.kind == "text" and (not isinstance(value, str) or not value):
             raise self.fault(key, "is missing", f'add {key} = "…"')
-        if known.kind == "flag" and not isinstance(found, bool):
-            raise self.fault(key, f"is {found!r}", "give true or false")
-        whole = isinstance(found, int) and not isinstance(found, bool) and 1 <= found <= 20
-        if known.kind == "whole" and not whole:
-            raise self.fault(key, f"is {found!r}, not a whole number from 1 to 20", "give one")
-        return found
+        if known.kind == "flag" and not isinstance(value, bool):
+            raise self.fault(key, f"is {value!r}", "give true or false")
+        if known.kind == "whole":
+            is_whole = isinstance(value, int) and not isinstance(value, bool)
+            if not is_whole or not 1 <= value <= MOST_WHOLE:
+                what = f"is {value!r}, not a whole number from 1 to {MOST_WHOLE}"
+                raise self.fault(key, what, "give one")
+        return value
 
-    def _number(self, key: str, found: Any, known: SceneKey) -> float:
-        right = (
-            not isinstance(found, bool) and isinstance(found, int | float) and math.isfinite(found)
-        )
-        if (
-            not right
-            or not known.least <= found <= known.most
-            or (known.above and found == known.least)
-        ):
-            top = "or more" if known.most == math.inf else f"to {known.most:g}"
-            wanted = "above zero" if known.above else f"of {known.least:g} {top}"
-            raise self.fault(key, f"is {found!r}, not a number {wanted}", "give a number")
-        return float(found)
+    def _count(self, known: SceneKey) -> int | None:
+        """How many numbers a key holds; None where that is not known."""
+        if known.count == "joints":
+            return None if self.joints is None else len(self.joints)
+        return None if known.count is None else int(known.count)
+
+    def _several(self, key: str, value: object, known: SceneKey) -> Any:
+        """Several numbers, angles, or rows of angles, one a joint."""
+        count = self._count(known)
+        slides = np.zeros(1, dtype=bool)
+        if known.count == "joints" and self.joints is not None:
+            slides = self.joints
+        if known.kind == "rows":
+            if not isinstance(value, list) or not value:
+                remedy = "give rows of joint angles in degrees"
+                raise self.fault(key, "is not a list of rows", remedy)
+            rows = []
+            for number, row in enumerate(value, start=1):
+                values = self._numbers(f"{key} {number}", row, count)
+                rows.append(np.where(slides, values, np.radians(values)))
+            return rows
+        values = self._numbers(key, value, count, known.positive)
+        largest = np.abs(values).max()
+        if largest > known.most:
+            raise self.fault(key, f"has {largest:.3g}, beyond {known.most:g}", "give metres")
+        if known.kind == "angles":
+            return np.where(slides, values, np.radians(values))
+        return values
+
+    def _number(self, key: str, value: object, known: SceneKey) -> float:
+        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+            is_too_low = value == known.least if known.above else False
+            if known.least <= value <= known.most and not is_too_low:
+                return float(value)
+        top = "or more" if known.most == math.inf else f"to {known.most:g}"
+        wanted = "above zero" if known.above else f"of {known.least:g} {top}"
+        raise self.fault(key, f"is {value!r}, not a number {wanted}", "give a number")
 
     def _turned(self, key: str, values: Float[Array, " k"], kind: str) -> Array:
         """A unit vector, or a rotation matrix."""
@@ -216,25 +192,24 @@ class SceneTable:
             return freeze(rpy_to_matrix(values))
         if kind == "quaternion":
             if abs(length - 1.0) > ROUNDED:
-                raise self.fault(
-                    key, f"has length {length:.3g}, not 1", "give x, y, z, w of a unit quaternion"
-                )
+                remedy = "give x, y, z, w of a unit quaternion"
+                raise self.fault(key, f"has length {length:.3g}, not 1", remedy)
             return freeze(pin.Quaternion(values / length).toRotationMatrix())
         if length < 1e-6:
-            raise self.fault(
-                key, f"is {values.tolist()}, no direction", "give a vector that is not nought"
-            )
+            what = f"is {values.tolist()}, no direction"
+            raise self.fault(key, what, "give a vector that is not nought")
         return freeze(values / length)
 
     def _numbers(
-        self, key: str, found: Any, count: Any, positive: bool = False
+        self, key: str, given: Any, count: int | None, positive: bool = False
     ) -> Float[Array, " k"]:
+        """Numbers of a list: as many as asked for, if so all above zero."""
         try:
-            values = np.array(found, dtype=float)
+            values = np.array(given, dtype=float)
         except (TypeError, ValueError):
             values = np.array(np.nan)
         if values.ndim != 1 or len(values) == 0 or not np.isfinite(values).all():
-            raise self.fault(key, f"is {found!r}, not a list of numbers", "give a list of numbers")
+            raise self.fault(key, f"is {given!r}, not a list of numbers", "give a list of numbers")
         if count is not None and len(values) != count:
             raise self.fault(key, f"has {len(values)} numbers, not {count}", f"give {count}")
         if positive and np.any(values <= 0):

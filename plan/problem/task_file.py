@@ -39,46 +39,42 @@ def read_obstacles(top: SceneTable) -> tuple[Box, ...]:
     Raises:
         InputError: A key is missing, unknown or of the wrong kind, or a mesh can't be used.
     """
-    found = [_shape(_shape_table(top.file, *item)) for item in top.items("obstacle")]
-    return (*found, floor_box(top.table("floor")["height_m"])) if "floor" in top else tuple(found)
+    obstacles = []
+    for name, entry in top.items("obstacle"):
+        obstacles.append(_shape(_shape_table(top.file, name, entry)))
+    if "floor" in top:
+        obstacles.append(floor_box(top.table("floor")["height_m"]))
+    return tuple(obstacles)
 
 
 def read_attached(top: SceneTable) -> tuple[Carried, ...]:
     """What the arm carries, the frame on which it hangs, and the links that it may touch."""
-    found = []
-    for item in top.items("attached"):
-        table = _shape_table(top.file, *item, carried=True)
+    attached = []
+    for name, entry in top.items("attached"):
+        table = _shape_table(top.file, name, entry, carried=True)
         touches = table.entry.get("touches", [])
         if not isinstance(touches, list) or not all(isinstance(name, str) for name in touches):
             what = f"touches is {touches!r}, not a list of links"
             raise InputError(top.file, what, 'give touches = ["link", …]')
-        found.append(Carried(_shape(table, carried=True), table["link"], tuple(touches)))
-    return tuple(found)
+        attached.append(Carried(_shape(table, carried=True), table["link"], tuple(touches)))
+    return tuple(attached)
 
 
 def floor_box(height: float) -> Box:
     """The floor at a height above the base's origin [m]."""
-    return Box(
-        "floor",
-        0,
-        np.eye(3),
-        np.array([0.0, 0.0, height - FLOOR_HALF[2]]),
-        Solid.simple("box", *FLOOR_HALF),
-    )
+    centre = np.array([0.0, 0.0, height - FLOOR_HALF[2]])
+    return Box("floor", 0, np.eye(3), centre, Solid.simple("box", *FLOOR_HALF))
 
 
 def _shape_table(file: Path, name: str, entry: dict[str, Any], carried: bool = False) -> SceneTable:
     """A shape's table, its kind found out and its keys looked at."""
-    kind = entry.get(
-        "shape", next((shape for word, shape in TELLING.items() if word in entry), "box")
-    )
+    told = [shape for word, shape in TELLING.items() if word in entry]
+    kind = entry.get("shape", told[0] if told else "box")
     if kind not in SHAPES:
         raise InputError(file, f"{name}: shape is {kind!r}", f"use one of: {', '.join(SHAPES)}")
-    keys = {
-        **KEYS["obstacle"],
-        **KEYS[f"obstacle: {kind}"],
-        **(KEYS["attached"] if carried else {}),
-    }
+    keys = {**KEYS["obstacle"], **KEYS[f"obstacle: {kind}"]}
+    if carried:
+        keys |= KEYS["attached"]
     table = SceneTable(file, name, {**entry, "shape": kind}, keys)
     if kind == "cloud" and carried:
         remedy = "give another shape, or a mesh, of which the hull counts"
@@ -97,9 +93,8 @@ def _shape(table: SceneTable, carried: bool = False) -> Box:
     if kind == "box":
         solid = Solid.simple("box", *(table["size_m"] / 2))
     elif kind == "mesh":
-        solid, middle = read_mesh(
-            folder / table.need("file"), table["scale"], table["hull"] or carried
-        )
+        file = folder / table.need("file")
+        solid, middle = read_mesh(file, table["scale"], table["hull"] or carried)
     elif kind == "cloud":
         solid, middle = read_cloud(folder / table.need("cloud"), table["radius_m"], table["scale"])
     else:

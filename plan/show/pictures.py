@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
+from ident.arrays import Array
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.outputs import mark_file
@@ -20,6 +21,8 @@ from plan.geometry.scene import FLOOR
 from plan.problem.cost import energy_cost
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
+from plan.problem.rule_values import Rules
+from plan.problem.rules import ViaPoint
 from plan.solving.compare import Comparison
 from plan.spline import Splines
 
@@ -29,6 +32,9 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 SAMPLES = 400
+# Axes of cones that are drawn along a way, and their length [m].
+ARROWS = 12
+ARROW = 0.1
 # A motion that takes so many times longer than the other one has a time axis of its own.
 OWN_AXIS = 1.5
 # Where each kind of picture says who made it.
@@ -51,8 +57,9 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     require_picture(path)
     for text in figure.findobj(Text):
         text.set_usetex(False)
-    with atomic_write(path) as part, matplotlib.rc_context(SETTINGS):
-        figure.savefig(part, dpi=130, bbox_inches="tight", metadata=MAKER[path.suffix.lower()])
+    maker = MAKER[path.suffix.lower()]
+    with atomic_write(path) as temporary, matplotlib.rc_context(SETTINGS):
+        figure.savefig(temporary, dpi=130, bbox_inches="tight", metadata=maker)
     plt.close(figure)
 
 
@@ -63,13 +70,11 @@ def draw_energy_curve(result: PlanResult) -> Figure:
     axes.plot(durations, energies, color=BEFORE, marker=".", label="motion")
     if result.standby > 0.0:
         whole = energy_cost(energies, durations, result.standby)
-        axes.plot(
-            durations, whole, color=AFTER, marker=".", label=f"with {result.standby:g} W standby"
-        )
+        words = f"with {result.standby:g} W standby"
+        axes.plot(durations, whole, color=AFTER, marker=".", label=words)
     if result.splines is not None:
-        axes.plot(
-            [float(result.splines.total[0])], [result.cost], "o", color=LIMIT, label="this plan"
-        )
+        duration = float(result.splines.total[0])
+        axes.plot([duration], [result.cost], "o", color=LIMIT, label="this plan")
     axes.set_xlabel("duration [s]")
     axes.set_ylabel(f"least {result.metric} energy [J]")
     axes.legend(frameon=False, fontsize=8)
@@ -85,8 +90,8 @@ def save_energy_curve(result: PlanResult, path: Path) -> None:
     for duration, energy in result.energy_curve:
         cost = energy_cost(energy, duration, result.standby)
         lines.append(f"{duration:.6g},{energy:.6g},{cost:.6g}")
-    with atomic_write(path) as part:
-        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with atomic_write(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
     mark_file(path)
 
 
@@ -94,19 +99,15 @@ def require_curve(path: Path) -> None:
     """Raises InputError for a name by which no curve can be written."""
     known = (*MAKER, ".csv")
     if path.suffix.lower() not in known:
-        raise InputError(
-            "--curve", f"{path.name!r} is no curve's name", f"end it in one of: {', '.join(known)}"
-        )
+        remedy = f"end it in one of: {', '.join(known)}"
+        raise InputError("--curve", f"{path.name!r} is no curve's name", remedy)
 
 
 def require_picture(path: Path) -> None:
     """Raises InputError for a name by which no picture can be written."""
     if path.suffix.lower() not in MAKER:
-        raise InputError(
-            "--picture",
-            f"{path.name!r} is no picture's name",
-            f"end it in one of: {', '.join(MAKER)}",
-        )
+        remedy = f"end it in one of: {', '.join(MAKER)}"
+        raise InputError("--picture", f"{path.name!r} is no picture's name", remedy)
 
 
 def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
@@ -124,14 +125,14 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
     axes = curves.subplots(3, n, sharex=True, squeeze=False)
     _draw_places(places, problem, result.splines)
     before = problem.decode(problem.initial)
-    found = problem.initial_evaluation
+    initial = problem.initial_evaluation
     words = f"initial ({problem.label})"
-    if not found.feasible[0]:
-        words += ": not allowed, it " + (
-            "hits something" if found.collision[0] > 0 else "breaks a limit"
-        )
+    if not initial.feasible[0]:
+        broken = "hits something" if initial.collision[0] > 0 else "breaks a limit"
+        words += f": not allowed, it {broken}"
     slower = float(before.total[0] / max(result.splines.total[0], 1e-9))
-    slower = slower if not 1.0 / OWN_AXIS < slower < OWN_AXIS else 1.0
+    if 1.0 / OWN_AXIS < slower < OWN_AXIS:
+        slower = 1.0
     for splines, colour, label in ((before, BEFORE, words), (result.splines, AFTER, "this plan")):
         times = np.linspace(0.0, float(splines.total[0]), SAMPLES)
         q, dq, ddq = splines.at(times)
@@ -149,14 +150,12 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
         for limit in (-problem.limits.torque[j], problem.limits.torque[j]):
             axes[1, j].axhline(limit, color=LIMIT, lw=1, label="torque limit")
         if slower != 1.0:
-            top = axes[0, j].secondary_xaxis(
-                "top", functions=(lambda t: t * slower, lambda t: t / slower)
-            )
+            scales = (lambda t: t * slower, lambda t: t / slower)
+            top = axes[0, j].secondary_xaxis("top", functions=scales)
             top.set_xlabel("initial: time [s]", color=BEFORE)
             top.tick_params(colors=BEFORE)
-        axes[0, j].set_title(
-            problem.scene.arm.joint_names[j], parse_math=False
-        )  # a name is no formula
+        name = problem.scene.arm.joint_names[j]
+        axes[0, j].set_title(name, parse_math=False)  # a name is no formula
         axes[2, j].set_xlabel("time [s]")
         axes[2, j].axhline(0, color="#cccccc", lw=0.8, zorder=0)
     for j in sorted({0, *np.flatnonzero(slides)}):
@@ -164,7 +163,8 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
         for row, name in enumerate((*names, "power [W]")):
             axes[row, j].set_ylabel(name)
     figure.suptitle(_motion_title(result))
-    handles = [*axes[0, 0].get_legend_handles_labels()[0], axes[1, 0].lines[-1]]
+    of_angles, _ = axes[0, 0].get_legend_handles_labels()
+    handles = [*of_angles, axes[1, 0].lines[-1]]
     curves.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     return figure
 
@@ -177,46 +177,44 @@ def _draw_places(figure: Any, problem: PlanningProblem, splines: Splines) -> Non
     scene = problem.scene
     data = scene.arm.model.createData()
     model = scene.arm.model
-    carried = {str(one["name"]): f"{one['name']} on {one['link']}" for one in problem.carried}
+    carried = {}
+    for body in problem.carried:
+        carried[str(body["name"])] = f"{body['name']} on {body['link']}"
     views = figure.subplots(1, 2)
     for q, alpha in ((splines.points[0, -1], 0.25), (splines.points[0, 0], 0.7)):
         pin.forwardKinematics(model, data, np.array(q))
         for box in scene.boxes:
             if box.name == FLOOR:
                 continue
-            at = data.oMi[box.joint]
-            kind = OBSTACLE if box.body < 0 else TOOL if box.name in carried else AFTER
+            pose = data.oMi[box.joint]
+            colour = TOOL if box.name in carried else AFTER
+            if box.body < 0:
+                colour = OBSTACLE
             label = carried.pop(box.name, None) if alpha > 0.5 else None
-            for part in box.parts:
-                corners = (
-                    part.corners
-                    if box.joint == 0
-                    else part.corners @ at.rotation.T + at.translation
-                )
+            for piece in box.parts:
+                corners = piece.corners
+                if box.joint != 0:
+                    corners = corners @ pose.rotation.T + pose.translation
                 for axis, columns in zip(views, VIEWS, strict=True):
                     flat = corners[:, columns]
-                    axis.fill(
-                        *flat[ConvexHull(flat).vertices].T,
-                        color=kind,
-                        alpha=alpha,
-                        lw=0,
-                        label=label,
-                    )
+                    outline = flat[ConvexHull(flat).vertices]
+                    axis.fill(*outline.T, color=colour, alpha=alpha, lw=0, label=label)
     _draw_way(views, problem, splines)
     for axis, name in zip(views, ("z", "y"), strict=True):
         axis.set(aspect="equal", xlabel="x [m]", ylabel=f"{name} [m]")
-    if views[0].get_legend_handles_labels()[0]:
-        legend = figure.legend(
-            *views[0].get_legend_handles_labels(),
-            loc="outside lower center",
-            frameon=False,
-            fontsize=8,
-        )
+    handles, labels = views[0].get_legend_handles_labels()
+    if handles:
+        place = "outside lower center"
+        legend = figure.legend(handles, labels, loc=place, frameon=False, fontsize=8)
         for text in legend.get_texts():
             text.set_parse_math(False)
-    figure.suptitle(
-        "boxes round the arm's shapes at the start, and lighter at the goal", fontsize=9
-    )
+    title = "boxes round the arm's shapes at the start, and lighter at the goal"
+    figure.suptitle(title, fontsize=9)
+
+
+def _place_of(via: ViaPoint, rules: Rules) -> Array:
+    """Where the tool is at a via point [m]."""
+    return via.target if via.of_tool else rules.tool(via.target[None])[0][0]
 
 
 def _draw_way(views: Any, problem: PlanningProblem, splines: Splines) -> None:
@@ -224,22 +222,17 @@ def _draw_way(views: Any, problem: PlanningProblem, splines: Splines) -> None:
     rules = problem.rules
     if rules is None:
         return
-    place, turn, _, _ = rules.tool(
-        splines.at(np.linspace(0.0, float(splines.total[0]), SAMPLES))[0]
-    )
-    vias = [
-        via.target if via.of_tool else rules.tool(via.target[None])[0][0]
-        for via in rules.rules.vias
-    ]
+    times = np.linspace(0.0, float(splines.total[0]), SAMPLES)
+    place, turn, _, _ = rules.tool(splines.at(times)[0])
+    vias = [_place_of(via, rules) for via in rules.rules.vias]
+    some = slice(None, None, SAMPLES // ARROWS)
     for axis, columns in zip(views, VIEWS, strict=True):
         axis.plot(*place[:, columns].T, color="black", lw=1.2, label=f"way of {rules.frame}")
-        for via in vias:
-            axis.plot(*via[columns], "x", color="black", ms=6)
+        for passed in vias:
+            axis.plot(*passed[columns], "x", color="black", ms=6)
         for cone in rules.rules.cones:
-            for at, pointing in zip(
-                place[:: SAMPLES // 12], turn[:: SAMPLES // 12] @ cone.axis, strict=True
-            ):
-                ends = np.stack([at, at + 0.1 * pointing])
+            for begin, pointing in zip(place[some], turn[some] @ cone.axis, strict=True):
+                ends = np.stack([begin, begin + ARROW * pointing])
                 axis.plot(*ends[:, columns].T, color=TOOL, lw=0.8)
 
 
@@ -277,9 +270,8 @@ def draw_comparison(comparison: Comparison) -> Figure:
             thick, alpha, dot = (1.8, 1.0, 4) if run is middle else (0.6, 0.4, 2)
             costs = np.append(rows[:, 2], rows[-1, 2])
             label = f"{method}: {cost}" if run is middle else None
-            for axis, column, spent in zip(
-                axes, (0, 1), (run.evaluations, run.cpu_seconds), strict=True
-            ):
+            ends = (run.evaluations, run.cpu_seconds)
+            for axis, column, spent in zip(axes, (0, 1), ends, strict=True):
                 x = np.maximum(rows[:, column], 1e-3)
                 x = np.append(x, max(spent, x[-1]))
                 axis.step(x, costs, where="post", color=colour, lw=thick, alpha=alpha, label=label)
@@ -289,17 +281,12 @@ def draw_comparison(comparison: Comparison) -> Figure:
         high = float(np.quantile(everything, 0.9))
         axes[0].set_ylim(low - 0.05 * (high - low), high + 0.3 * (high - low))
     metric = comparison.results[0].metric
-    unit = (
-        "duration [s]"
-        if timed
-        else "∫ τ² dt [N² m² s]"
-        if metric == "copper"
-        else f"{metric} energy [J]"
-    )
+    unit = "duration [s]"
+    if not timed:
+        unit = "∫ τ² dt [N² m² s]" if metric == "copper" else f"{metric} energy [J]"
     axes[0].set_ylabel(f"best allowed plan so far: {unit}")
-    for axis, name in zip(
-        axes, ("trajectories evaluated", "processor time of the search [s]"), strict=True
-    ):
+    names = ("trajectories evaluated", "processor time of the search [s]")
+    for axis, name in zip(axes, names, strict=True):
         axis.set(xscale="log", xlabel=name)
         axis.grid(alpha=0.25)
     axes[0].legend(frameon=False, fontsize=8)

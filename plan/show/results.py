@@ -13,12 +13,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from ident.arrays import Array
 from ident.show.console import say_lines, styled
 from plan.problem.scene_keys import as_given
 
-if (
-    TYPE_CHECKING
-):  # each result is known by its name: none of them needs what the others are made of
+# Each result is known by its name: none of them needs what the others are made of.
+if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from plan.experiment.result import Excitation
@@ -27,10 +27,16 @@ if (
     from plan.solving.compare import Comparison
 
 SAMPLES = 300
+# Odds beyond these are told as such.
+MOST_ODDS = 1e6
 # The family of motions that answers no question of its own, in words.
 SERIES = "all joints by a Fourier series about a pose"
 UNITS = {"energy": "J", "time": "s"}
 LINES = Path(__file__).with_name("lines.jinja")
+
+
+Curve = tuple[Array, Array, str]
+"""Times [s], values, and what they are of."""
 
 
 def write(console: Console, result: PlanResult | CycleResult | Comparison | Excitation) -> None:
@@ -38,7 +44,7 @@ def write(console: Console, result: PlanResult | CycleResult | Comparison | Exci
     WRITERS[type(result).__name__](console, result)
 
 
-def _say(console: Console, kind: str, result: Any, *more: Any, **given: Any) -> None:
+def _say(console: Console, kind: str, result: object, *more: object, **given: object) -> None:
     """Prints what the template's macro of a kind of result makes of it."""
     from jinja2 import Environment, StrictUndefined
 
@@ -61,11 +67,12 @@ def _print_plan(console: Console, result: PlanResult) -> None:
         slides = result.certificate.scene.arm.sliding_joints
         stamps = np.cumsum(result.splines.durations[0])[:-1]
         points = result.splines.points[0, 1:-1]
-        words = [
-            ", ".join(as_given(x, bool(one), 2) for x, one in zip(q, slides, strict=True))
-            for q in points
-        ]
-        words = words if slides.any() else [word.replace(" deg,", ",") for word in words]
+        words = []
+        for point in points:
+            positions = zip(point, slides, strict=True)
+            words.append(", ".join(as_given(q, bool(is_slide), 2) for q, is_slide in positions))
+        if not slides.any():
+            words = [word.replace(" deg,", ",") for word in words]
         vias = list(zip(stamps, words, strict=True))
     _say(console, "plan", result, vias=vias)
     if len(result.starts) > 1:
@@ -75,9 +82,8 @@ def _print_plan(console: Console, result: PlanResult) -> None:
         for start in result.starts:
             cost = start.get("cost")
             failed = "not made feasible" if "violation" in start and cost is None else ""
-            table.add_row(
-                start["label"], "" if cost is None else f"{cost:.3f}", start["reason"] or failed
-            )
+            reached = "" if cost is None else f"{cost:.3f}"
+            table.add_row(start["label"], reached, start["reason"] or failed)
         console.print(table)
 
 
@@ -132,31 +138,31 @@ def _print_comparison(console: Console, comparison: Comparison) -> None:
     for name in columns:
         table.add_column(name, justify="left" if name == "method" else "right")
     for row in comparison.rows():
-        known = {name: float("nan") if value is None else value for name, value in row.items()}
-        known |= {
-            "clearance_mm": 1000 * known["clearance_m"],
-            "above_percent": 100 * known["above_best"],
-        }
-        table.add_row(*(text.format(**known).replace("nan", "–") for text in columns.values()))
+        known: dict[str, object] = {}
+        for name, value in row.items():
+            known[name] = float("nan") if value is None else value
+        clearance = row["clearance_m"]
+        above = row["above_best"]
+        known["clearance_mm"] = float("nan") if clearance is None else 1000 * clearance
+        known["above_percent"] = float("nan") if above is None else 100 * above
+        cells = [text.format(**known).replace("nan", "–") for text in columns.values()]
+        table.add_row(*cells)
     console.print(table)
 
 
-def _print_motion(console: Console, found: Excitation) -> None:
+def _print_motion(console: Console, excitation: Excitation) -> None:
     """The set-up where it must change, the motion, what it tells, and what random motion would."""
     from ident.effects.effect_info import describe_motion
     from ident.errors import plural
     from plan.experiment.result import odds_of
 
-    odds = [
-        "over 10⁶ : 1" if odds_of(one) > 1e6 else f"{odds_of(one):.3g} : 1"
-        for one in found.smallest
-    ]
-    motion = (
-        SERIES
-        if found.run_set.family == "fourier"
-        else describe_motion(found.run_set.family, found.joint)
-    )
-    _say(console, "motion", found, motion, plural(len(found.runs), "run"), odds)
+    odds = []
+    for distance in excitation.smallest:
+        ratio = odds_of(distance)
+        odds.append("over 10⁶ : 1" if ratio > MOST_ODDS else f"{ratio:.3g} : 1")
+    family = excitation.run_set.family
+    motion = SERIES if family == "fourier" else describe_motion(family, excitation.joint)
+    _say(console, "motion", excitation, motion, plural(len(excitation.runs), "run"), odds)
 
 
 WRITERS: dict[str, Callable[[Console, Any], None]] = {
@@ -173,18 +179,15 @@ def draw(result: Any) -> Figure:
     A comparison's costs; angles of a plan, or of a motion's first run, over time.
     """
     from ident.show.results import panel
-    from ident.trajectories.reference import TICK_S
 
     kind = type(result).__name__
-    curves = list[tuple[Any, Any, str]]()
     if kind == "Comparison":
         from plan.show.pictures import draw_comparison
 
         return draw_comparison(result)
     if kind == "CycleResult":
-        figure, axes = panel(
-            "time [s]", "angle [deg]", f"{result.status}: {len(result.legs)} motions"
-        )
+        title = f"{result.status}: {len(result.legs)} motions"
+        figure, axes = panel("time [s]", "angle [deg]", title)
         begin = 0.0
         for leg in result.legs:
             if leg.plan.splines is not None:
@@ -192,27 +195,43 @@ def draw(result: Any) -> Figure:
                 times = np.linspace(0.0, total, SAMPLES)
                 axes.plot(begin + times, np.degrees(leg.plan.splines.at(times)[0]))
                 begin += total
-    elif kind == "PlanResult":
+        return figure
+    if kind == "PlanResult":
         figure, axes = panel("time [s]", "angle [deg]", f"{result.status} by {result.method}")
-        if result.splines is not None and result.certificate is not None:  # else it stays empty
-            slides = result.certificate.scene.arm.sliding_joints
-            times = np.linspace(0.0, float(result.splines.total[0]), SAMPLES)
-            paths = (result.splines.at(times)[0] * np.where(slides, 100.0, np.degrees(1.0))).T
-            words = [f"joint {j}{' [cm]' * bool(one)}" for j, one in enumerate(slides, start=1)]
-            curves = list(zip([times] * len(words), paths, words, strict=True))
+        curves = _plan_curves(result)
     else:
-        figure, axes = panel(
-            "time [s]", "position", f"{result.status}: {', '.join(result.effects) or result.aim}"
-        )
-        for motion in result.runs[:1]:
-            step = max(1, len(motion.q) // SAMPLES)
-            clock = TICK_S * np.arange(len(motion.q))[::step]
-            curves = [
-                (clock, one, joint)
-                for one, joint in zip(motion.q[::step].T, result.noise, strict=True)
-            ]
-    for x, y, name in curves:
-        axes.plot(x, y, label=name)
+        title = f"{result.status}: {', '.join(result.effects) or result.aim}"
+        figure, axes = panel("time [s]", "position", title)
+        curves = _motion_curves(result)
+    for times, values, name in curves:
+        axes.plot(times, values, label=name)
     if curves:
         axes.legend(fontsize=7)
     return figure
+
+
+def _plan_curves(result: PlanResult) -> list[Curve]:
+    """Angles [deg] of a plan's joints, of those that slide positions [cm]; none without a plan."""
+    if result.splines is None or result.certificate is None:
+        return []
+    slides = result.certificate.scene.arm.sliding_joints
+    times = np.linspace(0.0, float(result.splines.total[0]), SAMPLES)
+    paths = result.splines.at(times)[0] * np.where(slides, 100.0, np.degrees(1.0))
+    curves = []
+    for number, is_slide in enumerate(slides, start=1):
+        name = f"joint {number} [cm]" if is_slide else f"joint {number}"
+        curves.append((times, paths[:, number - 1], name))
+    return curves
+
+
+def _motion_curves(result: Excitation) -> list[Curve]:
+    """Positions of the joints in a motion's first run."""
+    from ident.trajectories.reference import TICK_S
+
+    curves: list[Curve] = []
+    for motion in result.runs[:1]:
+        step = max(1, len(motion.q) // SAMPLES)
+        times = TICK_S * np.arange(len(motion.q))[::step]
+        for path, joint in zip(motion.q[::step].T, result.noise, strict=True):
+            curves.append((times, path, joint))
+    return curves

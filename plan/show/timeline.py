@@ -32,8 +32,8 @@ def save_timeline(problem: PlanningProblem, result: PlanResult, path: str | Path
     boxes = problem.scene.boxes
     joints = sorted({box.joint for box in boxes if box.body >= 0})
     data = arm.model.createData()
-    with atomic_write(path) as part:
-        stream.save(str(part))
+    with atomic_write(path) as temporary:
+        stream.save(str(temporary))
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for box in problem.scene.obstacles:
             _log_box(stream, f"world/obstacles/{box.name}", box, OBSTACLE)

@@ -148,7 +148,9 @@ def _least_power(problem: PlanningProblem, j: int, speed: float) -> float:
     return float(np.interp(speed, speeds[lower], power[lower]))
 
 
-def _residual_range(problem: PlanningProblem, j: int, speeds: Float[Array, " v"]) -> tuple[float, Float[Array, " v"]]:
+def _residual_range(
+    problem: PlanningProblem, j: int, speeds: Float[Array, " v"]
+) -> tuple[float, Float[Array, " v"]]:
     """Largest torque of a joint's net and named laws, and the least power they take at each speed.
 
     Whatever acceleration, load and angle are.

@@ -262,18 +262,18 @@ def share_duration(
     rule = {"type": kind, "fun": lambda durations: free - durations.sum()}
     bounds = list(zip(low, high, strict=True))
     best = even
-    for begin in (
-        even,
-        low + (high - low) * min((free - low.sum()) / max(high.sum() - low.sum(), 1e-9), 1.0),
-    ):
-        found = minimize(cost, begin, method="SLSQP", bounds=bounds, constraints=[rule])
-        durations = np.clip(found.x, low, high)
+    spare = (free - low.sum()) / max(high.sum() - low.sum(), 1e-9)
+    stretched = low + (high - low) * min(spare, 1.0)
+    for begin in (even, stretched):
+        solution = minimize(cost, begin, method="SLSQP", bounds=bounds, constraints=[rule])
+        durations = np.clip(solution.x, low, high)
         if durations.sum() <= free * ROUNDED and cost(durations) < cost(best):
             best = durations
-    energies = [cost(durations) - standby * float(durations.sum()) for durations in (best, even)]
+    weighed = cost(best) - standby * float(best.sum())
+    of_even = cost(even) - standby * float(even.sum())
     if task.duration is not None or best.sum() > free:
         best = best * (free / best.sum())
-    return Shared(best, energies[0], energies[1])
+    return Shared(best, weighed, of_even)
 
 
 def _same_multiple(
@@ -284,10 +284,15 @@ def _same_multiple(
 ) -> Float[Array, " m"]:
     """Each motion's shortest duration times one number, within what is known, filling the time."""
     top = float((high / needs).max())
-    if np.clip(top * needs, low, high).sum() <= free:
-        return np.clip(top * needs, low, high)
-    multiple = brentq(lambda k: float(np.clip(k * needs, low, high).sum()) - free, 0.0, top)
-    return np.clip(multiple * needs, low, high)
+    longest = np.clip(top * needs, low, high)
+    if longest.sum() <= free:
+        return longest
+
+    def beyond(multiple: float) -> float:
+        """How much longer than the time all motions take [s]."""
+        return float(np.clip(multiple * needs, low, high).sum()) - free
+
+    return np.clip(brentq(beyond, 0.0, top) * needs, low, high)
 
 
 def _distinct(curve: Sequence[Look]) -> tuple[Float[Array, " k"], Float[Array, " k"]]:

@@ -1,8 +1,9 @@
-"""Least energy where the duration is free: up to a longest one, or with what the cell takes while it waits.
+"""Least energy where the duration is free: up to a longest one, or with what the cell takes while
+it waits.
 
-The cost of a duration T is E(T) + P T, with E the least energy of a motion of that duration and P the standby power.
-E is found on a grid of durations, each motion searched from its neighbour's, and then closer about the least cost;
-the motion of the best duration is searched in full.
+The cost of a duration T is E(T) + P T, with E the least energy of a motion of that duration and P
+the standby power. E is found on a grid of durations, each motion searched from its neighbour's, and
+then closer about the least cost; the motion of the best duration is searched in full.
 """
 
 from __future__ import annotations
@@ -22,12 +23,19 @@ from plan.solving.obstruction import find_obstruction, shortest_duration
 from plan.solving.solve import solve
 from plan.spline import Splines
 
-# Durations of the first look, how much longer than the shortest it begins, and looks about the best one.
-LOOKS, BEGIN, CLOSER = 9, 1.02, 5
+# Durations of the first look, and how much longer than the shortest it begins.
+LOOKS = 9
+BEGIN = 1.02
+# Looks about the best duration, which end where its neighbours are nearer than this ratio.
+CLOSER = 5
+NEAR = 1.01
 # Search of the first motion, and share of the seconds that it and all looks may take.
-FIRST, SHARE = Sequential(starts=4, kept=(2, 1), levels=1), 0.5
-# Steps of each look, and the longest duration where nothing else bounds it, as a multiple of the shortest.
-STEPS, LONGEST = 40, 20.0
+FIRST = Sequential(starts=4, kept=(2, 1), levels=1)
+SHARE = 0.5
+# Steps of each look.
+STEPS = 40
+# The longest duration where nothing else bounds it, as a multiple of the shortest.
+LONGEST = 20.0
 
 
 @dataclass(frozen=True)
@@ -62,7 +70,8 @@ def solve_free_duration(
         problem: The task, its longest duration given; its own duration is a first guess.
         options, planner, controller, spent: As for `solve`.
     """
-    began, standby = processor_seconds(), problem.standby
+    began = processor_seconds()
+    standby = problem.standby
     curve = energy_curve(problem, options)
     best = min(curve, key=lambda look: look.cost(standby), default=None)
     if best is None or best.candidate is None:
@@ -82,29 +91,35 @@ def solve_free_duration(
         history.append((count, seconds, energy_cost(energy, best.duration, standby)))
     said = f"the duration is free: {best.duration:.3g} s costs least of {len(rows)} looked at"
     notes = (said, *result.notes) if rows else result.notes
-    return replace(result, standby=standby, energy_curve=rows, history=tuple(history), bound=None, notes=notes)
+    return replace(
+        result, standby=standby, energy_curve=rows, history=tuple(history), bound=None, notes=notes
+    )
 
 
-def energy_curve(problem: PlanningProblem, options: SolveOptions, part: float = SHARE) -> list[Look]:
+def energy_curve(
+    problem: PlanningProblem, options: SolveOptions, share: float = SHARE
+) -> list[Look]:
     """Least energy over duration, the shortest first; empty where no motion was found.
 
     Args:
         problem: The task, its longest duration given.
         options: How.
-        part: The share of their seconds that it may take.
+        share: The share of their seconds that it may take.
     """
     assert problem.longest is not None
     shortest = BEGIN * shortest_duration(problem)
     longest = min(problem.longest, LONGEST * shortest)
     if shortest <= 0.0 or longest < shortest or find_obstruction(lasting(problem, longest)):
         return []
-    seconds = part * options.budget[1]
-    rng, ledger = np.random.default_rng(options.seed), Ledger(options.budget[0], seconds)
+    evaluations, most_seconds = options.budget
+    seconds = share * most_seconds
+    rng = np.random.default_rng(options.seed)
+    ledger = Ledger(evaluations, seconds)
     middle = float(np.sqrt(shortest * longest))
     first = None
     for duration in (middle, longest):
-        share = Ledger(options.budget[0], 0.5 * seconds)
-        first = FIRST.run([lasting(problem, duration)], share, rng).best
+        half = Ledger(evaluations, 0.5 * seconds)
+        first = FIRST.run([lasting(problem, duration)], half, rng).best
         if first is not None and first.feasible:
             break
     if first is None or not first.feasible:
@@ -112,7 +127,8 @@ def energy_curve(problem: PlanningProblem, options: SolveOptions, part: float = 
     looks = [Look(float(first.splines.total[0]), first.cost, first)]
     grid = np.geomspace(shortest, longest, LOOKS)
     middle = looks[0].duration
-    # A motion can be drawn out at once, and the longest mostly costs least; quicker ones need their neighbour's.
+    # A motion can be drawn out at once, and the longest mostly costs least; quicker ones need their
+    # neighbour's.
     for duration in (*grid[grid > middle][::-1], *grid[grid < middle][::-1]):
         if ledger.remaining == 0:
             break
@@ -149,14 +165,18 @@ def look_at(problem: PlanningProblem, duration: float, near: Look, ledger: Ledge
 
 
 def _closer(looks: list[Look], standby: float) -> float | None:
-    """The next duration to look at: the middle of the wider gap beside the best; None where the ends are near [s]."""
+    """The next duration to look at: the middle of the wider gap beside the best; None where the
+    ends are near [s].
+    """
     costs = [look.cost(standby) for look in looks]
     best = int(np.argmin(costs))
     gaps = []
-    for a, b in ((best - 1, best), (best, best + 1)):
-        if a >= 0 and b < len(looks):
-            gaps.append((looks[b].duration / looks[a].duration, looks[a].duration, looks[b].duration))
+    for first in (best - 1, best):
+        if first >= 0 and first + 1 < len(looks):
+            low = looks[first].duration
+            high = looks[first + 1].duration
+            gaps.append((high / low, low, high))
     if not gaps:
         return None
     ratio, low, high = max(gaps)
-    return float(np.sqrt(low * high)) if ratio > 1.01 else None
+    return float(np.sqrt(low * high)) if ratio > NEAR else None

@@ -17,10 +17,10 @@ from ident.arrays import Array
 from plan.planners.base import Candidate, Ledger, Planner
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential, descend_on_knots
+from plan.problem.certificate import Certificate, certify, keeps_limits
 from plan.problem.controllers import Controller
 from plan.problem.problem import Limits
 from plan.problem.ramps import find_time_law
-from plan.problem.result import Certificate, certify, keeps_limits
 from plan.spline import Splines
 
 # Times that a motion whose dense check fails is searched anew with tightened limits, by each way of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -14,10 +14,11 @@ from plan.initial.vias import from_seeds
 from plan.planners.base import Candidate, Ledger, Planner, make_planner
 from plan.planners.evolution import Evolution, start_compressed
 from plan.planners.sequential import Sequential
+from plan.problem.certificate import Certificate, certify, certify_standing
 from plan.problem.controllers import Controller
 from plan.problem.cost import plan_cost
 from plan.problem.problem import STRAIGHT, PlanningProblem
-from plan.problem.result import Certificate, PlanResult, certify, certify_standing
+from plan.problem.result import PlanResult, StartRecord, Status
 from plan.solving.bound import least_energy, least_time
 from plan.solving.mending import KEPT_BACK, certify_best, measure_check, share_kept_back
 from plan.solving.obstruction import find_obstruction
@@ -29,7 +30,11 @@ ENERGY_FIRST = 600
 # Longest run of the default method that is only there to tell the gap, in processor time [s].
 GAP_SECONDS = 60.0
 # Longest search for initial trajectories where no budget says less, and its share of a budget [s].
-STARTS_SECONDS, STARTS_SHARE = 60.0, 0.5
+STARTS_SECONDS = 60.0
+STARTS_SHARE = 0.5
+# Ways that a time search starts from: the best of what the energy search reached; one where the
+# path stays.
+MOST_TIME_STARTS = 3
 # The least that a search is given, whatever was asked for [s].
 LEAST_SECONDS = 0.1
 USUAL = SolveOptions()
@@ -37,64 +42,112 @@ USUAL = SolveOptions()
 QUICK = Sequential(starts=2, first=18, kept=(1,), levels=0)
 QUICK_SECONDS = 3.0
 
-
 Starts = tuple[Sequence[PlanningProblem], Sequence[Seed]]
-"""A task from each of its initial trajectories, the straight line or the taught way first; and the ways round obstacles
-that were looked for, with why some were not found."""
+"""A task from each of its initial trajectories, the straight line or the taught way first; and the
+ways round obstacles that were looked for, with why some were not found."""
 
 
-def find_starts(problem: PlanningProblem, rng: np.random.Generator, seconds: float = STARTS_SECONDS) -> Starts:
-    """Initial trajectories: the taught one alone where one is given; else the line, and seeds round what is in its way.
+class Verdict(TypedDict):
+    """How a search ended."""
 
-    For the time objective they are brought to their energy optima first, as in section 3.3 of the paper, and then drawn
-    together in time by one factor: what the time compression of the paper's baseline gives for nothing.
+    status: Status
+    reason: str  # "" where it is solved
+
+
+def find_starts(
+    problem: PlanningProblem, rng: np.random.Generator, seconds: float = STARTS_SECONDS
+) -> Starts:
+    """Initial trajectories: the taught one alone where one is given; else the line, and seeds round
+    what is in its way.
+
+    For the time objective they are brought to their energy optima first, as in section 3.3 of the
+    paper, and then drawn together in time by one factor: what the time compression of the paper's
+    baseline gives for nothing.
 
     Args:
         problem: The task, started from the straight line, or from the taught way.
         rng: Source of randomness.
         seconds: What may be spent: half on the ways round obstacles, half on energy optima [s].
     """
-    timed, seeds = problem.objective == "time", list[Seed]()
-    base = replace(problem, objective="energy", free="vias") if timed else problem
-    if base.label == STRAIGHT and (base.scene.obstacles or base.initial_evaluation.collision[0] > 0):
+    timed = problem.objective == "time"
+    base = problem
+    if timed:
+        base = replace(problem, objective="energy", free="vias")
+    seeds: list[Seed] = []
+    if base.label == STRAIGHT and _may_hit(base):
         seeds = find_seeds(base, rng, seconds=seconds / 2)
     problems = from_seeds(base, seeds)
-    if not timed:
-        return problems, seeds
-    ledger, goal = Ledger(10**9, seconds / 2), {"objective": "time", "free": problem.free}
+    if timed:
+        return _time_starts(problem, problems, rng, seconds / 2), seeds
+    return problems, seeds
+
+
+def _may_hit(problem: PlanningProblem) -> bool:
+    """Whether there are obstacles, or the initial trajectory collides."""
+    return bool(problem.scene.obstacles) or problem.initial_evaluation.collision[0] > 0
+
+
+def _time_starts(
+    problem: PlanningProblem,
+    problems: Sequence[PlanningProblem],
+    rng: np.random.Generator,
+    seconds: float,
+) -> list[PlanningProblem]:
+    """Starts of a search for time: energy optima, drawn together in time.
+
+    Args:
+        problem: The task.
+        problems: The same for energy, from each of its initial trajectories.
+        rng: Source of randomness.
+        seconds: What the search for energy optima may take [s].
+    """
+    ledger = Ledger(10**9, seconds)
     Evolution(most=ENERGY_FIRST * len(problems)).run(problems, ledger, rng)
     if not ledger.best_of:  # no time was left
-        return [replace(problems[0], **goal)], seeds  # type: ignore[arg-type]
-    # The best first; three at most, one where the path stays.
-    found = sorted(ledger.best_of.values(), key=lambda best: (not best.feasible, best.violation, best.cost))
-    kept = found[: 1 if problem.free == "times" else 3]
-    return [start_compressed(best.problem.with_initial(best.splines, **goal)) for best in kept], seeds
+        return [replace(problems[0], objective="time", free=problem.free)]
+    ranked = sorted(
+        ledger.best_of.values(), key=lambda best: (not best.feasible, best.violation, best.cost)
+    )
+    starts = []
+    for best in ranked[: 1 if problem.free == "times" else MOST_TIME_STARTS]:
+        timed = best.problem.with_initial(best.splines, objective="time", free=problem.free)
+        starts.append(start_compressed(timed))
+    return starts
 
 
 def cheapest_goal(
     problems: Sequence[PlanningProblem], posed: bool, budget: tuple[int, float], seed: int
 ) -> tuple[PlanningProblem, tuple[str, ...]]:
-    """The problem with the goal that is the cheapest to go to by a short search each; what was chosen from, in words.
+    """The problem with the goal that is the cheapest to go to by a short search each; what was
+    chosen from, in words.
 
     Args:
         problems: One for each goal, the nearest first.
         posed: Whether the goal is a pose.
-        budget: Evaluations and seconds of the whole planning task; a third of it at most is spent here.
+        budget: Evaluations and seconds of the whole planning task; a third of it at most is spent
+            here.
         seed: Of all chance.
     """
     if len(problems) == 1:
-        return problems[0], ("one joint position brings the frame to the goal's pose",) if posed else ()
-    rng, costs, (most, seconds) = np.random.default_rng(seed), [], budget
+        note = "one joint position brings the frame to the goal's pose"
+        return problems[0], (note,) if posed else ()
+    rng = np.random.default_rng(seed)
+    most, seconds = budget
+    costs = []
     for problem in problems:
-        ledger = Ledger(max(1, most // (3 * len(problems))), min(QUICK_SECONDS, seconds / (3.0 * len(problems))))
+        each = max(1, most // (3 * len(problems)))
+        ledger = Ledger(each, min(QUICK_SECONDS, seconds / (3.0 * len(problems))))
         best = QUICK.run([problem], ledger, rng).best
-        costs.append(best.cost if best is not None and best.feasible else np.inf)
-    which = f"{len(problems)} joint positions bring the frame to the goal's pose" if posed else f"{len(problems)} goals"
-    reached = int(np.isfinite(costs).sum())
-    taken = f"reached {reached} of them, and the cheapest was taken"
-    if reached == 0:
-        taken = "reached none of them, and the nearest was taken"
-    note = f"{which}; short searches {taken}"
+        reached = best is not None and best.feasible
+        costs.append(best.cost if best is not None and reached else np.inf)
+    goals = f"{len(problems)} goals"
+    if posed:
+        goals = f"{len(problems)} joint positions bring the frame to the goal's pose"
+    count = int(np.isfinite(costs).sum())
+    taken = "reached none of them, and the nearest was taken"
+    if count:
+        taken = f"reached {count} of them, and the cheapest was taken"
+    note = f"{goals}; short searches {taken}"
     return problems[int(np.argmin(costs))], (note,)  # the nearest where none was reached
 
 
@@ -107,16 +160,18 @@ def solve(
     spent: float = 0.0,
     known: Candidate | None = None,
 ) -> PlanResult:
-    """Looks for the best plan and certifies it; an expected failure is a status with a reason, not an error.
+    """Looks for the best plan and certifies it; an expected failure is a status with a reason, not
+    an error.
 
     Args:
         problem: The task, started from the straight line.
         options: How it is looked for; how the task is taken stands in the problem.
         planner: A planner with other options than the method's default.
         starts: Initial trajectories, if they are known already.
-        controller: Who executes the plan: it is put on the controller's step, and the curve that the controller makes
-            of it is certified. None for a plan by itself.
-        spent: Processor time that was spent on the task before, of the seconds that it may take [s].
+        controller: Who executes the plan: it is put on the controller's step, and the curve that
+            the controller makes of it is certified. None for a plan by itself.
+        spent: Processor time that was spent on the task before, of the seconds that it may take
+            [s].
         known: A motion of the task that is known already.
 
     Raises:
@@ -136,12 +191,7 @@ def solve(
         carried=problem.carried,
     )
     if np.array_equal(problem.start, problem.goal):
-        still, certificate = certify_standing(problem, controller)
-        if certificate.broken:
-            return replace(result, reason="; ".join(certificate.broken))
-        said = ("start and goal are the same: a plan of zero length", *problem.notes, *_cuts(certificate))
-        result = replace(result, status="solved", splines=still, certificate=certificate, reference_gap=0.0)
-        return replace(result, notes=said, history=((0, 0.0, 0.0),))
+        return _stand_still(problem, controller, result)
     reason = find_obstruction(problem)
     if reason:
         return replace(result, reason=reason)
@@ -152,32 +202,58 @@ def solve(
     if known is not None:
         ledger.offer(known)
     if starts is None:
-        seconds = min(STARTS_SECONDS, STARTS_SHARE * ledger.most_seconds)
-        starts = ([problem], []) if planner.explores else find_starts(problem, rng, seconds)
+        starts = ([problem], [])
+        if not planner.explores:
+            seconds = min(STARTS_SECONDS, STARTS_SHARE * ledger.most_seconds)
+            starts = find_starts(problem, rng, seconds)
+    problems, seeds = starts
     if options.workers > 1:
-        search_together(planner, starts[0], ledger, options.seed, options.workers)
+        search_together(planner, problems, ledger, options.seed, options.workers)
     else:
-        planner.run(starts[0], ledger, rng)
-    splines, found = certify_best(ledger, rng, controller)
-    verdict = _judge(found, ledger, starts[1], problem.known)
+        planner.run(problems, ledger, rng)
+    splines, certificate = certify_best(ledger, rng, controller)
+    verdict = _judge(certificate, ledger, seeds, problem.known)
+    bound = least_time(problem) if problem.objective == "time" else least_energy(problem)
     result = replace(
         result,
         splines=splines,
-        certificate=found,
+        certificate=certificate,
         evaluations=ledger.evaluations,
-        bound=least_time(problem) if problem.objective == "time" else least_energy(problem),
-        starts=_start_records(*starts, ledger),
-        history=_history(ledger, problem, splines, found),
-        notes=(*problem.notes, *_cuts(found), *ledger.notes),
-        **verdict,
+        bound=bound,
+        starts=_start_records(problems, seeds, ledger),
+        history=_history(ledger, problem, splines, certificate),
+        notes=(*problem.notes, *_cuts(certificate), *ledger.notes),
+        status=verdict["status"],
+        reason=verdict["reason"],
     )
     if options.gap and result.solved:
-        result = replace(result, reference_gap=_gap(result, starts[0]))
+        result = replace(result, reference_gap=_gap(result, problems))
     return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds)
 
 
+def _stand_still(
+    problem: PlanningProblem, controller: Controller | None, result: PlanResult
+) -> PlanResult:
+    """The plan of a task whose start is its goal."""
+    still, certificate = certify_standing(problem, controller)
+    if certificate.broken:
+        return replace(result, reason="; ".join(certificate.broken))
+    note = "start and goal are the same: a plan of zero length"
+    return replace(
+        result,
+        status="solved",
+        splines=still,
+        certificate=certificate,
+        reference_gap=0.0,
+        notes=(note, *problem.notes, *_cuts(certificate)),
+        history=((0, 0.0, 0.0),),
+    )
+
+
 def _ledger(options: SolveOptions, spent: float, share: float = KEPT_BACK) -> Ledger:
-    """What a search may spend: of seconds that were asked for, what is left, less something for the certificate."""
+    """What a search may spend: of seconds that were asked for, what is left, less something for the
+    certificate.
+    """
     most, seconds = options.budget
     if options.seconds is None:
         return Ledger(most, seconds, shown=True)
@@ -187,13 +263,16 @@ def _ledger(options: SolveOptions, spent: float, share: float = KEPT_BACK) -> Le
 
 
 def _history(
-    ledger: Ledger, problem: PlanningProblem, splines: Splines | None, found: Certificate | None
+    ledger: Ledger,
+    problem: PlanningProblem,
+    splines: Splines | None,
+    certificate: Certificate | None,
 ) -> tuple[tuple[int, float, float], ...]:
-    """What was found when, at last the certified motion, which mending may have made another one."""
-    if splines is None or found is None or found.broken:
+    """What was found when, at last the certified motion, which mending may have changed."""
+    if splines is None or certificate is None or certificate.broken:
         return tuple(ledger.history)
     duration = float(splines.total[0])
-    cost = plan_cost(problem.objective, duration, lambda: found.energy[problem.metric])
+    cost = plan_cost(problem.objective, duration, lambda: certificate.energy[problem.metric])
     return (*ledger.history, (ledger.evaluations, ledger.cpu_seconds, cost))
 
 
@@ -202,44 +281,49 @@ def _cuts(certificate: Certificate | None) -> tuple[str, ...]:
     return () if certificate is None else tuple(str(cut) for cut, _ in certificate.cuts)
 
 
-def _judge(certificate: Certificate | None, ledger: Ledger, seeds: Sequence[Seed], known: str) -> dict[str, Any]:
+def _judge(
+    certificate: Certificate | None, ledger: Ledger, seeds: Sequence[Seed], known: str
+) -> Verdict:
     """Status of a search, and its reason."""
     if certificate is None:
-        return {"status": "budget_spent", "reason": "the budget ended before anything was evaluated"}
+        reason = "the budget ended before anything was evaluated"
+        return {"status": "budget_spent", "reason": reason}
     broken = certificate.broken
     if not broken:
-        return {"status": "solved"}
+        return {"status": "solved", "reason": ""}
     failed = [f"{seed.label}: {seed.reason}" for seed in seeds if seed.reason]
     reason = f"the best motion found is not allowed: {'; '.join(broken[:2])}"
     if seeds and len(failed) == len(seeds):
         reason += f"; no way round the obstacles was found ({'; '.join(sorted(set(failed))[:3])})"
     if known:
         reason += f"; it was to stay inside {known}, which --beyond leaves"
-    return {"status": "budget_spent" if ledger.remaining == 0 else "infeasible", "reason": reason}
+    status: Status = "budget_spent" if ledger.remaining == 0 else "infeasible"
+    return {"status": status, "reason": reason}
 
 
 def _start_records(
     problems: Sequence[PlanningProblem], seeds: Sequence[Seed], ledger: Ledger
-) -> tuple[dict[str, Any], ...]:
+) -> tuple[StartRecord, ...]:
     """What became of every initial trajectory: the cost it reached, or why it failed."""
     known = {problem.label: problem for problem in problems}
     left_out = "left out: the same way as another, or more energy than the ones tried"
-    records: dict[str, dict[str, Any]] = {
-        seed.label: {
+    records: dict[str, StartRecord] = {}
+    for seed in seeds:
+        unused = "" if seed.label in known else left_out
+        records[seed.label] = {
             "label": seed.label,
             "target_m": seed.target.tolist(),
             "via_points_rad": seed.vias.tolist(),
-            "reason": seed.reason or ("" if seed.label in known else left_out),
+            "reason": seed.reason or unused,
         }
-        for seed in seeds
-    }
     for label in dict.fromkeys([*known, *ledger.best_of]):
         record = records.setdefault(label, {"label": label, "reason": ""})
         if label in known:
             record["initial_via_points_rad"] = known[label].vias.tolist()
-        found = ledger.best_of.get(label)
-        if found is not None:
-            record |= {"cost": found.cost if found.feasible else None, "violation": found.violation}
+        best = ledger.best_of.get(label)
+        if best is not None:
+            record["cost"] = best.cost if best.feasible else None
+            record["violation"] = best.violation
     return tuple(records.values())
 
 
@@ -251,5 +335,7 @@ def _gap(result: PlanResult, problems: Sequence[PlanningProblem]) -> float | Non
     best = Sequential().run(problems, ledger, np.random.default_rng(result.seed)).best
     if best is None or not best.feasible:
         return None
-    timed = result.objective == "time"
-    return result.cost / (best.cost if timed else certify(best.problem, best.splines).energy[result.metric]) - 1.0
+    usual = best.cost
+    if result.objective != "time":
+        usual = certify(best.problem, best.splines).energy[result.metric]
+    return result.cost / usual - 1.0

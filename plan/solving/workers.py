@@ -1,6 +1,7 @@
 """One search in several processes: each from its own chance, the best motion of all is taken.
 
-The processes are copies of this one, so the task need not be sent; they send back the knots of what they found.
+The processes are copies of this one, so the task need not be sent; they send back the knots of what
+they found.
 """
 
 from __future__ import annotations
@@ -18,8 +19,11 @@ from plan.planners.base import Candidate, Ledger, Planner
 from plan.problem.problem import PlanningProblem
 from plan.spline import Splines
 
-Found = tuple[int, list[tuple[str, Array, Array, float, float]]]
-"""Trajectories evaluated, and label, knots, section durations, cost and violation of the best from each start."""
+Row = tuple[str, Array, Array, float, float]
+"""A motion: its start's label, knots, section durations, cost and violation."""
+
+Found = tuple[int, list[Row]]
+"""Trajectories evaluated, and the best motion from each start."""
 
 
 def search_together(
@@ -27,7 +31,8 @@ def search_together(
 ) -> None:
     """Searches in so many processes at once, and enters what they find in their order.
 
-    Each has its share of the budget, so that all of them together spend no more than one search would.
+    Each has its share of the budget, so that all of them together spend no more than one search
+    would.
 
     Args:
         planner: The way of searching.
@@ -54,12 +59,12 @@ def search_together(
     lost = 0
     for process, receiver in running:
         try:
-            evaluations, found = receiver.recv()
+            evaluations, rows = receiver.recv()
         except EOFError:
             lost += 1
         else:
             ledger.count(evaluations)
-            for row in found:
+            for row in rows:
                 ledger.offer(_candidate(problems, row))
         receiver.close()
         process.join()
@@ -79,19 +84,20 @@ def _search(
     rng = np.random.default_rng(seed if number == 0 else [seed, number])
     ledger = Ledger(share.most, share.most_seconds)
     planner.run(problems, ledger, rng)
-    rows = []
-    for label, best in ledger.best_of.items():
-        splines = best.splines
-        rows.append((label, splines.points, splines.durations, best.cost, best.violation))
+    rows = [_row(label, best) for label, best in ledger.best_of.items()]
     if ledger.best is not None:  # its knots may have been parted since
-        best, splines = ledger.best, ledger.best.splines
-        rows.append((best.problem.label, splines.points, splines.durations, best.cost, best.violation))
+        rows.append(_row(ledger.best.problem.label, ledger.best))
     answer: Found = (ledger.evaluations, rows)
     sender.send(answer)
     sender.close()
 
 
-def _candidate(problems: Sequence[PlanningProblem], row: tuple[str, Array, Array, float, float]) -> Candidate:
+def _row(label: str, best: Candidate) -> Row:
+    splines = best.splines
+    return label, splines.points, splines.durations, best.cost, best.violation
+
+
+def _candidate(problems: Sequence[PlanningProblem], row: Row) -> Candidate:
     """A motion that a worker found, as one of this process."""
     label, points, durations, cost, violation = row
     carrier = replace(problems[0].with_initial(Splines(points, durations)), label=label)

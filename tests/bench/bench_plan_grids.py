@@ -24,8 +24,9 @@ from ident.arrays import Int
 from plan.command_options import SolveOptions
 from plan.planners import descent
 from plan.planners.descent import Course
+from plan.problem.certificate import certify
 from plan.problem.problem import PlanningProblem
-from plan.problem.result import PlanResult, certify
+from plan.problem.result import PlanResult
 from plan.solving.solve import solve
 from tests.bench.bench_plan_first import limit_acceleration
 from tests.bench.bench_plan_optimum import arm_of, draw, torque_of

@@ -38,8 +38,8 @@ from plan.paper.toppra import Toppra
 from plan.planners.base import Ledger
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
+from plan.problem.certificate import certify
 from plan.problem.problem import Limits, PlanningProblem
-from plan.problem.result import certify
 from plan.solving.solve import solve
 from tests.bench.peers.ompl_toppra import OmplToppra, is_installed
 

@@ -24,12 +24,10 @@ def _sprung(
     scene: Circumstances, stiffness: float, ratio: float, **more: float
 ) -> tuple[Hardware, float]:
     """The hardware with motor and link as two bodies, and the spring's damping [N m s/rad]."""
-    damping = float(
-        2.0 * ratio * np.sqrt(stiffness * scene.hardware.drive.rotor_inertia[scene.joint])
-    )
-    return scene.with_laws(
-        "drive", elastic=True, stiffness=stiffness, damping=damping, **more
-    ), damping
+    inertia = scene.hardware.drive.rotor_inertia[scene.joint]
+    damping = float(2.0 * ratio * np.sqrt(stiffness * inertia))
+    spring: dict[str, float] = {"stiffness": stiffness, "damping": damping, **more}
+    return scene.with_laws("drive", elastic=True, **spring), damping
 
 
 def joint_elasticity(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -71,22 +69,21 @@ def thermal_friction(scene: Circumstances, size: float) -> tuple[Hardware, Param
     """The joint's own heat network; its lubricant loses a share of its viscosity at the
     rated rise.
     """
-    h = scene.hardware
+    friction = scene.hardware.friction
     j = scene.joint
     time_constant = float(np.exp(scene.rng.uniform(np.log(40.0), np.log(240.0))))
-    loss = h.friction.coulomb * 0.6 + h.friction.viscous * 0.36
+    loss = friction.coulomb * 0.6 + friction.viscous * 0.36
     network = heat_law(loss, LUBRICANT.rated_rise, time_constant)
     heat = {name: network[name][j] for name in ("lubricant", "housing", "inner", "outer")}
     decay = -np.log1p(-size) / LUBRICANT.rated_rise
     dry = 0.25 * decay  # dry friction depends far less on temperature
-    hardware = h.with_laws("heat", j, **heat).with_laws(
-        "friction", j, thermal_viscous=decay, thermal_coulomb=dry
-    )
-    changes = {
+    warming = scene.hardware.with_laws("heat", j, **heat)
+    hardware = warming.with_laws("friction", j, thermal_viscous=decay, thermal_coulomb=dry)
+    return hardware, {
         "viscous_change": -size,
         "coulomb_change": float(np.expm1(-dry * LUBRICANT.rated_rise)),
+        "time_constant_s": time_constant,
     }
-    return hardware, {**changes, "time_constant_s": time_constant}
 
 
 def presliding_hysteresis(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -100,20 +97,15 @@ def position_dependent_friction(scene: Circumstances, size: float) -> tuple[Hard
     """Dry friction that waves by a size [N m] once or twice a turn."""
     order = int(scene.rng.integers(1, 3))
     phase = float(scene.rng.uniform(-np.pi, np.pi))
-    hardware = scene.with_laws(
-        "friction", seat=size / scene.coulomb, seat_order=order, seat_phase=phase
-    )
+    share = size / scene.coulomb
+    hardware = scene.with_laws("friction", seat=share, seat_order=order, seat_phase=phase)
     return hardware, {"amplitude_Nm": size, "order": order, "phase_rad": phase}
 
 
 def asymmetric_friction(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """More friction in one direction: so much dry friction [N m], and some viscous."""
-    viscous = float(
-        scene.rng.uniform(0.3, 0.8)
-        * size
-        / scene.coulomb
-        * scene.hardware.friction.viscous[scene.joint]
-    )
+    share = scene.rng.uniform(0.3, 0.8) * size / scene.coulomb
+    viscous = float(share * scene.hardware.friction.viscous[scene.joint])
     hardware = scene.with_laws("friction", coulomb_skew=size, viscous_skew=viscous)
     return hardware, {"coulomb_difference_Nm": size, "viscous_difference_Nms_rad": viscous}
 
@@ -130,17 +122,22 @@ def joint_coupling(scene: Circumstances, size: float) -> tuple[Hardware, Paramet
     inertia = float(0.1 * size * h.drive.rotor_inertia[j] / h.friction.coulomb[j])
     rubbing = {"couple_ratio": ratio, "couple_coulomb": size, "couple_viscous": viscous}
     names = h.arm.joint_names
-    bodies = h.bodies.replace(tied=(*h.bodies.tied, (names[j], names[other], ratio, inertia)))
-    truth = {"coulomb_Nm": size, "viscous_Nms_rad": viscous, "inertia_kgm2": inertia}
-    hardware = scene.with_laws("friction", couple_to=other, **rubbing).replace(bodies=bodies)
-    return hardware, {**truth, "ratio": ratio, "other_joint": names[other]}
+    tie = (names[j], names[other], ratio, inertia)
+    bodies = h.bodies.replace(tied=(*h.bodies.tied, tie))
+    rubbed = scene.with_laws("friction", couple_to=other, **rubbing)
+    return rubbed.replace(bodies=bodies), {
+        "coulomb_Nm": size,
+        "viscous_Nms_rad": viscous,
+        "inertia_kgm2": inertia,
+        "ratio": ratio,
+        "other_joint": names[other],
+    }
 
 
 def vector(name: str, values: Float[Array, " 3"], unit: str) -> Parameters:
     """A parameter for each axis."""
-    return {
-        f"{name}_{axis}_{unit}": float(value) for axis, value in zip("xyz", values, strict=True)
-    }
+    axes = zip("xyz", values, strict=True)
+    return {f"{name}_{axis}_{unit}": float(value) for axis, value in axes}
 
 
 def tilted(
@@ -154,7 +151,8 @@ def tilted(
 def _carrying(hardware: Hardware, joint: int, mass: float, place: Array, radius: float) -> Hardware:
     """The hardware with a body at the link that a joint moves."""
     body = AddedBody(hardware.arm.links[joint], mass, place, radius)
-    return hardware.replace(bodies=hardware.bodies.replace(added=(*hardware.bodies.added, body)))
+    added = (*hardware.bodies.added, body)
+    return hardware.replace(bodies=hardware.bodies.replace(added=added))
 
 
 def payload(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -170,12 +168,14 @@ def link_inertial_error(scene: Circumstances, size: float) -> tuple[Hardware, Pa
     """
     nominal = scene.hardware.arm.model.inertias[scene.joint + 1]
     mass = float(size * nominal.mass)
-    place = np.array(nominal.lever) + 0.08 * scene.reach * scene.rng.uniform(-1.0, 1.0, 3)
-    # Taken away where it is: off-centre gaps could leave a link that no body can have.
-    place = place if size > 0.0 else np.array(nominal.lever) * scene.rng.uniform(0.9, 1.1)
-    hardware = _carrying(
-        scene.hardware, scene.joint, mass, place, 0.02 * scene.reach * (size > 0.0)
-    )
+    centre = np.array(nominal.lever)
+    place = centre + 0.08 * scene.reach * scene.rng.uniform(-1.0, 1.0, 3)
+    radius = 0.02 * scene.reach
+    if not size > 0.0:
+        # Taken away where it is: off-centre gaps could leave a link that no body can have.
+        place = centre * scene.rng.uniform(0.9, 1.1)
+        radius = 0.0
+    hardware = _carrying(scene.hardware, scene.joint, mass, place, radius)
     return hardware, {"mass_change_kg": mass, **vector("moment_change", mass * place, "kgm")}
 
 
@@ -184,14 +184,15 @@ def gravity_misalignment(scene: Circumstances, size: float) -> tuple[Hardware, P
     bodies = scene.hardware.bodies
     heading = float(scene.rng.uniform(-np.pi, np.pi))
     tilt = size * np.array([np.cos(heading), np.sin(heading)])
-    axis = np.array([tilt[0], tilt[1], 0.0]) / size if size > 0.0 else np.array([1.0, 0.0, 0.0])
+    axis = np.array([1.0, 0.0, 0.0])
+    if size > 0.0:
+        axis = np.array([tilt[0], tilt[1], 0.0]) / size
     bodies = bodies.replace(gravity=tilted(np.array(bodies.gravity), axis, size))
-    true: Parameters = {
+    return scene.hardware.replace(bodies=bodies), {
         "tilt_x_rad": float(tilt[0]),
         "tilt_y_rad": float(tilt[1]),
         "tilt_rad": size,
     }
-    return scene.hardware.replace(bodies=bodies), true
 
 
 def external_contact(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -206,24 +207,27 @@ def external_contact(scene: Circumstances, size: float) -> tuple[Hardware, Param
     force = size * direction / np.linalg.norm(direction)
     point = 1.5 * np.array(h.arm.model.inertias[scene.joint + 1].lever)
     push = Contact(scene.joint + 1, start, start + length, force, point)
-    truth = {"run": run + 1, "start_s": start, "end_s": start + length, "force_N": size}
-    return h.replace(contact=push, contact_run=run), {**truth, "link": h.arm.links[scene.joint]}
+    return h.replace(contact=push, contact_run=run), {
+        "run": run + 1,
+        "start_s": start,
+        "end_s": start + length,
+        "force_N": size,
+        "link": h.arm.links[scene.joint],
+    }
 
 
 def torque_offset(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """An offset that drifts by about a tenth of itself in a minute, and wanders a little."""
     drift = float(size * scene.rng.uniform(-0.1, 0.1) / 60.0)
-    sensing = scene.hardware.sensing.set(
-        scene.joint, offset=size, drift=drift, wander=0.03 * abs(size)
-    )
+    wander = 0.03 * abs(size)
+    sensing = scene.hardware.sensing.set(scene.joint, offset=size, drift=drift, wander=wander)
     return scene.hardware.replace(sensing=sensing), {"offset_Nm": size, "drift_Nm_s": drift}
 
 
 def torque_delay(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """All torques are late by a time [s]."""
-    return scene.hardware.replace(sensing=scene.hardware.sensing.replace(delay=size)), {
-        "delay_s": size
-    }
+    sensing = scene.hardware.sensing.replace(delay=size)
+    return scene.hardware.replace(sensing=sensing), {"delay_s": size}
 
 
 def cable_drag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -232,9 +236,15 @@ def cable_drag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]
     width = float(scene.rng.uniform(0.3, 0.7))
     share = float(scene.rng.choice([-1.0, 1.0]) * scene.rng.uniform(0.5, 1.0))
     band = {"cable_share": share, "cable_centre": centre, "cable_width": width}
-    hardware = scene.with_laws("outside", cable=size, cable_other=scene.neighbour, **band)
-    truth = {"drag_Nm": size, "centre_rad": centre, "half_width_rad": width, "share": share}
-    return hardware, {**truth, "other_joint": scene.hardware.arm.joint_names[scene.neighbour]}
+    other = scene.neighbour
+    hardware = scene.with_laws("outside", cable=size, cable_other=other, **band)
+    return hardware, {
+        "drag_Nm": size,
+        "centre_rad": centre,
+        "half_width_rad": width,
+        "share": share,
+        "other_joint": scene.hardware.arm.joint_names[other],
+    }
 
 
 def velocity_product_drag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -256,7 +266,9 @@ def supply_sag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]
     """A torque sensor that reads more by a share [1] as the arm draws power."""
     h = scene.hardware
     speed = np.minimum(0.3 * np.array(h.arm.velocity_limit), 1.0)
-    power = float((h.friction.coulomb * speed).sum() + 0.2 * (h.drive.effort_limit * speed).sum())
+    rubbed = (h.friction.coulomb * speed).sum()
+    lifted = 0.2 * (h.drive.effort_limit * speed).sum()
+    power = float(rubbed + lifted)
     sensing = h.sensing.set(scene.joint, sag=size).replace(sag_power=power)
     return h.replace(sensing=sensing), {"relative_rise": size, "at_power_W": power}
 
@@ -316,8 +328,10 @@ class Circumstances:
             q = motion.q[::5]
             dq = motion.dq[::5]
             ddq = motion.ddq[::5]
-            torque = h.arm.inverse_dynamics(q, dq, ddq)[:, j] + h.drive.rotor_inertia[j] * ddq[:, j]
-            torque += h.friction.viscous[j] * dq[:, j] + h.friction.coulomb[j] * np.sign(dq[:, j])
+            torque = h.arm.inverse_dynamics(q, dq, ddq)[:, j]
+            torque = torque + h.drive.rotor_inertia[j] * ddq[:, j]
+            dry = h.friction.coulomb[j] * np.sign(dq[:, j])
+            torque += h.friction.viscous[j] * dq[:, j] + dry
             peak = max(peak, float(np.abs(torque).max()))
         return peak
 
@@ -355,12 +369,6 @@ class Circumstances:
 
 def length_of(model: pin.Model) -> float:
     """Rough length of an arm [m]."""
-    return (
-        float(
-            sum(
-                np.linalg.norm(placement.translation)
-                for placement in list(model.jointPlacements)[1:]
-            )
-        )
-        + 1e-3
-    )
+    placements = list(model.jointPlacements)[1:]
+    lengths = [np.linalg.norm(placement.translation) for placement in placements]
+    return float(sum(lengths)) + 1e-3

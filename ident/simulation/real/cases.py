@@ -5,7 +5,7 @@ apart from them.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,29 +19,21 @@ from ident.recordings.recording import Recording, Session
 from ident.recordings.save import fill_session
 from ident.records import as_json
 from ident.simulation.real.moved_arm import MovedArm
-from ident.simulation.real.planted import (
-    EFFECTS,
-    Draw,
-    Planted,
-    PlantedChange,
-    at_joint,
-    at_speed,
-    bristle,
-    decay,
-    fixed,
-    neighbour,
-    over_range,
-    up_to,
-)
+from ident.simulation.real.outside import OUTSIDE
+from ident.simulation.real.planted import EFFECTS, Planted, PlantedChange
 from ident.simulation.real.sources import Source, cut, kept_back_arms, load_known, recorded_causes
 
 SIZES = (3.0, 1.0)
 PAIR_SIZES = (3.0, 3.0)
+# In which of five turns through all effects a single one is large.
+LARGE_TURNS = (True, False, True, False, True)
 # How near a size has to come to what was asked for, in how many tries; draws of joint and numbers a
 # case.
 NEAR = 0.1
 TRIES = 12
 DRAWS = 7
+# Least and largest factor from one try to the next.
+STEPS = (0.01, 5.0)
 # An effect of the whole arm, or one that shows elsewhere, shows where it is this share of its
 # largest.
 SHOWN = 1.0 / 3.0
@@ -53,90 +45,18 @@ LAST = (
     "encoder_offset",
     "link_inertial_error",
 )
+# Pieces of a run that is cut, and runs in which each joint has to move for none to be cut.
 LEAST_PARTS = 6
-MOVES = 0.05  # of a run that is cut; how far a joint goes that moves in one [rad, m]
-
-
-def plant_cable(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """A cable pulls tight beyond an angle."""
-    start = float(np.quantile(arm.q[:, j], draw.uniform(0.5, 0.75)))
-    return at_joint(arm, j, size * np.maximum(arm.q[:, j] - start, 0.0) ** 2, {"from_rad": start})
-
-
-def plant_product(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """Drag where the neighbour moves fast, too."""
-    other = neighbour(arm, j, draw)
-    return at_joint(
-        arm,
-        j,
-        size * arm.v[:, j] * np.abs(arm.v[:, other]),
-        {"other_joint": arm.source.joints[other]},
-    )
-
-
-def plant_seal(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """A seal winds up with the shaft and relaxes."""
-    relaxation = float(draw.uniform(0.2, 1.0))
-    speed = np.where(np.isfinite(arm.steps), arm.v[:, j], 0.0)
-    return at_joint(arm, j, size * decay(arm, speed, relaxation), {"relaxation_s": relaxation})
-
-
-def plant_brake(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """The holding brake lets go slowly at the start of each run."""
-    fading = float(draw.uniform(1.0, 3.0))
-    holding = np.zeros(len(arm.t))
-    for rows in arm.given:
-        since = arm.t[rows] - arm.t[rows.start]
-        holding[rows] = np.exp(-since / fading)
-    return at_joint(arm, j, size * holding * bristle(arm, arm.v[:, j]), {"decay_s": fading})
-
-
-def plant_sag(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """The supply sags under the power of all drives, and with it the scale of one reading."""
-    power = np.abs(arm.load * arm.v).sum(axis=1)
-    share = power / max(float(np.quantile(power, 0.99)), 1e-9)
-    return at_joint(arm, j, size * share * arm.tau[:, j], {"largest_rise": size})
-
-
-def plant_floor(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """The floor shakes the arm at a steady pace."""
-    pace = float(draw.uniform(0.8, 4.0))
-    return at_joint(arm, j, size * np.sin(2.0 * np.pi * pace * arm.t), {"frequency_Hz": pace})
-
-
-def plant_tooth(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """Friction of sliding teeth, of a size [N m], turns round at every pitch point."""
-    usual = float(np.quantile(np.abs(arm.v[:, j]), 0.6)) + 1e-3
-    order = float(np.clip(round(2.0 * np.pi * draw.uniform(0.8, 3.0) / usual), 4, 80))
-    wave = np.tanh(4.0 * np.sin(order * arm.q[:, j]))
-    return at_joint(
-        arm, j, size * np.abs(arm.load[:, j]) * wave * bristle(arm, arm.v[:, j]), {"teeth": order}
-    )
-
-
-def plant_ageing(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """Dry friction that starts high after each reversal and wears off with travel."""
-    travel = float(draw.uniform(0.03, 0.2))
-    v = arm.v[:, j]
-    torque = size * (bristle(arm, v) - bristle(arm, v, travel))
-    return at_joint(arm, j, torque, {"travel_rad": travel})
-
-
-OUTSIDE: dict[str, Planted] = {
-    "cable_at_the_end": Planted(plant_cable, over_range(30.0)),
-    "velocity_product_drag": Planted(plant_product, at_speed(5.0), neighbours=True),
-    "seal_relaxation": Planted(plant_seal, over_range(20.0)),
-    "brake_release": Planted(plant_brake, up_to(1.0), local=True),
-    "supply_sag": Planted(plant_sag, fixed(0.6)),
-    "floor_vibration": Planted(plant_floor, up_to(0.6)),
-    "tooth_friction": Planted(plant_tooth, fixed(0.5)),
-    "wearing_off_after_reversal": Planted(plant_ageing, up_to(0.8)),
-}
-"""Laws that no catalogue lists."""
+FEWEST_RUNS = 4
+# How far a joint goes that moves in a run [rad, m].
+MOVES = 0.05
 
 
 Effects = tuple[tuple[str, float], ...]
 """Effects that are requested: id and visible size [noise] of each."""
+
+Answer = dict[str, Any]
+"""What is true of a case, or of one effect in it, for a record."""
 
 
 def plan_slots(cases: int, seed: int) -> list[tuple[str, Effects]]:
@@ -146,30 +66,23 @@ def plan_slots(cases: int, seed: int) -> list[tuple[str, Effects]]:
     rng = np.random.default_rng([seed, 0])
     counts = {kind: round(share * cases) for kind, share in KINDS.items() if kind != "single"}
     singles = cases - sum(counts.values())
-    order = [
-        str(e) for _ in range(-(-singles // len(EFFECTS))) for e in rng.permutation(list(EFFECTS))
-    ]
-    drawn: list[tuple[str, Effects]] = [
-        ("single", ((effect, SIZES[0] if (i // len(EFFECTS)) % 5 in (0, 2, 4) else SIZES[1]),))
-        for i, effect in enumerate(order[:singles])
-    ]
-    others = [
-        str(e) for e in rng.permutation(list(OUTSIDE) * (1 + counts["outside"] // len(OUTSIDE)))
-    ]
-    drawn += [("outside", ((effect, SIZES[0]),)) for effect in others[: counts["outside"]]]
+    large, small = SIZES
+    slots: list[tuple[str, Effects]] = []
+    order: list[str] = []
+    while len(order) < singles:
+        order += map(str, rng.permutation(list(EFFECTS)))
+    for number, effect in enumerate(order[:singles]):
+        turn = number // len(EFFECTS)
+        is_large = LARGE_TURNS[turn % len(LARGE_TURNS)]
+        slots.append(("single", ((effect, large if is_large else small),)))
+    enough = list(OUTSIDE) * (1 + counts["outside"] // len(OUTSIDE))
+    others = [str(effect) for effect in rng.permutation(enough)]
+    slots += [("outside", ((effect, large),)) for effect in others[: counts["outside"]]]
     for _ in range(counts["pair"]):
-        first, second = (str(e) for e in rng.choice(list(EFFECTS), 2, replace=False))
-        drawn.append(
-            (
-                "pair",
-                tuple(
-                    sorted(
-                        zip((first, second), PAIR_SIZES, strict=True), key=lambda e: e[0] in LAST
-                    )
-                ),
-            )
-        )
-    return drawn + [("untouched", ())] * counts["untouched"]
+        drawn = [str(effect) for effect in rng.choice(list(EFFECTS), 2, replace=False)]
+        pair = zip(drawn, PAIR_SIZES, strict=True)
+        slots.append(("pair", tuple(sorted(pair, key=lambda each: each[0] in LAST))))
+    return slots + [("untouched", ())] * counts["untouched"]
 
 
 def make_cases(
@@ -194,15 +107,11 @@ def make_cases(
     arms = {source.name: MovedArm.of(source) for source in sources}
     seals: dict[str, str] = {}
     turn = turns_of(sources, seed)
-    for source in () if paired else sources:
-        _write(
-            out,
-            f"control_{source.name}",
-            {"": source.runs},
-            source.urdf,
-            _answer("control", source, ()),
-            seals,
-        )
+    if not paired:
+        for source in sources:
+            answer = _answer("control", source, ())
+            name = f"control_{source.name}"
+            seals[name] = _write(out, name, {"": source.runs}, source.urdf, answer)
     for number, (kind, effects) in enumerate(plan_slots(cases, seed)):
         made = None
         name = f"case_{number:03d}"
@@ -217,12 +126,11 @@ def make_cases(
             continue
         runs, urdf, answer = made
         rng = np.random.default_rng([seed, 2, number])
-        folders = (
-            _before_and_after(source, runs, rng)
-            if paired
-            else {"": runs if effects else _some(runs, rng)}
-        )
-        _write(out, name, folders, urdf, answer, seals)
+        if paired:
+            folders = _before_and_after(source, runs, rng)
+        else:
+            folders = {"": runs if effects else _some(runs, rng)}
+        seals[name] = _write(out, name, folders, urdf, answer)
         truth = ", ".join(f"{e['effect']}:{'+'.join(e['joints'])}" for e in answer["effects"])
         say(f"{name} {source.name} {kind} {truth}")
     write_record(out / "seals.json", seals)
@@ -253,8 +161,10 @@ def write_recorded(folder: Path, out: Path) -> list[str]:
             "visible": {},
             "by": "recorder",
         }
-        answer = {**_answer("measured", source, (truth,)), "control": f"control_{entry['control']}"}
-        _write(out, f"recorded_{name}", {"": source.runs}, source.urdf, answer, seals)
+        answer = _answer("measured", source, (truth,))
+        answer["control"] = f"control_{entry['control']}"
+        case = f"recorded_{name}"
+        seals[case] = _write(out, case, {"": source.runs}, source.urdf, answer)
     return list(seals)
 
 
@@ -280,16 +190,18 @@ def _some(runs: Sequence[Recording], rng: np.random.Generator) -> Sequence[Recor
 
 def _before_and_after(
     source: Source, runs: Sequence[Recording], rng: np.random.Generator
-) -> dict[str, Any]:
+) -> dict[str, Sequence[Recording]]:
     """Every second run as it was, the others with the effect; runs are cut where some joint moves
     in few of them.
     """
-    pieces = [list(source.runs), list(runs)]
+    before = list(source.runs)
+    after = list(runs)
     moves = sum(np.ptp(run.position, axis=0) > MOVES for run in runs)
-    if min(moves[moves > 0], default=0) < 4:
-        pieces = [_cut_each(side) for side in pieces]
+    if min(moves[moves > 0], default=0) < FEWEST_RUNS:
+        before = _cut_each(before)
+        after = _cut_each(after)
     first = int(rng.integers(2))
-    return {"before": pieces[0][first::2], "after": pieces[1][1 - first :: 2]}
+    return {"before": before[first::2], "after": after[1 - first :: 2]}
 
 
 def _cut_each(runs: Sequence[Recording]) -> list[Recording]:
@@ -299,21 +211,22 @@ def _cut_each(runs: Sequence[Recording]) -> list[Recording]:
 
 def plant_effects(
     arm: MovedArm, kind: str, effects: Effects, rng: np.random.Generator
-) -> tuple[list[Recording], str, dict[str, Any]] | None:
+) -> tuple[list[Recording], str, Answer] | None:
     """Effects, one after the other, on an arm's recordings.
 
     Returns:
         Recordings of the rows that are given, URDF and answer of a case; None if nothing that was
         drawn can show so much.
     """
-    truth: list[dict[str, Any]] = []
+    truth: list[Answer] = []
     urdf = arm.source.urdf
     shift = np.zeros(arm.n)
     now = arm
     for effect, wanted in effects:
-        sized_change = sized(
-            now, effect, wanted, rng, {joint for entry in truth for joint in entry["joints"]}
-        )
+        taken: set[str] = set()
+        for entry in truth:
+            taken.update(entry["joints"])
+        sized_change = sized(now, effect, wanted, rng, taken)
         if sized_change is None:
             return None
         change, entry = sized_change
@@ -332,7 +245,7 @@ def plant_effects(
 
 def sized(
     arm: MovedArm, effect: str, wanted: float, rng: np.random.Generator, taken: set[str]
-) -> tuple[PlantedChange, dict[str, Any]] | None:
+) -> tuple[PlantedChange, Answer] | None:
     """The effect at a joint where it can show as much as is wanted, and its entry in the answer."""
     law = {**EFFECTS, **OUTSIDE}[effect]
     joints = [int(j) for j in rng.permutation(arm.n) if arm.source.joints[j] not in taken]
@@ -342,34 +255,28 @@ def sized(
             break
     else:
         return None
-    (change, seen, size) = scaled
+    change, seen, size = scaled
     names = arm.source.joints
-    shown = [
-        name for name, visible in zip(names, seen, strict=True) if visible >= SHOWN * seen.max()
-    ]
-    own_joints = [] if law.whole_arm else [names[j]]
-    others = {
-        "joint_coupling": [str(change.parameters.get("other_joint"))],
-        "payload": names[-1:],
-    }.get(effect, ())
+    visible = dict(zip(names, map(float, seen), strict=True))
+    shown = [name for name, amplitude in visible.items() if amplitude >= SHOWN * seen.max()]
+    planted_at = [] if law.whole_arm else [names[j]]
+    may_stand_at = set(planted_at)
+    if effect == "joint_coupling":
+        may_stand_at.add(str(change.parameters.get("other_joint")))
+    if effect == "payload":
+        may_stand_at.update(names[-1:])
+    if law.whole_arm or effect == "external_contact":
+        may_stand_at.update(shown)
     return change, {
         "effect": effect,
         "in_catalogue": effect in EFFECTS,
-        "joints": own_joints or shown,
-        "may_stand_at": sorted(
-            {
-                *own_joints,
-                *others,
-                *(shown if law.whole_arm or effect == "external_contact" else []),
-            }
-        ),
+        "joints": planted_at or shown,
+        "may_stand_at": sorted(may_stand_at),
         "parameters": change.parameters,
         "size": size,
         "asked": wanted,
         "view": law.view,
-        "visible": {
-            name: round(float(visible), 3) for name, visible in zip(names, seen, strict=True)
-        },
+        "visible": {name: round(amplitude, 3) for name, amplitude in visible.items()},
         "by": "urdf" if change.urdf else "recording",
     }
 
@@ -377,7 +284,12 @@ def sized(
 def _scaled(
     arm: MovedArm, law: Planted, j: int, wanted: float, seed: int
 ) -> tuple[PlantedChange, Float[Array, " n"], float] | None:
-    most = size = law.most(arm, j)
+    """An effect at a joint as large as is wanted, what of it is visible, and its size.
+
+    None where it can't show so much there.
+    """
+    most = law.most(arm, j)
+    size = most
     if not np.isfinite(arm.noise[j]) and not law.whole_arm:
         return None
     if law.neighbours and arm.n < 2:
@@ -393,13 +305,14 @@ def _scaled(
             return change, seen, size
         if size >= most and largest < wanted:
             return None
-        size = min(size * float(np.clip(wanted / max(largest, 1e-9), 0.01, 5.0)), most)
+        factor = float(np.clip(wanted / max(largest, 1e-9), *STEPS))
+        size = min(size * factor, most)
     return None
 
 
 def _answer(
-    kind: str, source: Source, effects: Sequence[dict[str, Any]], noise: Array | None = None
-) -> dict[str, Any]:
+    kind: str, source: Source, effects: Sequence[Answer], noise: Array | None = None
+) -> Answer:
     floor = {} if noise is None else dict(zip(source.joints, map(float, noise), strict=True))
     return {
         "schema": "ident.semi_real/1",
@@ -413,14 +326,9 @@ def _answer(
 
 
 def _write(
-    out: Path,
-    name: str,
-    folders: dict[str, Sequence[Recording]],
-    urdf: str,
-    answer: dict[str, Any],
-    seals: dict[str, str],
-) -> None:
-    """A case's session folders and its answer; adds the answer's SHA-256 to the seals."""
+    out: Path, name: str, folders: Mapping[str, Sequence[Recording]], urdf: str, answer: Answer
+) -> str:
+    """Writes a case's session folders and its answer; the answer's SHA-256."""
     with atomic_folder(out / "cases" / name, "session") as folder:
         for side, runs in folders.items():
             place = folder / side
@@ -428,5 +336,5 @@ def _write(
             fill_session(Session(name, tuple(runs), robot="robot.urdf"), place)
             (place / "robot.urdf").write_text(urdf, encoding="utf-8")
     text = as_json(answer) + "\n"
-    seals[name] = hashlib.sha256(text.encode()).hexdigest()
     write_record(out / "answers" / f"{name}.json", answer)
+    return hashlib.sha256(text.encode()).hexdigest()

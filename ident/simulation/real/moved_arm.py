@@ -33,6 +33,10 @@ BAND = 8.0
 ROW_RATE = 25.0
 FASTEST_GRID = 250.0  # [Hz]
 STILL = 0.005  # [rad/s]
+# How often the refit's joints are weighted anew by what they leave.
+REWEIGHTINGS = 3
+# An effect that acts for a while acts where it is more than this share of its largest.
+ACTS = 0.1
 # Share of the rows in which a joint has to move for an effect to be planted at it.
 LEAST_MOVING = 0.15
 # Width of the sign of a speed [rad/s].
@@ -54,7 +58,8 @@ def rigid_torque(
 ) -> Float[Array, "N n"]:
     """Torque that the bodies ask for [N m]."""
     data = model.createData()
-    return np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
+    states = zip(q, v, a, strict=True)
+    return np.array([pin.rnea(model, data, *state) for state in states])
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,12 +92,11 @@ class MovedArm:
         for run in source.runs:
             grid = _grid(run.time)
             interval = grid[1] - grid[0]
-            q = _filtered(
-                _at(grid, run.time, np.unwrap(run.position, axis=0)), interval, STATE_CUTOFF
-            )
+            recorded = _at(grid, run.time, np.unwrap(run.position, axis=0))
+            q = _filtered(recorded, interval, STATE_CUTOFF)
             v = np.gradient(q, interval, axis=0)
             a = _filtered(np.gradient(v, interval, axis=0), interval, STATE_CUTOFF)
-            states.append(np.array([_at(run.time, grid, x) for x in (q, v, a)]))
+            states.append(np.array([_at(run.time, grid, channel) for channel in (q, v, a)]))
         q, v, a = np.concatenate(states, axis=1)
         t = np.concatenate([run.time for run in source.runs])
         tau = np.concatenate([run.effort for run in source.runs])
@@ -148,14 +152,13 @@ class MovedArm:
 
     @cached_property
     def _grids(self) -> list[Float[Array, " m"]]:
-        return [np.arange(self.t[r][0], self.t[r][-1], 1.0 / ROW_RATE) for r in self.runs]
+        clocks = [self.t[run] for run in self.runs]
+        return [np.arange(clock[0], clock[-1], 1.0 / ROW_RATE) for clock in clocks]
 
     def rows(self, x: Float[Array, "N k"]) -> Float[Array, "M k"]:
         """A channel in the band and at the rows that are compared."""
-        rows = [
-            _low_passed(self.t[r], x[r], BAND, grid)
-            for r, grid in zip(self.runs, self._grids, strict=True)
-        ]
+        grids = zip(self.runs, self._grids, strict=True)
+        rows = [_low_passed(self.t[run], x[run], BAND, grid) for run, grid in grids]
         return np.concatenate(rows)
 
     @cached_property
@@ -175,29 +178,29 @@ class MovedArm:
     @cached_property
     def _columns(self) -> Float[Array, "M n p"]:
         """Bodies (10 n), then rotor, viscous, Coulomb, offset of each joint."""
-        q, v, a = (self.rows(x) for x in (self.q, self.v, self.a))
+        q = self.rows(self.q)
+        v = self.rows(self.v)
+        a = self.rows(self.a)
         data = self.model.createData()
-        bodies = [
-            pin.computeJointTorqueRegressor(self.model, data, *row)
-            for row in zip(q, v, a, strict=True)
-        ]
-        losses = (a, v, self.rows(np.tanh(self.v / TURNING)), np.ones_like(q))
-        losses_by_joint = [x[:, :, None] * np.eye(self.n) for x in losses]
+        states = zip(q, v, a, strict=True)
+        bodies = [pin.computeJointTorqueRegressor(self.model, data, *state) for state in states]
         # of one joint Pinocchio drops an axis
         stacked = np.array(bodies).reshape(len(q), self.n, -1)
-        return np.concatenate([stacked, *losses_by_joint], axis=2) * self.moving[:, :, None]
+        sign = self.rows(np.tanh(self.v / TURNING))
+        losses = [x[:, :, None] * np.eye(self.n) for x in (a, v, sign, np.ones_like(q))]
+        return np.concatenate([stacked, *losses], axis=2) * self.moving[:, :, None]
 
     @cached_property
     def _fit(self) -> tuple[Float[Array, " p"], Float[Array, " n"]]:
         """Coefficients of the recorded torque, each joint weighted by what it leaves, and that [N
         m].
         """
-        y = self.rows(self.tau) * self.moving
+        tau = self.rows(self.tau) * self.moving
         noise = np.ones(self.n)
-        for _ in range(3):
-            x = (self._columns / noise[:, None]).reshape(-1, self._columns.shape[2])
-            solution = np.linalg.lstsq(x, (y / noise).ravel(), rcond=1e-9)[0]
-            noise = self._rms(y - self._columns @ solution)
+        for _ in range(REWEIGHTINGS):
+            weighted = (self._columns / noise[:, None]).reshape(-1, self._columns.shape[2])
+            solution = np.linalg.lstsq(weighted, (tau / noise).ravel(), rcond=1e-9)[0]
+            noise = self._rms(tau - self._columns @ solution)
         return solution, noise
 
     def _rms(self, x: Float[Array, "M n"]) -> Float[Array, " n"]:
@@ -232,8 +235,12 @@ class MovedArm:
         """
         n = self.n
         scale = 1.0 / self.noise  # a joint that hardly moves has no say
-        x = (self._columns * scale[:, None]).reshape(-1, self._columns.shape[2])
-        kinds: dict[View, Array] = {"refit": x, "loss": x[:, 10 * n :], "no_offset": x[:, : 13 * n]}
+        whole = (self._columns * scale[:, None]).reshape(-1, self._columns.shape[2])
+        kinds: dict[View, Array] = {
+            "refit": whole,
+            "loss": whole[:, 10 * n :],
+            "no_offset": whole[:, : 13 * n],
+        }
         bases: dict[View, Array] = {}
         for name, columns in kinds.items():
             scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
@@ -250,12 +257,14 @@ class MovedArm:
         In units of what the same refit leaves of the recording as it is: where the URDF is held
         fixed, that holds the URDF's own errors, among which a small body more is none.
         """
-        y = self.rows(torque) * self.moving / self.noise
-        left = self._left(y, view)
+        scaled = self.rows(torque) * self.moving / self.noise
+        left = self._left(scaled, view)
         if local:
-            acts = np.any(np.abs(y) > 0.1 * np.abs(y).max(), axis=1)
+            size = np.abs(scaled)
+            acts = np.any(size > ACTS * size.max(), axis=1)
             left = left[acts & self._asked]
-            return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / self._own[view])
+            rms = np.sqrt(np.mean(left**2, axis=0))
+            return np.asarray(rms / self._own[view])
         asked = self.moving & self._asked[:, None]
         return np.asarray(_rms_where(asked, left) / self._own[view])
 
@@ -273,10 +282,11 @@ class MovedArm:
             "loss": self.tau - self.rigid,
             "no_offset": self.tau,
         }
-        rows = {
-            view: self.rows(torque) * self.moving / self.noise for view, torque in torques.items()
-        }
-        return {view: np.maximum(self._rms(self._left(y, view)), 1.0) for view, y in rows.items()}
+        left = {}
+        for view, torque in torques.items():
+            scaled = self.rows(torque) * self.moving / self.noise
+            left[view] = np.maximum(self._rms(self._left(scaled, view)), 1.0)
+        return left
 
 
 def _rms_where(mask: Bool[Array, "M n"], x: Float[Array, "M n"]) -> Float[Array, " n"]:
@@ -300,9 +310,8 @@ def _at(t: Array, knots: Array, x: Array) -> Array:
 
 def _low_passed(t: Array, x: Array, cutoff: float, where: Array | None = None) -> Array:
     grid = _grid(t)
-    return _at(
-        t if where is None else where, grid, _filtered(_at(grid, t, x), grid[1] - grid[0], cutoff)
-    )
+    even = _filtered(_at(grid, t, x), grid[1] - grid[0], cutoff)
+    return _at(t if where is None else where, grid, even)
 
 
 States = tuple[Array, Array, Array]
@@ -318,11 +327,10 @@ def twist_of(
         ValueError: The URDF's links behind the joint have no inertia about it.
     """
     # What the joint moves [kg m^2], every tenth sample and between.
-    some = np.arange(0, len(arm.q), 10)
+    sampled = np.arange(0, len(arm.q), 10)
     data = arm.model.createData()
-    inertia = np.interp(
-        np.arange(len(arm.q)), some, [pin.crba(arm.model, data, arm.q[k])[j, j] for k in some]
-    )
+    inertias = [pin.crba(arm.model, data, arm.q[k])[j, j] for k in sampled]
+    inertia = np.interp(np.arange(len(arm.q)), sampled, inertias)
     if inertia.min() <= 0.0:
         raise ValueError(f"{arm.source.joints[j]} moves no inertia")
     damping = 2.0 * ratio * float(np.sqrt(stiffness * np.median(inertia)))

@@ -22,6 +22,8 @@ Parameters = dict[str, float | str]
 Draw = np.random.Generator
 # Travel over which dry friction turns round [rad].
 BRISTLE = 3e-4
+# Time over which a push sets in, and ends [s].
+RAMP = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +70,16 @@ def bristle(
     """Sign of a speed with a memory: z' = |v| (sign v - z) / travel, from rest at the start of each
     run.
     """
-    keep = np.exp(-np.abs(speed) * np.where(np.isfinite(arm.steps), arm.steps, 0.0) / travel)
-    goal = np.sign(speed)
+    begins = ~np.isfinite(arm.steps)
+    steps = np.where(begins, 0.0, arm.steps)
+    keep = np.exp(-np.abs(speed) * steps / travel)
+    rows = zip(keep.tolist(), np.sign(speed).tolist(), begins.tolist(), strict=True)
     deflection = np.empty(len(speed))
     z = 0.0
-    for k, (stay, sign, dt) in enumerate(
-        zip(keep.tolist(), goal.tolist(), arm.steps.tolist(), strict=True)
-    ):
-        z = sign + ((0.0 if dt == np.inf else z) - sign) * stay
+    for k, (stay, sign, is_begin) in enumerate(rows):
+        if is_begin:
+            z = 0.0
+        z = sign + (z - sign) * stay
         deflection[k] = z
     return deflection
 
@@ -84,11 +88,11 @@ def decay(arm: MovedArm, power: Float[Array, " N"], constant: float) -> Float[Ar
     """θ' = power - θ / constant over the session's clock, pauses included."""
     dt = np.diff(arm.t, prepend=arm.t[0])
     keep = np.exp(-dt / constant)
+    heat = power * np.where(np.isfinite(arm.steps), dt, 0.0)
     warmth = np.empty(len(power))
     theta = 0.0
-    moving = np.where(np.isfinite(arm.steps), dt, 0.0)
-    for k, (stay, heat) in enumerate(zip(keep.tolist(), (power * moving).tolist(), strict=True)):
-        theta = theta * stay + heat
+    for k, (stay, gained) in enumerate(zip(keep.tolist(), heat.tolist(), strict=True)):
+        theta = theta * stay + gained
         warmth[k] = theta
     return warmth
 
@@ -115,16 +119,16 @@ def plant_curved(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
     v = arm.v[:, j]
     exponent = float(draw.uniform(0.3, 0.8))
     if draw.random() < 0.5:
-        return at_joint(
-            arm, j, size * np.arcsinh(v / float(draw.uniform(0.03, 0.2))), {"eyring_Nm": size}
-        )
+        knee = float(draw.uniform(0.03, 0.2))
+        return at_joint(arm, j, size * np.arcsinh(v / knee), {"eyring_Nm": size})
     torque = size * np.abs(v) ** exponent * bristle(arm, v)
     return at_joint(arm, j, torque, {"coefficient": size, "exponent": exponent})
 
 
 def plant_load(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """Dry friction that grows with the load, by a share of it [1]."""
-    return at_joint(arm, j, size * np.abs(arm.load[:, j]) * bristle(arm, arm.v[:, j]), {"mu": size})
+    torque = size * np.abs(arm.load[:, j]) * bristle(arm, arm.v[:, j])
+    return at_joint(arm, j, torque, {"mu": size})
 
 
 def plant_thermal(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -134,12 +138,14 @@ def plant_thermal(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
     constant = float(np.exp(draw.uniform(np.log(30.0), np.log(200.0))))
     dry = float(draw.uniform(0.1, 0.4))
     v = arm.v[:, j]
-    turn = bristle(arm, arm.v[:, j])
+    turn = bristle(arm, v)
     friction = arm.coulomb[j] * turn + arm.viscous[j] * v
-    warm = decay(arm, np.maximum(friction * v, 0.0), constant)
-    shown = np.concatenate([warm[rows] for rows in arm.given])
-    warm = np.clip((warm - shown[0]) / max(float(shown.max() - shown[0]), 1e-9), 0.0, 1.0)
-    torque = -size * warm * (arm.viscous[j] * v + dry * arm.coulomb[j] * turn)
+    warmth = decay(arm, np.maximum(friction * v, 0.0), constant)
+    shown = np.concatenate([warmth[rows] for rows in arm.given])
+    coldest = shown[0]
+    span = max(float(shown.max() - coldest), 1e-9)
+    share = np.clip((warmth - coldest) / span, 0.0, 1.0)
+    torque = -size * share * (arm.viscous[j] * v + dry * arm.coulomb[j] * turn)
     truth: Parameters = {
         "viscous_change": -size,
         "coulomb_change": -dry * size,
@@ -152,14 +158,11 @@ def plant_hysteresis(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedC
     """Dry friction of a size [N m] that builds up over a travel drawn by chance."""
     travel = float(np.exp(draw.uniform(np.log(2e-3), np.log(3e-2))))
     q = arm.q[:, j]
-    dt = np.where(np.isfinite(arm.steps), arm.steps, 1.0)
-    moved = np.where(np.isfinite(arm.steps), np.diff(q, prepend=q[0]), 0.0) / dt
-    return at_joint(
-        arm,
-        j,
-        size * bristle(arm, moved, travel),
-        {"amplitude_Nm": size, "displacement_rad": travel},
-    )
+    within_run = np.isfinite(arm.steps)
+    dt = np.where(within_run, arm.steps, 1.0)
+    speed = np.where(within_run, np.diff(q, prepend=q[0]), 0.0) / dt
+    truth: Parameters = {"amplitude_Nm": size, "displacement_rad": travel}
+    return at_joint(arm, j, size * bristle(arm, speed, travel), truth)
 
 
 def plant_seat(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -196,17 +199,19 @@ def plant_coupling(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedCha
     viscous = 0.4 * size * arm.viscous[j] / arm.coulomb[j]
     inertia = 0.002 * size
     turned = inertia * (arm.a[:, j] + way * arm.a[:, other])
+    torque = size * bristle(arm, speed) + viscous * speed + turned
     truth: Parameters = {
         "coulomb_Nm": size,
         "viscous_Nms_rad": way * viscous,
         "other_joint": arm.source.joints[other],
     }
-    return at_joint(arm, j, size * bristle(arm, speed) + viscous * speed + turned, truth)
+    return at_joint(arm, j, torque, truth)
 
 
 def neighbour(arm: MovedArm, j: int, draw: Draw) -> int:
     """The joint before or after one, by chance."""
-    return int(draw.choice([k for k in (j - 1, j + 1) if 0 <= k < arm.n]))
+    beside = [k for k in (j - 1, j + 1) if 0 <= k < arm.n]
+    return int(draw.choice(beside))
 
 
 # Gears
@@ -215,35 +220,41 @@ def neighbour(arm: MovedArm, j: int, draw: Draw) -> int:
 def _turned(
     arm: MovedArm, j: int, states: tuple[Array, Array, Array], parameters: Parameters
 ) -> PlantedChange:
-    """The link stands `twist` behind the motor, whose encoder is read: the bodies' torque is that
+    """The link stands a twist behind the motor, whose encoder is read: the bodies' torque is that
     of the link.
     """
-    moved = [x.copy() for x in (arm.q, arm.v, arm.a)]
-    for x, twist in zip(moved, states, strict=True):
-        x[:, j] -= twist
-    return PlantedChange(parameters, rigid_torque(arm.model, *moved) - arm.rigid)
+    q = arm.q.copy()
+    v = arm.v.copy()
+    a = arm.a.copy()
+    for channel, twist in zip((q, v, a), states, strict=True):
+        channel[:, j] -= twist
+    return PlantedChange(parameters, rigid_torque(arm.model, q, v, a) - arm.rigid)
 
 
 def plant_elasticity(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """A gear that twists by so much under a torque [rad/(N m)], little damped."""
     stiffness = 1.0 / size
-    states, damping = twist_of(arm, j, stiffness, float(draw.uniform(0.03, 0.15)))
-    return _turned(arm, j, states, {"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping})
+    ratio = float(draw.uniform(0.03, 0.15))
+    states, damping = twist_of(arm, j, stiffness, ratio)
+    truth: Parameters = {"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping}
+    return _turned(arm, j, states, truth)
 
 
 def plant_backlash(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """Play of a gear beside one that only twists: that twist is no play."""
     stiffness = 400.0 * float(arm.peak[j])
-    loose, tight = (
-        _turned(arm, j, twist_of(arm, j, stiffness, 0.3, gap)[0], {}).torque for gap in (size, 0.0)
-    )
+    with_play, _ = twist_of(arm, j, stiffness, 0.3, size)
+    without, _ = twist_of(arm, j, stiffness, 0.3, 0.0)
+    loose = _turned(arm, j, with_play, {}).torque
+    tight = _turned(arm, j, without, {}).torque
     return PlantedChange({"gap_rad": size}, loose - tight)
 
 
 def plant_ripple(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """Teeth that pass 1.5 to 5 times a second at the joint's usual speed."""
     usual = float(np.quantile(np.abs(arm.v[:, j]), 0.6)) + 1e-3
-    order = float(np.clip(round(2.0 * np.pi * draw.uniform(1.5, 5.0) / usual), 5, 160))
+    frequency = draw.uniform(1.5, 5.0)
+    order = float(np.clip(round(2.0 * np.pi * frequency / usual), 5, 160))
     phase = float(draw.uniform(-np.pi, np.pi))
     truth: Parameters = {"amplitude_Nm": size, "order": order, "phase_rad": phase}
     return at_joint(arm, j, size * np.cos(order * arm.q[:, j] - phase), truth)
@@ -253,9 +264,8 @@ def plant_spring(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
     """A spring of a stiffness [N m/rad], at rest at an angle within the motion."""
     low, high = np.quantile(arm.q[:, j], [0.05, 0.95])
     rest = float(draw.uniform(low, high))
-    return at_joint(
-        arm, j, size * (arm.q[:, j] - rest), {"stiffness_Nm_rad": size, "rest_rad": rest}
-    )
+    truth: Parameters = {"stiffness_Nm_rad": size, "rest_rad": rest}
+    return at_joint(arm, j, size * (arm.q[:, j] - rest), truth)
 
 
 # Bodies, gravity, pushes
@@ -275,17 +285,21 @@ def plant_link(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     round in the URDF.
     """
     body = arm.model.inertias[j + 1]
+    urdf = arm.source.urdf
+    joint = arm.source.joints[j]
+    centre = np.array(body.lever)
     mass = size * body.mass * float(draw.choice([-1.0, 1.0]))
-    place = np.array(body.lever) * draw.uniform(0.9, 1.1)
+    place = centre * draw.uniform(0.9, 1.1)
     if mass > 0.0:
-        place = np.array(body.lever) + 0.06 * length_of(arm.model) * draw.uniform(-1.0, 1.0, 3)
+        place = centre + 0.06 * length_of(arm.model) * draw.uniform(-1.0, 1.0, 3)
     truth: Parameters = {"mass_change_kg": mass, **vector("moment_change", mass * place, "kgm")}
     if draw.random() < 0.5 and mass < 0.0:
-        changed = with_body(arm.source.urdf, arm.source.joints[j], -mass, place, 0.0)
+        changed = with_body(urdf, joint, -mass, place, 0.0)
         unseen = arm.rigid - rigid_torque(model_of(changed), arm.q, arm.v, arm.a)
         return PlantedChange(truth, np.zeros_like(arm.tau), urdf=changed, unseen=unseen)
-    changed = with_body(arm.source.urdf, arm.source.joints[j], mass, place, 0.0)
-    return PlantedChange(truth, rigid_torque(model_of(changed), arm.q, arm.v, arm.a) - arm.rigid)
+    changed = with_body(urdf, joint, mass, place, 0.0)
+    torque = rigid_torque(model_of(changed), arm.q, arm.v, arm.a)
+    return PlantedChange(truth, torque - arm.rigid)
 
 
 def plant_tilt(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -305,20 +319,23 @@ def plant_contact(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
     """
     run = arm.given[int(draw.integers(len(arm.given)))]
     clock = arm.t[run]
-    span = float(np.ptp(arm.t[run]))
+    q = arm.q[run]
+    span = float(np.ptp(clock))
     length = min(float(draw.uniform(0.6, 2.0)), 0.3 * span)
     start = float(clock[0] + draw.uniform(0.15 * span, 0.85 * span - length))
     way = draw.standard_normal(3)
+    direction = way / np.linalg.norm(way)
     point = pin.SE3(np.eye(3), 1.5 * np.array(arm.model.inertias[j + 1].lever))
     torque = np.zeros_like(arm.tau)
     data = arm.model.createData()
-    window = np.clip(np.minimum(clock - start, start + length - clock) / 0.1, 0.0, 1.0)
+    from_ends = np.minimum(clock - start, start + length - clock)
+    window = np.clip(from_ends / RAMP, 0.0, 1.0)
     for k in np.flatnonzero(window > 0.0):
-        pin.forwardKinematics(arm.model, data, arm.q[run][k])
-        jacobian = pin.computeJointJacobian(arm.model, data, arm.q[run][k], j + 1)
+        pin.forwardKinematics(arm.model, data, q[k])
+        jacobian = pin.computeJointJacobian(arm.model, data, q[k], j + 1)
         at_point = point.toActionMatrixInverse() @ jacobian
         world = data.oMi[j + 1].rotation @ at_point[:3]
-        torque[run.start + k] = -window[k] * size * (world.T @ (way / np.linalg.norm(way)))
+        torque[run.start + k] = -window[k] * size * (world.T @ direction)
     # No force: what it is hangs on where on the link somebody pushes, which a diagnosis can't know.
     return PlantedChange({"start_s": start, "end_s": start + length}, torque)
 
@@ -336,17 +353,21 @@ def plant_offset(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
     """A torque that is read too large or too small by so much [N m], with a slow drift."""
     offset = size * float(draw.choice([-1.0, 1.0]))
     drift = float(offset * draw.uniform(-0.1, 0.1) / 60.0)
-    middle = 0.5 * (arm.t[arm.given[0].start] + arm.t[arm.given[-1].stop - 1])
-    return at_joint(
-        arm, j, offset + drift * (arm.t - middle), {"offset_Nm": offset, "drift_Nm_s": drift}
-    )
+    first = arm.t[arm.given[0].start]
+    last = arm.t[arm.given[-1].stop - 1]
+    middle = 0.5 * (first + last)
+    truth: Parameters = {"offset_Nm": offset, "drift_Nm_s": drift}
+    return at_joint(arm, j, offset + drift * (arm.t - middle), truth)
 
 
 def plant_delay(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """All torques are late by a time [s]."""
-    late = arm.over_runs(
-        arm.tau, lambda t, x: np.column_stack([np.interp(t - size, t, column) for column in x.T])
-    )
+
+    def delayed(t: Array, tau: Array) -> Array:
+        """A run's torque as it is read."""
+        return np.column_stack([np.interp(t - size, t, column) for column in tau.T])
+
+    late = arm.over_runs(arm.tau, delayed)
     return PlantedChange({"delay_s": size}, late - arm.tau)
 
 
@@ -358,8 +379,9 @@ def plant_saturation(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedC
         flat = np.clip(tau, -limit, limit)
     else:
         bend = 0.05 * limit
-        flat = np.sign(tau) * (limit - bend * np.logaddexp(0.0, (limit - np.abs(tau)) / bend))
-        flat = np.where(np.abs(tau) < 0.7 * limit, tau, flat)
+        modulus = np.abs(tau)
+        bent = limit - bend * np.logaddexp(0.0, (limit - modulus) / bend)
+        flat = np.where(modulus < 0.7 * limit, tau, np.sign(tau) * bent)
     return at_joint(arm, j, flat - tau, {"limit_Nm": limit})
 
 
@@ -369,9 +391,8 @@ def plant_encoder(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
     shift[j] = size * float(draw.choice([-1.0, 1.0]))
     unseen = arm.rigid - rigid_torque(arm.model, arm.q + shift, arm.v, arm.a)
     # Reported is what has to be added to a reading.
-    return PlantedChange(
-        {"offset_rad": -float(shift[j])}, np.zeros_like(arm.tau), shift, unseen=unseen
-    )
+    truth: Parameters = {"offset_rad": -float(shift[j])}
+    return PlantedChange(truth, np.zeros_like(arm.tau), shift, unseen=unseen)
 
 
 def up_to(share: float) -> Callable[[MovedArm, int], float]:
@@ -381,9 +402,12 @@ def up_to(share: float) -> Callable[[MovedArm, int], float]:
 
 def at_speed(share: float) -> Callable[[MovedArm, int], float]:
     """A coefficient that makes such a torque at the joint's fastest."""
-    return lambda arm, j: (
-        share * float(arm.peak[j]) / (float(np.quantile(np.abs(arm.v[:, j]), 0.95)) + 1e-3)
-    )
+
+    def largest(arm: MovedArm, j: int) -> float:
+        fastest = float(np.quantile(np.abs(arm.v[:, j]), 0.95))
+        return share * float(arm.peak[j]) / (fastest + 1e-3)
+
+    return largest
 
 
 def of_friction(share: float) -> Callable[[MovedArm, int], float]:
@@ -395,7 +419,12 @@ def of_friction(share: float) -> Callable[[MovedArm, int], float]:
 
 def over_range(share: float) -> Callable[[MovedArm, int], float]:
     """A stiffness that makes such a torque over half of the joint's range."""
-    return lambda arm, j: 2.0 * share * float(arm.peak[j]) / (float(np.ptp(arm.q[:, j])) + 1e-3)
+
+    def largest(arm: MovedArm, j: int) -> float:
+        span = float(np.ptp(arm.q[:, j]))
+        return 2.0 * share * float(arm.peak[j]) / (span + 1e-3)
+
+    return largest
 
 
 def fixed(most: float) -> Callable[[MovedArm, int], float]:

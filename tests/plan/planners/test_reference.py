@@ -10,7 +10,7 @@ from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from plan.planners.reference import Reference, rigid_torque, torque
 from plan.planners.sequential import Sequential
-from plan.problem.result import certify
+from plan.problem.certificate import certify
 from plan.problem.rules import WayRules
 from tests.ident.made_up import sliding_arm
 from tests.plan.dynamics.test_power import ALL

@@ -15,7 +15,7 @@ from plan.paper.ppo import Ppo
 from plan.paper.toppra import Toppra
 from plan.planners.base import Planner
 from plan.planners.evolution import Evolution
-from plan.problem.result import certify
+from plan.problem.certificate import certify
 from tests.plan.worlds import MONITOR, joint_nets, ledger, model, problem
 
 SAMPLERS = {"ppo": Ppo(epochs=300), "ga": Genetic(population=40, generations=20), "cma": Evolution()}

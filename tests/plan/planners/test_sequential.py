@@ -16,9 +16,9 @@ from plan.planners.local_model import LocalModel
 from plan.planners.sequential import POLISHED, Sequential, begin_course
 from plan.planners.subproblem import ConstraintRows, solve_step
 from plan.planners.transcription import Grid
+from plan.problem.certificate import certify
 from plan.problem.problem import PlanningProblem
 from plan.problem.ramps import find_time_law
-from plan.problem.result import certify
 from tests.plan.worlds import GOAL, MONITOR, START, dense_net, joint_nets, ledger, model, problem
 
 QUICK = Sequential(starts=2, kept=(1,), levels=1)

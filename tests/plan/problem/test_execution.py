@@ -13,9 +13,10 @@ from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.trajectories.gentle_ends import GentleEnds
 from ident.trajectories.plan_record import read_plan
+from plan.problem.certificate import certify
 from plan.problem.execution import execute, require_writable
 from plan.problem.ramps import find_time_law
-from plan.problem.result import PlanResult, certify
+from plan.problem.result import PlanResult
 from plan.solving.solve import solve
 from tests.plan.worlds import START, problem
 

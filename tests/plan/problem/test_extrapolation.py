@@ -14,8 +14,9 @@ from ident.robot.arm import ArmModel
 from plan.api.planning import open_task
 from plan.command_options import SolveOptions, TaskOptions
 from plan.planners.sequential import Sequential
+from plan.problem.certificate import certify
+from plan.problem.extrapolation import find_extrapolation
 from plan.problem.problem import ADVICE, TRAINING, Limits
-from plan.problem.result import certify, find_extrapolation
 from plan.solving.obstruction import require_inside
 from plan.solving.task_limits import stay_inside
 from tests.plan.worlds import ledger, problem

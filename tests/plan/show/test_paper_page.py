@@ -10,8 +10,9 @@ from plan.paper import repeat as experiments
 from plan.paper.progress import all_searches
 from plan.paper.repeat import PAPER, Line, Repeat, _details, repeat_paper, write_page
 from plan.planners.base import Planner
+from plan.problem.certificate import certify
 from plan.problem.problem import PlanningProblem
-from plan.problem.result import PlanResult, certify
+from plan.problem.result import PlanResult
 from plan.solving.compare import Comparison
 from plan.solving.solve import solve
 from tests.plan.worlds import problem

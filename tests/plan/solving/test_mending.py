@@ -13,9 +13,9 @@ from plan.planners import base
 from plan.planners.base import Candidate, Ledger
 from plan.planners.descent import descend
 from plan.planners.sequential import begin_course
+from plan.problem.certificate import Certificate, certify, keeps_limits
 from plan.problem.controllers import Controller, load_controllers
 from plan.problem.problem import PlanningProblem
-from plan.problem.result import Certificate, certify, keeps_limits
 from plan.solving import mending
 from plan.solving.mending import (
     CHECKS,

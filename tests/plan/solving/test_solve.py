@@ -17,7 +17,7 @@ from plan.initial.vias import straight
 from plan.planners.base import Candidate, processor_seconds
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
-from plan.problem.result import certify
+from plan.problem.certificate import certify
 from plan.problem.rules import Pose
 from plan.solving.bound import least_energy, least_time
 from plan.solving.compare import compare, cost_at
