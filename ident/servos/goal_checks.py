@@ -16,15 +16,9 @@ from scipy.special import stdtrit
 
 from ident.arrays import Array, Float
 from ident.checks.angles import mend_degrees
-from ident.checks.clock import (
-    check_stated_rate,
-    mend_clock_jumps,
-    mend_jitter,
-    mend_order,
-    mend_time_base,
-    mend_time_unit,
-    split_at_gaps,
-)
+from ident.checks.clock import mend_clock_jumps, mend_order, split_at_gaps
+from ident.checks.sampling import mend_jitter
+from ident.checks.time_base import check_stated_rate, mend_time_base, mend_time_unit
 from ident.errors import RecordingError
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.servos.servo_fit import LIMIT, GoalRun, no_worse
