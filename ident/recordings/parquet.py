@@ -117,6 +117,8 @@ def _unpacked_pages(stream: BinaryIO, footer: Fields) -> int:
     total = 0
     try:
         for facts in _all_facts(footer):
+            if not facts[VALUES]:  # Arrow reads none of its pages, and there may be none
+                continue
             first = facts[DATA_PLACE]
             dictionary = facts.get(DICTIONARY_PLACE, 0)
             begin = dictionary if 0 < dictionary < first else first
