@@ -43,8 +43,6 @@ SENT = ("position", "velocity", "effort", "temperature")
 """Channels of a session."""
 # Bits of a number's fraction that are kept of what is no position: noise is far above the rest.
 KEPT_BITS = 11
-# Steps a second to which times are rounded (2^20): a microsecond, far below any recorder's jitter.
-TIME_STEPS_HZ = 1_048_576.0
 MAKE = "make a board: ident board make DIR --seed S"
 # A session's name becomes the name of files: it leads nowhere else.
 NAME = re.compile(r"s[0-9]{1,9}")
@@ -65,7 +63,7 @@ def write_runs(runs: Sequence[Recording], folder: Path) -> None:
 
 def write_run(run: Recording, path: Path, without: tuple[str, ...] = ()) -> None:
     """Writes a run's channels in native columns."""
-    columns: dict[str, Array] = {"time": np.round(run.time * TIME_STEPS_HZ) / TIME_STEPS_HZ}
+    columns: dict[str, Array] = {"time": packed(run.time)}
     for channel, values in run.channels().items():
         if channel not in SENT or channel in without:
             continue

@@ -35,6 +35,7 @@ from ident.benchmark.board.shared_rows import find_shared_rows
 # So many that chance alone gives Holm's p-value of some forty questions room below the level.
 EXCHANGES = 10_000
 LEVEL = 0.01  # of any false alarm over all figures
+ROUNDING = 1e-9  # of sums that are the same but for their order
 TOGETHER = "all together"
 # Words of answers that no file below `sessions` or `unseen` may hold.
 TELLING = ("in_catalogue", "may_stand_at", "planted", "healthy", "untouched", "withheld")
@@ -240,7 +241,7 @@ def place_p_value(
         real += float(scores[name][true[name]].mean())
         orders = rng.permuted(np.tile(scores[name], (EXCHANGES, 1)), axis=1)
         drawn += orders[:, :count].mean(axis=1)
-    return (float(np.sum(drawn >= real - 1e-9)) + 1.0) / (EXCHANGES + 1.0)
+    return (float(np.sum(drawn >= real - ROUNDING)) + 1.0) / (EXCHANGES + 1.0)
 
 
 def classifier_p_value(
@@ -326,7 +327,7 @@ def exchange_p_value(
         drawn += _spread(ranks[rows], rng.permuted(np.tile(codes[rows], (EXCHANGES, 1)), axis=1))
     if real == 0.0:
         return 1.0
-    count = np.count_nonzero(drawn >= real * (1.0 - 1e-12))
+    count = np.count_nonzero(drawn >= real * (1.0 - ROUNDING))
     return (count + 1.0) / (EXCHANGES + 1.0)
 
 

@@ -346,16 +346,16 @@ def test_no_joint_is_told_by_the_rounding_of_its_torque() -> None:
     assert distinct(torque[:, 0] + np.sin(time)) > 2.0 * distinct(torque[:, 1])
 
 
-def test_times_are_kept_to_a_microsecond(tmp_path: Path) -> None:
-    """Law: no row comes more than half a microsecond early or late, none at the time of another, zero stays zero."""
+def test_times_are_kept_to_microseconds(tmp_path: Path) -> None:
+    """Law: no row of a minute comes more than four microseconds early or late, none at the time of another."""
     rng = np.random.default_rng(3)
-    time = np.cumsum(rng.uniform(0.001, 0.003, 1000))
+    time = np.cumsum(rng.uniform(0.001, 0.003, 32_000))
     time -= time[0]
     zeros = np.zeros((len(time), 1))
     write_run(Recording("run", ("a",), time, zeros, zeros), tmp_path / "run.parquet")
     kept = read_columns(tmp_path / "run.parquet", "")["time"]
     assert kept[0] == 0.0
-    assert np.max(np.abs(kept - time)) <= 0.5e-6
+    assert np.max(np.abs(kept - time)) <= 4e-6
     assert np.min(np.diff(kept)) > 0.0
 
 
