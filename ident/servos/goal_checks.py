@@ -91,7 +91,7 @@ class Reading:
     """A position as it follows a goal."""
 
     goal: int  # number of the joint whose goal it is
-    factor: float  # what the goal is multiplied by, one of `READINGS`
+    factor: float  # what the goal is multiplied by, one of `READINGS`, or 0 for none
     losses: Float[Array, " P"]  # squared error of each piece
 
 
@@ -116,7 +116,9 @@ def require_own_goals(runs: Sequence[GoalRun], where: str) -> None:
             continue
         reach = float(stdtrit(pieces - 1, 1.0 - 0.5 * LIMIT.false / tests))
         best = min(_other_readings(runs, j), key=lambda reading: float(reading.losses.sum()), default=own)
-        if no_worse(own.losses, best.losses, reach):
+        # A soft servo hardly follows any goal: what is read as next to nothing beats its own, but not nothing.
+        nothing = _read(runs, j, j, 0.0)
+        if no_worse(own.losses, best.losses, reach) or no_worse(nothing.losses, best.losses, reach):
             continue
         words = READINGS[best.factor]
         goal = "its own goal" if best.goal == j else f"the goal of {joints[best.goal]}"
@@ -127,13 +129,34 @@ def require_own_goals(runs: Sequence[GoalRun], where: str) -> None:
 
 
 def _other_readings(runs: Sequence[GoalRun], j: int) -> Iterator[Reading]:
-    """The goals of all joints that move, in every unit and direction, but a joint's own as it stands."""
+    """The goals of all joints that move, each in the unit and direction nearest to how the position follows it."""
     for k in range(len(runs[0].motion.joints)):
         if _travel(runs, lambda run, k=k: run.goal[:, k]) <= 0.0:
             continue
-        for factor in READINGS:
-            if k != j or factor != 1.0:
-                yield _read(runs, j, k, factor)
+        factor = _nearest_reading(_slope(runs, j, k))
+        if k != j or factor != 1.0:
+            yield _read(runs, j, k, factor)
+
+
+def _slope(runs: Sequence[GoalRun], j: int, k: int) -> float:
+    """How far a position goes for each radian of a goal, at the delay at which it follows it most."""
+    best = 0.0
+    for delay in DELAYS:
+        along = 0.0
+        square = 0.0
+        for run in runs:
+            goal = run.motion.filtered(run.goal_at(k, float(delay)))
+            goal = goal - goal.mean()
+            along += float(goal @ run.motion.tau_filtered[:, j])
+            square += float(goal @ goal)
+        best = max(best, along / max(square, 1e-300), key=abs)
+    return best
+
+
+def _nearest_reading(slope: float) -> float:
+    """The unit and direction in which a goal is followed so far, as nearly as may be."""
+    alike = [factor for factor in READINGS if factor * slope > 0.0]
+    return min(alike, key=lambda factor: abs(math.log(slope / factor)), default=1.0)
 
 
 def _travel(runs: Sequence[GoalRun], values: Callable[[GoalRun], Array]) -> float:

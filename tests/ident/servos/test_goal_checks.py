@@ -82,6 +82,15 @@ def test_a_log_that_is_right_stands() -> None:
         assert joint.rms_after < 0.1 * joint.rms_before
 
 
+def test_a_soft_servo_is_no_other_unit() -> None:
+    """Law: a servo that moves by a quarter of its goal, late, follows it badly; its goal is no angle in degrees."""
+    session = followed()
+    run = session.runs[0]
+    late = np.roll(0.25 * run.position, 10, axis=0)[10:]
+    soft = run.at(slice(10, None)).replace(position=late)
+    assert len(servo(session.replace(runs=(soft,))).joints) == 2
+
+
 def test_joints_with_one_goal_are_no_fault() -> None:
     """Law: where two joints are given the same goal either is as good, and nothing is refused."""
     session = followed()
