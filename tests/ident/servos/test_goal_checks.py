@@ -53,7 +53,10 @@ WRONG: dict[str, tuple[Change, str]] = {
     "goals of the other joint": (swapped, "follows the goal of lift"),
     "goals turned round": (lambda run: goals(run, -1.0), "its own goal, turned round"),
     "goals in degrees": (lambda run: goals(run, math.degrees(1.0)), "read as degrees"),
-    "positions in degrees": (lambda run: goals(run, math.radians(1.0)), "read as radians, the position as degrees"),
+    "positions in degrees": (
+        lambda run: goals(run, math.radians(1.0)),
+        "read as radians, the position as degrees",
+    ),
     "all in degrees": (lambda run: scaled(run, math.degrees(1.0)), 'angle_unit = "deg"'),
     "all in counts": (lambda run: scaled(run, 651.9, 2048.0), "counts_per_turn"),
     "milliseconds": (lambda run: run.replace(time=1e3 * run.time), "time_unit = 0.001"),
