@@ -1,14 +1,14 @@
-"""Whether a log of goals and positions is fit for use: its clock, its units, and whose goals they are.
+"""Whether a log of goals and positions is fit for use: its clock, units, and whose goals they are.
 
-A position follows its goal late and not wholly, but it follows that of its own joint, in the same unit
-and direction. Each position is held against every goal, as it stands and as it would be in another unit
-or direction; where another reading leaves surely less, the log is refused with that reading.
+A position follows its goal late and not wholly, but it follows that of its own joint, in the same
+unit and direction. Each position is held against every goal, in the unit and direction nearest to
+how it follows it; where another reading leaves surely less, the log is refused with that reading.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +34,7 @@ STEPS = (
     split_at_gaps,
 )
 COUNTS = 4096.0 / (2.0 * math.pi)
-# What a goal may be multiplied by to be in the unit and direction of the position, and what that means.
+# What a goal may be multiplied by to be in the position's unit and direction, and what that means.
 READINGS = {
     1.0: "",
     -1.0: "turned round",
@@ -85,12 +85,12 @@ class Reading:
     """A position as it follows a goal."""
 
     goal: int  # number of the joint whose goal it is
-    factor: float  # what the goal is multiplied by, one of `READINGS`
+    factor: float  # what the goal is multiplied by, one of `READINGS`, or 0 for none
     losses: Float[Array, " P"]  # squared error of each piece
 
 
 def require_own_goals(runs: Sequence[GoalRun], where: str) -> None:
-    """Passes if no position follows another goal, or another unit or direction of its own, surely better.
+    """Passes if no position surely follows another goal, or its own in another unit or direction.
 
     Args:
         runs: Runs of a position-only arm.
@@ -102,41 +102,65 @@ def require_own_goals(runs: Sequence[GoalRun], where: str) -> None:
     joints = runs[0].motion.joints
     tests = len(joints) ** 2 * len(READINGS)
     for j, joint in enumerate(joints):
-        if _travel(runs, lambda run, j=j: run.motion.q[:, j]) < LIMIT.least_travel:
+        if _travel([run.motion.q[:, j] for run in runs]) < LIMIT.least_travel:
             continue
-        own = _read(runs, j, j, 1.0)
-        pieces = len(own.losses)
+        stated = _read(runs, j, j, 1.0)
+        pieces = len(stated.losses)
         if pieces < LIMIT.least_pieces:
             continue
         reach = float(stdtrit(pieces - 1, 1.0 - 0.5 * LIMIT.false / tests))
-        best = min(_other_readings(runs, j), key=lambda reading: float(reading.losses.sum()), default=own)
-        if no_worse(own.losses, best.losses, reach):
+        best = min(_other_readings(runs, j), key=lambda reading: float(reading.losses.sum()), default=stated)
+        # A soft servo hardly follows any goal: next to nothing beats its own, but not nothing.
+        nothing = _read(runs, j, j, 0.0)
+        if no_worse(stated.losses, best.losses, reach) or no_worse(nothing.losses, best.losses, reach):
             continue
         words = READINGS[best.factor]
         goal = "its own goal" if best.goal == j else f"the goal of {joints[best.goal]}"
         read = f", {words}," if words else ""
-        better = math.sqrt(own.losses.sum() / max(best.losses.sum(), 1e-300))
-        what = f"the position of {joint} follows {goal}{read} {better:.0f} times better than its goal as it stands"
+        better = math.sqrt(stated.losses.sum() / max(best.losses.sum(), 1e-300))
+        what = f"the position of {joint} follows {goal}{read} {better:.0f} times better than its "
+        what += "goal as it stands"
         raise RecordingError(where, what, SAME_UNIT)
 
 
 def _other_readings(runs: Sequence[GoalRun], j: int) -> Iterator[Reading]:
-    """The goals of all joints that move, in every unit and direction, but a joint's own as it stands."""
+    """The goals of all joints that move, each in the unit and direction that is nearest."""
     for k in range(len(runs[0].motion.joints)):
-        if _travel(runs, lambda run, k=k: run.goal[:, k]) <= 0.0:
+        if _travel([run.goal[:, k] for run in runs]) <= 0.0:
             continue
-        for factor in READINGS:
-            if k != j or factor != 1.0:
-                yield _read(runs, j, k, factor)
+        factor = _nearest_reading(_slope(runs, j, k))
+        if k != j or factor != 1.0:
+            yield _read(runs, j, k, factor)
 
 
-def _travel(runs: Sequence[GoalRun], values: Callable[[GoalRun], Array]) -> float:
+def _slope(runs: Sequence[GoalRun], j: int, k: int) -> float:
+    """How far a position goes for each radian of a goal, at the delay at which that is most."""
+    best = 0.0
+    for delay in DELAYS:
+        along = 0.0
+        square = 0.0
+        for run in runs:
+            goal = run.motion.filtered(run.goal_at(k, float(delay)))
+            goal = goal - goal.mean()
+            along += float(goal @ run.motion.tau_filtered[:, j])
+            square += float(goal @ goal)
+        best = max(best, along / max(square, 1e-300), key=abs)
+    return best
+
+
+def _nearest_reading(slope: float) -> float:
+    """The unit and direction in which a goal is followed so far, as nearly as may be."""
+    alike = [factor for factor in READINGS if factor * slope > 0.0]
+    return min(alike, key=lambda factor: abs(math.log(slope / factor)), default=1.0)
+
+
+def _travel(values: Sequence[Float[Array, " T"]]) -> float:
     """How far something goes in the run in which it goes farthest."""
-    return max(float(np.ptp(values(run))) for run in runs)
+    return max(float(np.ptp(row)) for row in values)
 
 
 def _read(runs: Sequence[GoalRun], j: int, k: int, factor: float) -> Reading:
-    """A position by a goal times a factor, with an offset of its own in each run, at the best delay."""
+    """A position by a goal times a factor, with an offset in each run, at the best delay."""
     best = None
     for delay in DELAYS:
         losses = []

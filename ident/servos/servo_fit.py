@@ -69,9 +69,10 @@ def load_goals(path: str | Path | Session) -> Session:
         if run.position_command is None:
             lacking = [issue.joints for issue in run.issues if "position_command" in issue.evidence]
             joint = next((joints[0] for joints in lacking if joints), run.joints[0])
-            what = f"{run.name} logs no goal of {joint}: there is no column {joint}/position_command"
-            remedy = "log the goal of every joint; where it is called otherwise, map it in session.toml: "
-            remedy += f'[columns] "its name" = "{joint}/position_command"'
+            column = f"{joint}/position_command"
+            what = f"{run.name} logs no goal of {joint}: there is no column {column}"
+            remedy = "log the goal of every joint; where it is called otherwise, map it in "
+            remedy += f'session.toml: [columns] "its name" = "{joint}/position_command"'
             raise RecordingError(where, what, remedy)
         # A goal that is the position itself was written by a logger that had none.
         travel = np.ptp(run.position, axis=0)
@@ -111,7 +112,8 @@ def runs_of(sessions: Sequence[Session], cutoff: float | None = None) -> tuple[G
         long = [run for run in session.runs if run.duration >= least and len(run) >= LIMIT.least_samples]
         if not long:
             longest = max((run.duration for run in session.runs), default=0.0)
-            what = f"its longest run lasts {longest:.2g} s: {least:g} s and {LIMIT.least_samples:g} samples are needed"
+            needed = f"{least:g} s and {LIMIT.least_samples:g} samples are needed"
+            what = f"its longest run lasts {longest:.2g} s: {needed}"
             raise RecordingError(str(session.path or session.name), what, "record longer motions")
         # Noise of positions is found as for other arms; the measured position stands where they have the torque.
         as_log = [run.replace(effort=run.position) for run in long]

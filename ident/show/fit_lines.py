@@ -103,13 +103,15 @@ def describe_choices(result: FitResults) -> list[str]:
     lines = [line for line in result.choice.describe() if not line.startswith(TOLD_BY_FIGURES)]
     coupled = model.provenance.get("coupled_by_choice", [])
     for first, second in zip(coupled[::2], coupled[1::2], strict=True):
-        lines.append(f"{first} and {second} turn each other, say parts left out (--coupling none: leave it)")
+        words = f"{first} and {second} turn each other, say parts left out"
+        lines.append(f"{words} (--coupling none: leave it)")
     left_out = model.provenance["named_left_out"]
     lines += [f"left out of what the diagnosis names: {cause}" for cause in left_out]
     if model.net is not None and model.net.gate:
         lines.append(describe_gate(model.net.gate, model.joint_names))
         if model.memory is not None:
-            lines.append(describe_gate(model.memory.gate, model.joint_names, "memory of the last second"))
+            memory = describe_gate(model.memory.gate, model.joint_names, "memory of the last second")
+            lines.append(memory)
     return lines
 
 
@@ -134,4 +136,5 @@ def _carried_in_words(effect: CarriedEffect, joints: tuple[str, ...]) -> str:
         interval = f" [{significant(low, 3)}, {significant(high, 3)}]" if known else ""
         sizes.append(f"{name} {significant(value, 3)} {unit}".rstrip() + interval)
     origin = "intervals are the diagnosis' own, 95 %" if effect.intervals else "without an interval"
-    return f"{place}: {effect_name(effect.effect)}, {', '.join(sizes)}; carried as it was found ({origin})"
+    name = effect_name(effect.effect)
+    return f"{place}: {name}, {', '.join(sizes)}; carried as it was found ({origin})"

@@ -103,7 +103,7 @@ def print_evaluation(console: Console, result: Any) -> None:
 
 
 def describe_evaluation(evaluation: Evaluation) -> str:
-    """What the whole model errs by, and what the URDF does as a simulator loads it, all joints together."""
+    """What the whole model errs by, and the URDF as a simulator loads it, over all joints."""
     score = evaluation.pooled
     urdf = score.rungs.index("urdf") if "urdf" in score.rungs else 0
     runs = plural(len(score.runs), "run")

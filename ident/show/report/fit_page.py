@@ -1,4 +1,4 @@
-"""The page of a fit: how far the model is off, the arm's numbers beside the URDF's, curves, choices."""
+"""The page of a fit: how far the model is off, its numbers beside the URDF's, curves, choices."""
 
 from __future__ import annotations
 
@@ -50,14 +50,17 @@ KINDS = {
 }
 FIRST = "Try it on recordings that it has not seen: `ident evaluate MODEL SESSION…`."
 CURVES = (
-    "Torque as it was measured, of your URDF as a simulator loads it, and of the fitted model. Below: what both are "
-    "off by. The fit has seen these runs; what it is off by on parts that it has not seen stands in the table above. "
-    "Where a joint rests or turns round no model of its motion is judged."
+    "Torque as it was measured, of your URDF as a simulator loads it, and of the fitted model. "
+    "Below: what both are off by. The fit has seen these runs; what it is off by on parts that it "
+    "has not seen stands in the table above. Where a joint rests or turns round no model of its motion is judged."
 )
 
 
 def write_fit_report(
-    path: str | Path, results: FitResults, motions: Sequence[Motion], issues: Sequence[TelemetryIssue] = ()
+    path: str | Path,
+    results: FitResults,
+    motions: Sequence[Motion],
+    issues: Sequence[TelemetryIssue] = (),
 ) -> Path:
     """Writes the page, whole or not at all.
 
@@ -80,9 +83,17 @@ def render_fit_report(results: FitResults, motions: Sequence[Motion], issues: Se
     sections = [
         Section("verdict", "What was found", "fit.html", verdict_values(results)),
         traces_section(model, motions),
-        Section("choices", "What was chosen, and what it costs", "fit_choices.html", choice_values(results)),
         Section(
-            "parameters", "Inertias, laws and net", "parameters.html", parameters_values([model], ["fitted"], 0, False)
+            "choices",
+            "What was chosen, and what it costs",
+            "fit_choices.html",
+            choice_values(results),
+        ),
+        Section(
+            "parameters",
+            "Inertias, laws and net",
+            "parameters.html",
+            parameters_values([model], ["fitted"], 0, False),
         ),
         telemetry_section([issue.to_dict() for issue in issues]),
         models_section([(model.robot.name, model)]),
@@ -95,7 +106,10 @@ def verdict_values(results: FitResults) -> Mapping[str, Any]:
     model = results.model
     identified = identified_numbers(model)
     errors = {joint.joint: joint for joint in foretold_of(model)}
-    used = [key for key in NUMBERS if any(key in numbers for numbers in identified.values())]
+    known = set[str]()
+    for numbers in identified.values():
+        known.update(numbers)
+    used = [key for key in NUMBERS if key in known]
     slides = dict(zip(model.joint_names, model.nominal.sliding_joints, strict=True))
     rows = []
     for joint, numbers in identified.items():
@@ -103,28 +117,33 @@ def verdict_values(results: FitResults) -> Mapping[str, Any]:
         cells = {key: number_cell(key, numbers.get(key), bool(slides[joint])) for key in used}
         words = None
         if error is not None:
-            words = f"{significant(error.error)} of {significant(error.torque)} ({percent(error.share)})"
+            sizes = f"{significant(error.error)} of {significant(error.torque)}"
+            words = f"{sizes} ({percent(error.share)})"
         rows.append({"joint": joint, "cells": cells, "error": words})
-    kinds = {bool(sliding) for sliding in slides.values()}
-    units = {key: "; ".join(unit_for(NUMBERS[key][1], kind) for kind in sorted(kinds)) for key in used}
+    kinds = sorted({bool(sliding) for sliding in slides.values()})
     return {
         "headline": describe_foretold(model) or f"{model.robot.name} was fitted.",
         "first": FIRST,
-        "columns": [(key, NUMBERS[key][0], units[key]) for key in used],
-        "torque_unit": "; ".join(unit_for(TORQUE, kind) for kind in sorted(kinds)),
+        "columns": [(key, NUMBERS[key][0], _units(NUMBERS[key][1], kinds)) for key in used],
+        "torque_unit": _units(TORQUE, kinds),
         "rows": rows,
         "net": model.net is not None,
         "data": [beginning(line, model.joint_names) for line in describe_data(results)],
     }
 
 
-def number_cell(key: str, figure: Mapping[str, Any] | None, slides: bool) -> dict[str, Any] | None:
+def _units(unit: str, kinds: Sequence[bool]) -> str:
+    """A unit of joints that turn, of those that slide, or both."""
+    return "; ".join(unit_for(unit, slides) for slides in kinds)
+
+
+def number_cell(key: str, figure: Mapping[str, Any] | None, slides: bool) -> dict[str, str | bool] | None:
     """What the URDF says and what was fitted, in words; None where nothing was.
 
     Args:
         key: Of the number.
         figure: Its record.
-        slides: Whether its joint slides, so that its number has another unit than that of joints that turn.
+        slides: Whether its joint slides: its number has another unit than that of one that turns.
     """
     if figure is None or figure["value"] is None:
         return None
@@ -138,7 +157,7 @@ def number_cell(key: str, figure: Mapping[str, Any] | None, slides: bool) -> dic
 
 
 def choice_values(results: FitResults) -> Mapping[str, Any]:
-    """What each kind of inertias leaves of parts that no fit saw, and all other choices in words."""
+    """What each kind of inertias leaves of parts that no fit saw, other choices in words."""
     choice = results.choice
     kinds = [
         {
@@ -168,7 +187,7 @@ def traces_section(model: HybridModel, motions: Sequence[Motion]) -> Section | N
 
 
 def gather_fit_traces(model: HybridModel, motions: Sequence[Motion]) -> Traces | None:
-    """Curves of runs from all over the recordings, the worst run and joint first; None where no joint moves."""
+    """Curves of runs from all over the recordings, the worst first; None where no joint moves."""
     every = -(-len(motions) // MOST_RUNS)
     chosen = [motions[k] for k in choose_runs(len(motions), max(1, every))]
     runs = [trace_run(model, motion) for motion in chosen]
@@ -193,7 +212,7 @@ def _error(run: RunTrace) -> np.ndarray:
 
 
 def _curves_of(run: RunTrace) -> RunTraces:
-    """Measured torque, that of the URDF, that of the fitted arm, and that with a net where there is one."""
+    """Torque as measured, of the URDF, of the fitted arm, and with a net where there is one."""
     rungs = run.filtered
     torque = {"URDF": rungs.get("urdf", rungs["analytic"])}
     torque["fitted"] = rungs.get("named", rungs["loss"])

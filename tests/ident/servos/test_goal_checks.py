@@ -53,7 +53,10 @@ WRONG: dict[str, tuple[Change, str]] = {
     "goals of the other joint": (swapped, "follows the goal of lift"),
     "goals turned round": (lambda run: goals(run, -1.0), "its own goal, turned round"),
     "goals in degrees": (lambda run: goals(run, math.degrees(1.0)), "read as degrees"),
-    "positions in degrees": (lambda run: goals(run, math.radians(1.0)), "read as radians, the position as degrees"),
+    "positions in degrees": (
+        lambda run: goals(run, math.radians(1.0)),
+        "read as radians, the position as degrees",
+    ),
     "all in degrees": (lambda run: scaled(run, math.degrees(1.0)), 'angle_unit = "deg"'),
     "all in counts": (lambda run: scaled(run, 651.9, 2048.0), "counts_per_turn"),
     "milliseconds": (lambda run: run.replace(time=1e3 * run.time), "time_unit = 0.001"),
@@ -80,6 +83,15 @@ def test_a_log_that_is_right_stands() -> None:
     assert found.telemetry == ()
     for joint in found.joints:
         assert joint.rms_after < 0.1 * joint.rms_before
+
+
+def test_a_soft_servo_is_no_other_unit() -> None:
+    """Law: a servo that moves by a quarter of its goal, late, follows it badly; its goal is no angle in degrees."""
+    session = followed()
+    run = session.runs[0]
+    late = np.roll(0.25 * run.position, 10, axis=0)[10:]
+    soft = run.at(slice(10, None)).replace(position=late)
+    assert len(servo(session.replace(runs=(soft,))).joints) == 2
 
 
 def test_joints_with_one_goal_are_no_fault() -> None:
