@@ -366,6 +366,6 @@ class ServoArm(Result):
         for model in self.rolled:
             held = f"{1e3 * model.held_error:.0f} mrad on average over {plural(len(model.held), 'run')} held back"
             lines.append(f"{model.joint}: rolled out from its goals alone it is off by {held}")
-        if any(LATE & {*one.figures} for one in self.joints):
+        if any(LATE & {*joint.figures} for joint in self.joints):
             lines.append(TEXT["held"].format(hold=1e3 * self.hold_s, half=500.0 * self.hold_s))
         return "\n".join(lines)

@@ -17,8 +17,6 @@ from ident.checks.conventions.description import SEARCH
 from ident.checks.conventions.hypothesis import GEARS, UNITS, Hypothesis
 from ident.checks.conventions.readings import Log, Model
 
-# Entries of a reading that go with a column to another joint.
-OF_COLUMNS = ("unit", "gear")
 ENTRIES = ("direction", "quarters", "unit", "gear", "share")
 # A joint's entries as log and URDF say.
 UNCHANGED = {"direction": 1, "quarters": 0, "unit": "", "gear": 1.0, "share": 0}
@@ -148,7 +146,7 @@ def _units_by_travel(log: Log, model: Model) -> tuple[str, ...]:
 
 
 def _with_others(
-    reading: Hypothesis, name: str, joints: Sequence[int], values: Sequence[Any]
+    reading: Hypothesis, name: str, joints: Sequence[int], values: Sequence[float | str]
 ) -> Iterator[Hypothesis]:
     """The reading with each other value of one joint's entry."""
     for joint in joints:
@@ -175,11 +173,9 @@ def motion_of(hypothesis: Hypothesis) -> Hypothesis:
 def reordered(reading: Hypothesis, order: tuple[int, ...]) -> Hypothesis:
     """The reading of the motion with columns in another order, each in the unit that it has."""
     joint_of = {column: joint for joint, column in enumerate(reading.order)}
-    fields: dict[str, Any] = {}
-    for name in OF_COLUMNS:
-        values = getattr(reading, name)
-        fields[name] = tuple(values[joint_of[column]] for column in order)
-    return replace(reading, order=order, effort_order=order, **fields)
+    unit = tuple(reading.unit[joint_of[column]] for column in order)
+    gear = tuple(reading.gear[joint_of[column]] for column in order)
+    return replace(reading, order=order, effort_order=order, unit=unit, gear=gear)
 
 
 def place_of(base: Hypothesis, changed: Hypothesis) -> Place:
