@@ -39,7 +39,7 @@ from ident.regression.design import LOSS_PARAMETERS, Group
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection
 from ident.regression.run_spread import robust_covariance
-from ident.robot.stated_friction import COULOMB, VISCOUS, stated_friction
+from ident.robot.urdf_elements import COULOMB, VISCOUS, stated_friction
 
 ARMATURE = "armature_kgm2"
 OFFSET = "offset_Nm"

@@ -7,7 +7,7 @@ which stands in both places.
 from __future__ import annotations
 
 from ident.model.hybrid import HybridModel
-from ident.robot.stated_friction import COULOMB, VISCOUS, stated_friction
+from ident.robot.urdf_elements import COULOMB, VISCOUS, stated_friction
 
 # Keys of the fitted losses, as in a diagnosis.
 KEYS = {

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ident.arrays import Array, Float
 
+if TYPE_CHECKING:
+    from ident.robot.arm import ArmModel
+
+VISCOUS = "viscous_Nms_rad"
+COULOMB = "coulomb_Nm"
+# Attributes of <dynamics>, by what they are called in results.
+STATED = {VISCOUS: "damping", COULOMB: "friction"}
 # Attributes of <inertia>.
 MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
 # Types of joints that move about, or along, one axis.
@@ -79,3 +87,21 @@ def read_reductions(text: str) -> dict[str, float]:
             if np.isfinite(ratio) and ratio > 0.0:
                 ratios[name_of(joint)] = ratio
     return ratios
+
+
+def stated_friction(arm: ArmModel) -> dict[str, dict[str, float]]:
+    """What the URDF's `<dynamics>` say of each joint, empty where they say nothing.
+
+    Returns:
+        By joint: `viscous_Nms_rad` and `coulomb_Nm`, each where it is stated.
+    """
+    found: dict[str, dict[str, float]] = {joint: {} for joint in arm.joint_names}
+    for element in ET.fromstring(arm.urdf).iter("joint"):
+        dynamics = element.find("dynamics")
+        name = element.get("name", "")
+        if dynamics is None or name not in found:
+            continue
+        for key, attribute in STATED.items():
+            if dynamics.get(attribute) is not None:
+                found[name][key] = float(dynamics.get(attribute, "nan"))
+    return found

@@ -19,7 +19,7 @@ from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.next_experiment import joints_shown
 from ident.records import as_json
 from ident.robot.arm import ArmModel
-from ident.robot.stated_friction import COULOMB, VISCOUS, stated_friction
+from ident.robot.urdf_elements import COULOMB, VISCOUS, stated_friction
 from ident.show.palette import FLEXIBLE, MEASURED, NAMED, TUNED
 from ident.show.report.figures import WIDE, make_panel, thin, to_svg
 from ident.units import TORQUE, unit_for
