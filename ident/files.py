@@ -49,7 +49,13 @@ class WithoutBytecode(SourceFileLoader):
 
 
 def run_python(path: Path, name: str) -> ModuleType:
-    """Runs a Python file as a module of a name, and leaves nothing beside it."""
+    """Runs a Python file as a module of a name, and leaves nothing beside it.
+
+    The module does not stay in `sys.modules`, whether the file ran to its end or not.
+
+    Raises:
+        Exception: Whatever the file raises.
+    """
     loader = WithoutBytecode(name, str(path))
     spec = spec_from_loader(name, loader)
     assert spec is not None

@@ -184,8 +184,11 @@ def first_runs(sessions: Sequence[Session], count: int) -> list[Session]:
 def gather_effects(catalogue: Catalogue | None) -> tuple[Effect, ...]:
     """The catalogue, and after it a user's own effects.
 
+    Args:
+        catalogue: A Python file whose effects are taken, or effects themselves; None for none.
+
     Raises:
-        InputError: The file can't be run, or what was given are no effects.
+        InputError: The file can't be run, what was given are no effects, or an id is taken.
     """
     if catalogue is None or isinstance(catalogue, str | Path):
         return load_catalogue(None if catalogue is None else Path(catalogue))

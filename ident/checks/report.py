@@ -259,7 +259,7 @@ class Findings:
     Attributes:
         session: What is checked.
         runs: The runs that are left.
-        told: (run, what was seen), the most telling first.
+        reported: (run's name, what was seen there, a text), the most telling first.
         columns: Of the joints concerned.
     """
 
@@ -270,7 +270,7 @@ class Findings:
         self.columns: set[int] = set()
 
     def note(self, run: Recording, what: str, columns: Iterable[int] = ()) -> None:
-        """Something seen in a run, at some joints."""
+        """Something seen in a run, at some joints; what is noted first is what is reported."""
         self.reported.append((run.name, what))
         self.columns.update(int(column) for column in columns)
 

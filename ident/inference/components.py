@@ -80,8 +80,14 @@ class ModelSums:
 
     Attributes:
         sums, names, components: The session's sums, the candidates, and the variance components.
-        gram: Sums over all joints of all columns but the discrepancies', shape (P, P); the torque
-        last.
+        whole: For each joint XᵀX of its rows' columns, torque last, with friction's levels
+            integrated out and divided by its dispersion.
+        reduced: The same with its discrepancy integrated out: XᵀX − XᵀZ (ZᵀZ + V⁻¹)⁻¹ ZᵀX, Z the
+            discrepancy's columns and V their variances.
+        gram: The reduced sums of all joints together, shape (P, P); the torque last.
+        last: Number of the torque's column in `gram`.
+        log_determinants: For each joint −½ log |I + V^½ ZᵀZ V^½| [nats].
+        fixed_nats: What of the log evidence hangs on dispersion and friction alone [nats].
     """
 
     def __init__(
@@ -301,7 +307,13 @@ class ModelSums:
         return np.array(power)
 
     def beside(self, joint: int, chosen: Sequence[Group]) -> Float[Array, "k k"]:
-        """Sums of a joint's discrepancy columns and the torque after a set of effects."""
+        """Sums of a joint's discrepancy columns and the torque after a set of effects.
+
+        With A the sums of the model's columns (with their priors), B those between these and the
+        joint's discrepancy Z and the torque y of all joints, and D those of Z and y,
+
+            D − Bᵀ A⁻¹ B,    B = [XᵀZ  Xᵀy],    D = [ZᵀZ  Zᵀy; yᵀZ  yᵀy].
+        """
         layout = self.sums.evidence.layout
         smooth = layout.flexible_places[joint]
         inside, _ = self.information(chosen, self.prior())

@@ -183,8 +183,9 @@ def _deepest(first, i, j, bodies):  # type: ignore[no-untyped-def]
 def _nearest(p, count):  # type: ignore[no-untyped-def]
     """The corners that carry a simplex's point nearest to the origin: their number, and the point.
 
-    They come first in p. A simplex of fewer than three corners is a triangle in which the last
-    corner stands more than once.
+    They come first in p, an array of shape (4, 3), the others are overwritten. A simplex of fewer
+    than three corners is a triangle in which the last corner stands more than once. The number is 4
+    where the origin lies inside a tetrahedron.
     """
     least = 1e300
     nearest = (0.0, 0.0, 0.0)

@@ -202,7 +202,9 @@ def rounding_of(values: Float[Array, " T"]) -> float:
 
 
 def unseen_of(source: Source) -> Recording:
-    """The motion that is to be foretold, with the torque that was recorded."""
+    """The motion that is to be foretold, with the torque that was recorded: the end of the last run,
+    its time from zero.
+    """
     last = source.runs[-1]
     others = sum(len(run) for run in source.runs[:-1])
     unseen = last.at(slice(max(split_of(source) - others, 0), len(last)))

@@ -140,6 +140,10 @@ def build_design(
 ) -> PairedDesign:
     """Tunes the baseline and sums all columns over blocks.
 
+    In this order: the baseline on the larger set, the columns of all changes, the sums over blocks
+    with what holds and turns tell, static friction, friction's spread from run to run, and the
+    dispersion that all of it leaves; each takes those before it as given.
+
     Args:
         before, after: The runs of both sets.
         arm: The user's arm.

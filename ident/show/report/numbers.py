@@ -202,7 +202,12 @@ def reaches_below_zero(figure: Figure, end: str = "") -> bool:
 
 
 def interval_in_words(figure: Figure, end: str = "") -> str:
-    """An interval of what can't be negative, by its ends."""
+    """An interval of what can't be negative, by its ends: "1 to 2", or "1 or more" where it is open.
+
+    Args:
+        figure: With the keys low and high, or those that a suffix makes of them.
+        end: The suffix: none, or `_with_urdf`.
+    """
     low = max(figure[f"low{end}"], 0.0)
     high = figure[f"high{end}"]
     return f"{significant(low)} to {significant(high)}" if math.isfinite(high) else f"{significant(low)} or more"
