@@ -72,8 +72,8 @@ class UnknownPayload(Effect):
         return (*(Variant(shape={"reach_m": reach}) for reach in usual), *places)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        """All places of a point mass where the coarse variant is a link's ten numbers, else that variant:
-        models take a point mass.
+        """All places of a point mass where the coarse variant is a link's ten numbers, else that
+        variant: models take a point mass.
         """
         return self._points(session) if LIKE_LINK in variant.shape else (variant,)
 

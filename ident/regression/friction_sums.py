@@ -4,7 +4,8 @@ Rows y = X β + F_r diag(level) λ_r + e of a joint in stretch r, F_r its viscou
 λ_r ~ N(0, spread² I) the stretch's own share of both. FᵀX of each piece is kept apart, so that the
 spread may be learnt afterwards: integrating λ out takes (XᵀF) C (FᵀX) off the sums XᵀX.
 
-K pieces (a stretch within a block), R stretches, B blocks, p columns of a joint's rows, torque last.
+K pieces (a stretch within a block), R stretches, B blocks, p columns of a joint's rows, the torque
+last.
 """
 
 from __future__ import annotations

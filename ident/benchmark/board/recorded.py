@@ -202,8 +202,8 @@ def rounding_of(values: Float[Array, " T"]) -> float:
 
 
 def unseen_of(source: Source) -> Recording:
-    """The motion that is to be foretold, with the torque that was recorded: the end of the last run,
-    its time from zero.
+    """The motion that is to be foretold, with the torque that was recorded: the end
+    of the last run, its time from zero.
     """
     last = source.runs[-1]
     others = sum(len(run) for run in source.runs[:-1])
