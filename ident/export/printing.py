@@ -14,7 +14,7 @@ from ident.errors import join_words, plural
 from ident.export.formats import FORMATS
 from ident.export.promotion import in_words
 from ident.show.console import say
-from ident.show.diagnosis_lines import print_numbers
+from ident.show.number_lines import print_numbers
 from ident.show.palette import FLEXIBLE, NAMED, NOISE, ORANGE
 from ident.show.report.words import effect_name
 

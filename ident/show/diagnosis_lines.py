@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from rich.console import Console
 
 from ident.checks.report import MISREAD
 from ident.errors import plural
-from ident.show.console import columns, print_issues, say, text_width
+from ident.show.console import columns, print_issues, say
+from ident.show.number_lines import print_numbers
 from ident.show.report.diagnosis_verdict import (
     PATCH,
     WRITE_NUMBERS,
@@ -27,14 +28,11 @@ from ident.show.report.diagnosis_verdict import (
     units_of,
 )
 from ident.show.report.numbers import (
-    LOSSES,
     describe_links,
-    describe_marks,
     describe_numbers,
     describe_readings,
     states_friction,
     table_of,
-    units_in,
 )
 from ident.show.report.words import (
     DASH,
@@ -47,8 +45,6 @@ from ident.show.report.words import (
 from ident.show.terminal import REST, describe_limits, describe_name, group_silent
 from ident.units import TORQUE
 
-# What an interval of a diagnosis is.
-GIVEN_URDF = "± 95 % if the URDF's other numbers are right"
 # What a model is whose error has a column.
 MEANINGS = {"tuned": "tuned: with your arm's numbers above", "named": "named: with the named effects, too"}
 
@@ -130,45 +126,6 @@ def _print_numbers(console: Console, record: Mapping[str, Any]) -> None:
     print_numbers(console, record)
     for line in (*describe_readings(record), *describe_links(record)):
         say(console, f"{line}.", "  ", "    ")
-
-
-def print_numbers(console: Console, record: Mapping[str, Any], interval: str = GIVEN_URDF) -> None:
-    """The table of what the URDF says of each joint and what was found.
-
-    Args:
-        console, record: Where, and the result.
-        interval: What its intervals are.
-    """
-    rows = table_of(record)
-    if rows:
-        lines = _number_lines(record, rows, interval, tolerant=True)
-        if max(map(len, lines)) > text_width(console):
-            lines = _number_lines(record, rows, interval, tolerant=False)
-        console.print("\n".join(lines), soft_wrap=True, highlight=False)
-
-
-def _number_lines(
-    record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], interval: str, tolerant: bool
-) -> list[str]:
-    """Of each joint damping, dry friction and rotor: what the URDF says → what was found."""
-    table = [["", *(f"{name} [{units_in(record, key)}]" for key, (name, _) in LOSSES.items())]]
-    wider = False
-    for row in rows:
-        cells = [row["joint"]]
-        for key in LOSSES:
-            number = row["cells"].get(key)
-            if number is None or number.figure["value"] is None:
-                cells.append(DASH)
-                continue
-            more = f" ({number.tolerant})" if tolerant and number.tolerant else ""
-            wider = wider or bool(more)
-            cells.append(f"{number.nominal} → {number.value}{more}")
-        table.append(cells)
-    title = ["", f"Your URDF → your arm, {interval}"]
-    title += ["(in brackets: if they are as far off as URDFs are)"] * wider
-    title += ["(of your arm: without what the named effects add)"] * bool(record.get("findings"))
-    title += [f"({meaning})" for meaning in describe_marks(record)]
-    return [*title, *columns(table, "l" * len(table[0]))]
 
 
 def _print_errors(console: Console, record: Mapping[str, Any]) -> None:

@@ -138,8 +138,8 @@ def draw_evaluation(result: Evaluation) -> Figure:
 
 def print_fit(console: Console, result: FitResults) -> None:
     """What the fit errs by on what it did not see, what was identified, what was left out, and what comes next."""
-    from ident.show.diagnosis_lines import print_numbers
     from ident.show.fit_lines import NEXT, describe_foretold, describe_offsets, foretold_lines
+    from ident.show.number_lines import print_numbers
 
     say(console, describe_foretold(result.model), style="bold")
     console.print("\n".join(foretold_lines(result.model)), soft_wrap=True, highlight=False)

@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ident.effects.catalogue import CATALOGUE
 from ident.errors import join_words, plural
+from ident.laws.carried import TABLE
 from ident.show.report.words import DASH, fixed, sentence, significant
 from ident.units import DAMPING, INERTIA, TORQUE, unit_for
 
@@ -31,7 +31,8 @@ READINGS = {"offset_Nm": ("torque offset", TORQUE), "torque_gain": ("torque gain
 MUCH_WIDER = 1.5
 # Joints that a sentence names; of more it says how many.
 MOST_NAMED = 3
-FRICTION = {effect.id for effect in CATALOGUE if effect.as_change.friction}
+# Effects that are friction: of those alone damping and dry friction can't be told apart.
+FRICTION = {effect for effect, row in TABLE["effects"].items() if row.get("as_change", {}).get("friction")}
 # What stands in place of damping or dry friction that only a named law of friction beside it tells.
 IN_LAW = "in the named law"
 # What words and marks of the table mean, each where one of its cells has it.
