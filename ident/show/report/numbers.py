@@ -38,6 +38,8 @@ IN_LAW = "in the named law"
 # What words and marks of the table mean, each where one of its cells has it.
 MEANS_IN_LAW = f"{IN_LAW}: not told apart from the friction that is named there"
 MEANS_FROM_ZERO = "from 0 on: may be none; friction and rotors are never below 0"
+# Of a session with a load, which is found as a point: what turns with it looks like a larger rotor.
+MEANS_OF_LOAD = "how the load's mass is spread is not known: rotors near it may have some of it"
 # A number's record: nominal and found, with its intervals.
 Figure = Mapping[str, Any]
 
@@ -118,10 +120,13 @@ def numbers_of(record: Mapping[str, Any]) -> list[Number]:
 
 
 def describe_marks(record: Mapping[str, Any]) -> list[str]:
-    """What the words in the table's cells mean, as far as a cell has them."""
+    """What the words in the table's cells mean, as far as a cell has them, and what a load hides."""
     cells = [number for row in table_of(record) for number in row["cells"].values()]
     meanings = [MEANS_FROM_ZERO] * any(number.from_zero for number in cells)
-    return meanings + [MEANS_IN_LAW] * any(number.in_law for number in cells)
+    meanings += [MEANS_IN_LAW] * any(number.in_law for number in cells)
+    effects = {found["effect"] for found in record.get("findings", ())}
+    has_rotor = any(number.key == "armature_kgm2" for number in cells)
+    return meanings + [MEANS_OF_LOAD] * ("payload" in effects and has_rotor)
 
 
 def lies_outside(figure: Figure, unstated: float | None = None) -> bool:

@@ -16,6 +16,7 @@ from ident.show.report.numbers import (
     IN_LAW,
     MEANS_FROM_ZERO,
     MEANS_IN_LAW,
+    MEANS_OF_LOAD,
     Number,
     describe_marks,
     describe_numbers,
@@ -218,6 +219,16 @@ def test_damping_beside_a_named_law_of_friction_is_the_law_s() -> None:
     assert elbow["cells"]["viscous_Nms_rad"].value == IN_LAW
     assert IN_LAW not in (elbow["cells"]["coulomb_Nm"].value, shoulder["cells"]["viscous_Nms_rad"].value)
     assert describe_marks(record) == [MEANS_IN_LAW]
+
+
+def test_beside_a_named_load_a_rotor_may_be_the_load_s() -> None:
+    """Law: where a load is named, which is found as a point, the table says what rotors may hold of it."""
+    record = healthy()
+    assert MEANS_OF_LOAD not in describe_marks(record)
+    record["findings"] = [{**copy.deepcopy(RECORD["findings"][0]), "effect": "payload", "joints": ["elbow"]}]
+    assert (MEANS_OF_LOAD in describe_marks(record)) == ("armature_kgm2" in record["identified"]["elbow"])
+    record["identified"]["elbow"]["armature_kgm2"] = figure(None, 0.1, 0.3)
+    assert MEANS_OF_LOAD in describe_marks(record)
 
 
 def test_noise_that_is_all_that_is_left_has_no_column() -> None:
