@@ -110,7 +110,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     (place / "ident/recordings/json_lines.py").write_text(block(READER), encoding="utf-8")
     load = place / "ident/recordings/load.py"
     text = load.read_text(encoding="utf-8")
-    assert text.count(SHIPPED_ENDINGS) == 1
+    assert text.count(SHIPPED_ENDINGS) == 1, "a format has come: say it in SHIPPED_ENDINGS and in the recipe"
     assert text.count(LAST_LINE) == 1
     case = "".join(f"    {line}\n" if line else "\n" for line in block(CASE).splitlines())
     text = text.replace(SHIPPED_ENDINGS, block(ENDINGS).splitlines()[0])

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array
+from ident.errors import InputError
 from ident.export.controllers import write_cpp
 from ident.export.identified import IdentifiedArm
 from ident.laws.carried import NamedLaw
@@ -77,7 +78,11 @@ struct State {{
 
 
 def _law(law: NamedLaw) -> str:
-    """The torque of one law as C++, by speed v, load L, direction s and angle a."""
+    """The torque of one law as C++, by speed v, load L, direction s and angle a.
+
+    Raises:
+        InputError: A law whose C++ nobody has written.
+    """
     c = [repr(float(value)) for value, _, _ in law.figures]
     shape = law.shape
     if law.effect == "stribeck_friction":
@@ -99,8 +104,11 @@ def _law(law: NamedLaw) -> str:
         return both
     if law.effect == "asymmetric_friction":
         return f"0.5 * {c[0]} * s * s + 0.5 * {c[1]} * std::fabs(v)"
-    order = shape["order"]
-    return f"{c[0]} * s * std::cos({order!r} * a) + {c[1]} * s * std::sin({order!r} * a)"
+    if law.effect == "position_dependent_friction":
+        order = shape["order"]
+        return f"{c[0]} * s * std::cos({order!r} * a) + {c[1]} * s * std::sin({order!r} * a)"
+    remedy = "choose formats without it, or write its torque in `_law` of ident/export/learned.py"
+    raise InputError("the format cpp", f"has no words for the law {law.effect}", remedy)
 
 
 def _laws(model: HybridModel) -> str:

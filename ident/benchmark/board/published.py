@@ -17,10 +17,12 @@ MEANINGS: dict[str, dict[str, str]] = tomllib.loads(TABLE_FILE.read_text(encodin
 def published_effects() -> dict[str, dict[str, Any]]:
     """All effects by id: what happens, whether of a joint or the arm, parameters with units in
     their names and what each means, and other effects that no recording tells from it.
+
+    An effect that `parameters.toml` lacks is answered without parameters.
     """
     listed: dict[str, dict[str, Any]] = {}
     for effect in CATALOGUE:
-        means = MEANINGS[effect.id]
+        means = MEANINGS.get(effect.id, {})
         listed[effect.id] = {
             "what": effect.summary,
             "scope": effect.scope,

@@ -1,15 +1,21 @@
 """Law of the whole model in C++: it gives the model's own torque along a motion, laws, net and memory included."""
 
+import inspect
 import shutil
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from ident.arrays import Array
 from ident.command_options import ExportOptions
+from ident.errors import InputError
+from ident.export.learned import _law
 from ident.export.write import write_export
+from ident.laws.carried import KINDS, NamedLaw
 from ident.model.hybrid import HybridModel
 from ident.model.sampling import sampling_interval
 from ident.motion.motion import Motion
@@ -75,3 +81,11 @@ def test_the_header_gives_the_models_own_torque(
     assert model.memory is not None
     assert off[model.memory.kept].max() < 1e-9
     assert off.max() < SINGLE
+
+
+def test_a_law_without_words_in_cpp_is_refused() -> None:
+    """Law: an added law is never written as another one's torque; every shipped one has its own words."""
+    added = SimpleNamespace(effect="magnet", figures=((0.3, 0.2, 0.4),) * 2, shape={"order": 3.0})
+    with pytest.raises(InputError, match="magnet"):
+        _law(cast(NamedLaw, added))
+    assert all(f'law.effect == "{effect}"' in inspect.getsource(_law) for effect in KINDS)

@@ -48,7 +48,7 @@ def test_arm_losses_and_every_law_are_the_models(which: str, tmp_path: Path) -> 
     """To 1e-9 N m at random states of turning and of sliding joints."""
     pytest.importorskip("onnx")
     arm = ArmModel.load("tm5-900") if which == "tm5-900" else sliding_arm()
-    assert set(SHAPES) == set(KINDS)
+    assert set(SHAPES) == set(KINDS), "give the new law a shape in SHAPES of this file"
     laws = tuple(_law(effect, k % arm.n) for k, effect in enumerate(SHAPES))
     model = _with_laws(arm, laws)
     record = write_export(model, tmp_path / "out", ONNX)
