@@ -134,8 +134,12 @@ def _parameters(path: Path, effect: str, given: Any) -> dict[str, dict[str, floa
         ends: dict[str, float] = {}
         for word in ("value", "low", "high"):
             number = interval.get(word) if isinstance(interval, Mapping) else None
-            if number is None or not _is_number(number):
+            if number is None:
                 raise InputError(path, f"{key} of {effect} has no {word}", "give value, low, high")
+            if not _is_number(number):
+                what = f"{word} of {key} of {effect} is {number!r}"
+                remedy = f"give numbers within ±{LARGEST_FIGURE:g}, or leave the parameter out"
+                raise InputError(path, what, remedy)
             ends[word] = float(number)
         parameters[str(key)] = ends
     return parameters

@@ -455,6 +455,18 @@ def test_a_class_and_an_interval_count_where_they_hold_the_truth() -> None:
             {"effects": [{"effect": "payload", "probability": 0.0, "parameters": {"mass_kg": 1.0}}]},
             "has no value",
         ),
+        (
+            {
+                "effects": [
+                    {
+                        "effect": "payload",
+                        "probability": 0.0,
+                        "parameters": {"mass_kg": {"value": 1.0, "low": -1e16, "high": 1e16}},
+                    }
+                ]
+            },
+            "low of mass_kg of payload is -1e\\+16",
+        ),
     ],
 )
 def test_an_entry_that_is_none_is_refused_in_a_line(
