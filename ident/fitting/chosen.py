@@ -57,7 +57,7 @@ class ModelChoice:
 
     @property
     def given_laws(self) -> tuple[NamedLaw, ...]:
-        """Those that were asked for."""
+        """The laws among those taken that were asked for by name."""
         numbers = [number for number in self.selection.laws if number < self.given]
         return tuple(self.sums.laws[number] for number in numbers)
 
@@ -111,7 +111,11 @@ class ModelChoice:
         return replace(self, whitened=whitened)
 
     def without(self, gone: Collection[tuple[str, int]]) -> ModelChoice:
-        """The same without some laws, by their effects and joints."""
+        """The same without some laws, by their effects and joints.
+
+        Args:
+            gone: Pairs of an effect's id and a joint's number.
+        """
         numbers = []
         for number in self.selection.laws:
             law = self.sums.laws[number]

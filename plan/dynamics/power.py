@@ -136,7 +136,16 @@ def power_integral(
 
 
 def power_integrals(tau: Array, dq: Array, weights: Array) -> dict[Metric, float]:
-    """Energy of the first of a batch of motions by every metric, see `power_integral`."""
+    """Energy of the first of a batch of motions [J] by every metric, see `power_integral`.
+
+    Args:
+        tau: Joint torques (B, T, n) [N m].
+        dq: Joint speeds (B, T, n) [rad/s].
+        weights: Of each state in the integral over time (B, T) [s].
+
+    Returns:
+        By metric's name, one entry for each of `METRICS`.
+    """
     energies: dict[Metric, float] = {}
     for metric in METRICS:
         energies[metric] = float(power_integral(tau, dq, weights, metric)[0])

@@ -150,7 +150,17 @@ def apart(look: Look, duration: float) -> float:
 
 
 def look_at(problem: PlanningProblem, duration: float, near: Look, ledger: Ledger) -> Look:
-    """The least energy of a duration, searched from another duration's motion."""
+    """The least energy of a duration, searched from another duration's motion.
+
+    Args:
+        problem: The task.
+        duration: In question [s].
+        near: A look at another duration that found a motion.
+        ledger: Evaluations count there; half of its time that is left may be used.
+
+    Returns:
+        A look of infinite cost and without a motion where none was found.
+    """
     assert near.candidate is not None
     splines = near.candidate.splines
     moved = Splines(splines.points, splines.durations * (duration / near.duration))

@@ -49,7 +49,12 @@ NAME = re.compile(r"s[0-9]{1,9}")
 
 
 def packed(values: Array, bits: int = 23) -> Array:
-    """Numbers of single precision, of whose fraction so many bits are kept: the rest are zero."""
+    """Numbers of single precision, of whose fraction so many bits are kept: the rest are zero.
+
+    Args:
+        values: Any numbers.
+        bits: Of the 23 of the fraction.
+    """
     single = np.ascontiguousarray(values, dtype=np.float32)
     mask = np.uint32(0xFFFFFFFF << (23 - bits) & 0xFFFFFFFF)
     return (single.view(np.uint32) & mask).view(np.float32)

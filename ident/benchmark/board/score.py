@@ -291,7 +291,12 @@ def _by(
 
 
 def written(score: Score) -> Row:
-    """A score with its interval and count, rounded."""
+    """A score with its interval and count.
+
+    Returns:
+        "value", "low" and "high", rounded to three decimals, and "count"; of a score without a
+        value, "value" None and "count" 0 alone.
+    """
     if score.value is None:
         return {"value": None, "count": 0}
     numbers = {"value": score.value, "low": score.low, "high": score.high}

@@ -134,6 +134,13 @@ def draw_bars(
 ) -> dict[str, Any]:
     """Grouped bars: one group a session, one bar a model, black lines one standard deviation each
     way.
+
+    Args:
+        label: Of the vertical axis.
+        sessions: Their names, S.
+        models: Their names, M.
+        mean: Heights, a row a model.
+        std: Half the length of the lines.
     """
     ticks = [textwrap.fill(name, TICK_WIDTH) for name in sessions]
     most_breaks = max(tick.count("\n") for tick in ticks)
@@ -180,7 +187,12 @@ def fits_section(source: ReportInput) -> Section:
 
 
 def run_name(evaluation: Evaluation, index: int) -> str:
-    """Session and run of a trace."""
+    """Name of a trace: "SESSION/RUN", or "RUN" where both are the same, and the payload if any.
+
+    Args:
+        evaluation: Its sessions' runs in their order are what traces are numbered by.
+        index: Number of the trace, from 0.
+    """
     names = [(score, run) for score in evaluation.sessions for run in score.runs]
     score, run = names[index]
     payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""

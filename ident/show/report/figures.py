@@ -105,7 +105,14 @@ def envelope(x: Float[Array, " T"], y: Float[Array, " T"], bins: int = 240) -> t
 
 
 def binned(x: Float[Array, " T"], y: Float[Array, " T"], edges: Sequence[float] | Array, least: int = 5) -> Array:
-    """Centre, 10 % quantile, median and 90 % quantile of y in bins of x, shape (bins, 4); thin bins left out."""
+    """Centre, 10 % quantile, median and 90 % quantile of y in bins of x, shape (bins, 4); thin bins left out.
+
+    Args:
+        x: What is binned.
+        y: Its values.
+        edges: Of the bins, rising.
+        least: Samples that a bin needs.
+    """
     which = np.digitize(x, edges) - 1
     rows = []
     for k in range(len(edges) - 1):

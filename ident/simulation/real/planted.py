@@ -58,7 +58,14 @@ class Planted:
 def at_joint(
     arm: MovedArm, j: int, torque: Float[Array, " N"], parameters: Parameters
 ) -> PlantedChange:
-    """A torque added at one joint [N m], nothing at the others."""
+    """A torque added at one joint [N m], nothing at the others.
+
+    Args:
+        arm: The motion.
+        j: Number of the joint.
+        torque: At each row.
+        parameters: What the answer says of it.
+    """
     added = np.zeros_like(arm.tau)
     added[:, j] = torque
     return PlantedChange(parameters, added)
