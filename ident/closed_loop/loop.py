@@ -142,7 +142,7 @@ class Taught:
 
     @property
     def corner(self) -> float:
-        """Of the common filter of the diagnosis, and so of its noise [Hz]."""
+        """Corner of the diagnosis's common filter, and so of its noise [Hz]."""
         return self.learned[0].lowpass.cutoff
 
     @property
@@ -184,7 +184,7 @@ class Closed:
 
     @property
     def minutes(self) -> float:
-        """Of motion in all rounds, the last one's check among them."""
+        """Minutes of motion in all rounds, the last one's check among them."""
         return sum(passed.minutes for passed in self.rounds)
 
 

@@ -107,11 +107,11 @@ class ModelChoice:
         return as_good and no_worse_work(plain.work.sum(axis=1), work.sum(axis=1))
 
     def with_rows(self, whitened: bool) -> ModelChoice:
-        """The same with parameters from whitened rows in any case, or from plain ones."""
+        """A copy whose parameters come from whitened rows in any case, or from plain ones."""
         return replace(self, whitened=whitened)
 
     def without(self, gone: Collection[tuple[str, int]]) -> ModelChoice:
-        """The same without some laws, by their effects and joints.
+        """A copy without some laws.
 
         Args:
             gone: Pairs of an effect's id and a joint's number.

@@ -92,9 +92,11 @@ class NetBounds:
         return np.clip(torque, *self.torques)
 
     def with_torques(self, said: Float[Array, "T n"], counts: Bool[Array, "T n"]) -> NetBounds:
-        """The same bounds with the range of torques that nets gave at the samples that count.
+        """These bounds, with the range of torques that nets gave at the samples that count.
 
-        Of a joint without any such sample, at all.
+        Args:
+            said: The nets' torques [N m].
+            counts: Samples that count; of a joint without any, all do.
         """
         ends = np.zeros((2, said.shape[1]))
         for j in range(said.shape[1]):

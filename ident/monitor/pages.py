@@ -73,8 +73,8 @@ def alarm_card(alarm: Alarm) -> dict[str, str]:
     """An alarm as text for a page, and what to do about it.
 
     Returns:
-        Texts: "arm", "joint", "what", "change", "interval", "spread", "since", "told" (the session
-            that told it) and "action".
+        The texts "arm", "joint", "what", "change", "interval", "spread", "since", "told" (the
+        session that told it) and "action".
     """
     unit = unit_of(alarm.figure)
     what = f"{NAMES[alarm.figure]} of {alarm.joint}"

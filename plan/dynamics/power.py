@@ -241,7 +241,7 @@ def _rigid_partials(chain, q, dq, ddq, step):  # type: ignore[no-untyped-def]
 
 
 def rounded(model: ChainTorque, width: float) -> ChainTorque:
-    """The same model with the sign of its friction rounded by a width [rad/s].
+    """A copy of a model with the sign of its friction rounded by a further width [rad/s].
 
     That comes on top of what the model itself rounds.
     """
@@ -251,9 +251,9 @@ def rounded(model: ChainTorque, width: float) -> ChainTorque:
 
 
 def without_friction(model: ChainTorque) -> ChainTorque:
-    """The same model without dry friction, offsets, named laws and net.
+    """A copy of a model without dry friction, offsets, named laws and net.
 
-    At rest it tells gravity alone.
+    At rest it tells gravity alone; viscous friction and rotors stay.
     """
     zero = np.zeros(model.n)
     losses = replace(model.losses, coulomb=zero, offset=zero)

@@ -159,7 +159,10 @@ class PredictedDesign:
         return {(ids[k], ids[rival]): self.distance(k, rival) for k, rival in pairs}
 
     def visible(self) -> dict[tuple[str, str], float]:
-        """Distance of every effect from the tuned baseline alone [nats], by (its id, "baseline").
+        """Distance of every effect from the tuned baseline alone [nats].
+
+        Returns:
+            By the effect's id and "baseline".
         """
         distances = {}
         for k, candidate in enumerate(self.candidates):

@@ -86,7 +86,7 @@ class Excitation(Result):
 
     @property
     def duration(self) -> float:
-        """Of all runs [s]."""
+        """Time that all runs take together [s]."""
         return duration_of(self.runs)
 
     @property

@@ -121,7 +121,10 @@ class Stage:
 
     @property
     def reach(self) -> float:
-        """As much of that as the joint in question uses [rad]."""
+        """How far the joint in question goes to either side of the pose in this run [rad].
+
+        It is what the limits leave there (`room`) times the run's size; 0 where they leave nothing.
+        """
         return self.size * max(float(self.room[self.joint]), 0.0)
 
     @property

@@ -208,7 +208,10 @@ class Grid:
         return np.asarray(np.linalg.lstsq(free, rest, rcond=None)[0])
 
     def parted(self, parts: Int[Array, " K"]) -> Grid:
-        """The same grid with each section in so many equal ones: what it could do, it still can."""
+        """A grid with each section cut into so many equal ones, one number a section.
+
+        Every trajectory of this grid is one of that, too.
+        """
         widths = np.repeat(np.diff(self.knots) / parts, parts)
         knots = np.concatenate([[0.0], np.cumsum(widths)])
         whole = np.concatenate([[0], np.cumsum(parts)])

@@ -61,8 +61,7 @@ class Comparison(Result):
         return [result for result in self.results if result.method == method]
 
     def best(self) -> PlanResult | None:
-        """The certified plan that is the cheapest as it is executed; None if no method found one.
-        """
+        """The certified plan that is the cheapest as it is executed; None if there is none."""
         solved = [result for result in self.results if result.solved]
         return min(solved, key=lambda result: result.executed_cost, default=None)
 

@@ -52,7 +52,7 @@ class Look:
 
 
 def lasting(problem: PlanningProblem, duration: float) -> PlanningProblem:
-    """The same task with another duration [s]."""
+    """The problem with its sections' durations scaled to another sum [s]."""
     whole = float(problem.durations.sum())
     return replace(problem, durations=problem.durations * (duration / whole))
 

@@ -144,7 +144,13 @@ def score_torque(
     torque: Float[Array, "T n"],
     tier: str,
 ) -> PredictionScore:
-    """Scores a foretold torque against the recorded one."""
+    """Scores a foretold torque against the recorded one.
+
+    Args:
+        foretold: The entrant's [N m].
+        torque: The recorded one [N m].
+        tier: The session's.
+    """
     error = np.sqrt(np.mean((foretold - torque) ** 2, axis=0))
     spread = np.maximum(np.std(torque, axis=0), 1e-9)
     rms = float(np.sqrt(np.mean(error**2)))
@@ -156,6 +162,11 @@ def recorded_torque(board: Board, opened: Kept, session: str) -> Float[Array, "T
 
     Raises:
         InputError: It is not what was sealed.
+
+    Args:
+        board: The board.
+        opened: What its maker kept.
+        session: Its name.
     """
     path = opened.unseen_file(session)
     remedy = "give the folder that the maker kept of this board, as it was"

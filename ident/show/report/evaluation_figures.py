@@ -113,7 +113,11 @@ def compared_scores(evaluation: Evaluation) -> list[SessionScore]:
 
 
 def restrict(score: SessionScore, joints: tuple[str, ...]) -> SessionScore:
-    """The same scores over some joints only: totals of other joints can't be compared."""
+    """A score over some joints only, in their order: totals of other joints can't be compared.
+
+    Raises:
+        ValueError: The score lacks one of them.
+    """
     columns = [score.joints.index(joint) for joint in joints]
     return replace(
         score,
@@ -434,7 +438,7 @@ def describe_inertia(model: HybridModel) -> str:
 
 
 def before_and_after(model: HybridModel) -> tuple[Float[Array, "l 10"], Float[Array, "l 10"]]:
-    """Inertial numbers of every link, of the URDF and as fitted."""
+    """Ten inertial numbers of every link: of the URDF, and as fitted."""
     before = model.nominal.inertial_parameters.reshape(-1, 10)
     after = model.arm.inertial_parameters.reshape(-1, 10)
     return before, after
@@ -443,6 +447,9 @@ def before_and_after(model: HybridModel) -> tuple[Float[Array, "l 10"], Float[Ar
 def net_rows(model: HybridModel) -> list[dict[str, Any]]:
     """What the residual net did on runs that it never saw, and how much of it each joint keeps;
     none without a net.
+
+    Returns:
+        Rows of "joint" and the fields of its gate (`JointGate.to_dict`); empty without a net.
     """
     gates = model.provenance.get("net_gate", [])
     if len(gates) != len(model.joint_names):

@@ -82,7 +82,13 @@ def to_svg(figure: Figure, description: str) -> Markup:
 
 
 def thin(x: Float[Array, " T"], y: Float[Array, " T"], most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Fewer points that look the same: the lowest and the highest of each bin, in their order."""
+    """Fewer points that look the same: the lowest and the highest of each bin, in their order.
+
+    Args:
+        x: Where the points are.
+        y: Their values.
+        most: Points that may be left; fewer are given back as they are.
+    """
     if len(x) <= most:
         return x, y
     bins = np.array_split(np.arange(len(x)), most // 2)

@@ -435,7 +435,7 @@ def over_range(share: float) -> Callable[[MovedArm, int], float]:
 
 
 def fixed(most: float) -> Callable[[MovedArm, int], float]:
-    """The same largest size on every joint."""
+    """A function of arm and joint number that gives the same largest size for every joint."""
     return lambda arm, j: most
 
 
