@@ -299,7 +299,11 @@ def _row(entry: Entry, name: Name, parameters: JsonTable | None, measured: Seque
 
 
 def intervals_of(parameters: JsonTable, true: JsonTable) -> list[Row]:
-    """What was reported of parameters whose truth is known."""
+    """What was reported of parameters whose truth is known.
+
+    Returns:
+        Rows of "parameter", "true", "value", "low", "high" and "inside".
+    """
     reported: list[Row] = []
     for key, value in true.items():
         given = parameters.get(key)

@@ -43,7 +43,7 @@ class CarriedEffect:
 
     @property
     def as_law(self) -> Effect:
-        """Its id, its joint's number (-1 of the whole arm) and its parameters: what the laws take."""
+        """What the laws take: id, joint's number (-1 of the whole arm) and parameters."""
         return self.effect, self.joint, dict(self.parameters)
 
     def to_dict(self) -> dict[str, object]:

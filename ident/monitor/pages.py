@@ -177,6 +177,9 @@ def arm_estimates(arm: ArmHistory) -> Section | None:
 def lay_out(points: Sequence[Point]) -> JsonRecord:
     """Where one parameter's estimates lie in their strip, in order of time, and the ends of its
     scale.
+
+    Returns:
+        "marks", "low" and "high".
     """
     try:  # dates as days, or places in the row where one is no date
         times = [datetime.fromisoformat(point.date).timestamp() / 86400.0 for point in points]

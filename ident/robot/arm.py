@@ -260,7 +260,7 @@ class ArmModel:
         return freeze(inertial_parameters(self.model))
 
     def with_inertial_parameters(self, parameters: Float[Array, " 10n"]) -> ArmModel:
-        """A copy of the arm with other link inertias, in the order of `inertial_parameters` [SI]."""
+        """A copy of the arm with other link inertias, in the order of `inertial_parameters`."""
         return replace(self, model=with_inertial_parameters(self.model, parameters))
 
     def with_payload(self, payload: Payload | None) -> ArmModel:

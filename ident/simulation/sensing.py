@@ -85,7 +85,7 @@ class Sensing(ReadOnly):
         )
 
     def silent(self) -> Sensing:
-        """These sensors without chance: what the visible amplitude of an effect is measured with."""
+        """These sensors without chance, with which an effect's visible amplitude is measured."""
         zero = np.zeros(len(self.white))
         return self.replace(
             white=zero, coloured=zero, count_noise=0.0, wander=zero, count=np.full_like(zero, 1e-12)

@@ -110,7 +110,7 @@ class CycleResult(Result):
 
     @property
     def energy(self) -> float:
-        """Energy of all motions by their metric, and of the standby [J]; infinite without a plan."""
+        """Energy of all motions by their metric and of the standby [J]; infinite without a plan."""
         if not self.solved:
             return float("inf")
         moved = 0.0

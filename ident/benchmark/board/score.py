@@ -262,7 +262,12 @@ def _foretold(path: Path, joints: list[str], torque: Float[Array, "T n"]) -> Flo
 
 
 def attribution(rows: Sequence[SessionScore]) -> Row:
-    """Scores of some answers."""
+    """Scores of some answers.
+
+    Returns:
+        "sessions", "log_score", "strict", "class_aware", "class_size", "joint", "coverage" and
+        "half_width".
+    """
     sizes = [row.class_size for row in rows if row.class_size is not None]
     placed = [row.joint for row in rows if row.joint is not None]
     intervals = [interval for row in rows for interval in row.intervals]
@@ -280,7 +285,11 @@ def attribution(rows: Sequence[SessionScore]) -> Row:
 
 
 def prediction(rows: Sequence[PredictionScore]) -> Row:
-    """Scores of some foretold motions."""
+    """Scores of some foretold motions.
+
+    Returns:
+        "motions", "median_Nm" and "share_of_spread".
+    """
     return {
         "motions": len(rows),
         "median_Nm": round(float(np.median([row.rms for row in rows])), 4),

@@ -204,7 +204,11 @@ def run_name(evaluation: Evaluation, index: int) -> str:
 
 
 def draw_fits(trace: RunTrace) -> list[dict[str, Any]]:
-    """Measured torque and every rung over time, one panel a joint."""
+    """Measured torque and every rung over time, one panel a joint.
+
+    Returns:
+        Panels of "title" and "svg".
+    """
     time = trace.time - trace.time[0]
     colours = rung_colours(tuple(trace.rungs))
     panels = []
