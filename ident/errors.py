@@ -51,7 +51,7 @@ def first_line(error: BaseException) -> str:
 
 
 def shortened(text: str, longest: int = LONGEST_PART) -> str:
-    """A text with its middle left out where it is longer than a part of a message may be."""
+    """A text with its middle left out where it has more than `longest` characters."""
     if len(text) <= longest:
         return text
     half = longest // 2

@@ -140,7 +140,12 @@ def require_plain_header(names: Iterable[str], where: str | Path) -> None:
 
 
 def write_record(path: str | Path | None, record: Mapping[str, Any]) -> None:
-    """Writes a record as JSON, whole or not at all; `-` prints it, and None writes nothing."""
+    """Writes a record as JSON, whole or not at all; `-` prints it, and None writes nothing.
+
+    Args:
+        path: The file; "-" prints it, None writes nothing.
+        record: What JSON knows; a number that is not finite becomes null.
+    """
     if path is None:
         return
     text = as_json(record)

@@ -21,7 +21,7 @@ UNITS = "SI: rad or m, rad/s or m/s, N m or N, kg, kg m², s"
 
 @cache
 def engine_versions() -> dict[str, str]:
-    """Version of each engine that is installed."""
+    """Version of each engine that is installed, by its name; the others have no entry."""
     found = {}
     for name in ENGINES:
         for distribution in importlib.metadata.distributions(name=name):

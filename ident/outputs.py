@@ -296,6 +296,6 @@ def _kind_of(path: Path) -> str:
 
 
 def unwritable(path: Path, error: Exception) -> InputError:
-    """What the user is told where the system lets nothing be written."""
+    """What tells the user that the system lets nothing be written: for the caller to raise."""
     reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
     return InputError(path, f"can't be written ({reason})", "choose a folder that you may write to")

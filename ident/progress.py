@@ -113,6 +113,11 @@ def stage(words: str, low: float = 0.0, high: float = 1.0) -> None:
 def step(done: int, total: int, error: float | None = None) -> None:
     """So many of a stage's equal steps are done; the error that a search or a training has come to
     is not shown.
+
+    Args:
+        done: Steps so far.
+        total: Of the stage.
+        error: Taken and left aside.
     """
     if (work := _WORK.get()) is not None:
         work.go_on(done / max(total, 1))

@@ -33,7 +33,7 @@ class Record:
     __pydantic_config__: ClassVar = {"json_schema_serialization_defaults_required": True}
 
     def to_dict(self) -> dict[str, Any]:
-        """The record, of what JSON knows alone."""
+        """The record by its fields' names, each as `as_record` gives it."""
         return {one.name: as_record(getattr(self, one.name)) for one in fields(self)}
 
 
@@ -81,12 +81,15 @@ class Numbers(Record):
     """Base of a stage's numbers, and of groups of such stages: a field each, by `number`."""
 
     def but(self, **numbers: Any) -> Self:
-        """The same with some other numbers."""
+        """A copy with some numbers changed, given by their names."""
         return replace(self, **numbers)
 
     def describe(self) -> list[dict[str, Any]]:
-        """Every number's name (its groups before it, parted by dots), value, unit, meaning and
-        source.
+        """Every number as a row, those of groups included.
+
+        Returns:
+            Rows of "name" (its groups before it, parted by dots), "value", "unit", "meaning" and
+            "source".
         """
         rows: list[dict[str, Any]] = []
         for entry in fields(self):

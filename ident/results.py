@@ -168,7 +168,7 @@ class StampLedger:
 
     @property
     def stamps(self) -> tuple[SessionStamp, ...]:
-        """Of what has passed so far."""
+        """One stamp for each session that has passed so far."""
         return tuple(one.stamp() for one in self._open)
 
     @property
@@ -177,7 +177,10 @@ class StampLedger:
         return [data for stamping in self._open for data in stamping.data()]
 
     def passing(self, sessions: Iterable[Session]) -> Iterator[Session]:
-        """The same sessions, noted on the way; one of the path of the last is its next part."""
+        """The sessions as they come, each noted on the way.
+
+        One whose path is that of the one before is its next part.
+        """
         for session in sessions:
             if session.path is None or not self._open or self._open[-1].path != str(session.path):
                 self._open.append(_Stamping(session.name, str(session.path or ""), self._known))
@@ -297,7 +300,7 @@ class Result:
         return {"schema": self.SCHEMA, **own}
 
     def with_provenance(self, provenance: Provenance) -> Self:
-        """The same result, with its origin."""
+        """A copy of the result with this origin."""
         return replace(self, provenance=provenance)
 
     def summary(self) -> str:

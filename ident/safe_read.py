@@ -365,7 +365,7 @@ def toml_key(name: str) -> str:
 
 
 def toml_line(key: str, value: object) -> str:
-    """A key and its value as one line of a TOML file; of a table the whole, within braces."""
+    """A key and its value as one line of a TOML file, without a line end; a table within braces."""
     return f"{toml_key(key)} = {_toml_value(value)}"
 
 

@@ -65,7 +65,10 @@ class Given:
         )
 
     def find_robot(self) -> Robot | None:
-        """The robot that is given, else the first that settings name: its session may be far from its turn."""
+        """The robot that is given, else the first that settings name; None where nobody names one.
+
+        Its session may be far from its turn.
+        """
         if self.robot is not None:
             return self.robot
         named = (
@@ -195,11 +198,11 @@ class Opened:
 
     @property
     def stamps(self) -> tuple[SessionStamp, ...]:
-        """Where the recordings come from."""
+        """Where the recordings come from: one stamp a session."""
         return self.ledger.stamps
 
     def data_records(self) -> list[dict[str, Any]]:
-        """Name and SHA-256 of each file that was read, for a model's provenance."""
+        """Session, name, SHA-256 and series of each file read, for a model's provenance."""
         return self.ledger.files
 
 

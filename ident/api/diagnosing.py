@@ -172,7 +172,7 @@ def examine_until(
 
 
 def first_runs(sessions: Sequence[Session], count: int) -> list[Session]:
-    """The sessions with so many of their runs, the first ones."""
+    """The sessions with the first `count` of their runs together, those without any left out."""
     beginnings = []
     for session in sessions:
         if session.runs and count > 0:

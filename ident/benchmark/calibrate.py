@@ -287,7 +287,7 @@ def _even_nats(table: Table, fitted: FittedNames) -> float:
 
 
 def read_results(folder: Path, cases: Iterable[str]) -> JsonRecord:
-    """Stored results by case."""
+    """Stored results by case; a case without a file has none."""
     results = {}
     for case in cases:
         path = result_path(folder, case)

@@ -177,7 +177,7 @@ class Rows:
 
     @property
     def weights(self) -> Float[Array, " N"]:
-        """By which each arm counts alike."""
+        """Weight of each row, by which each arm counts alike; 1 on average."""
         counts = {arm: int((self.arm == arm).sum()) for arm in np.unique(self.arm)}
         weights = np.array([1.0 / counts[arm] for arm in self.arm])
         return np.asarray(weights * len(weights) / weights.sum())

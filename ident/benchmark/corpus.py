@@ -197,7 +197,10 @@ def read_index(path: Path) -> list[Entry]:
 
 
 def interleaved(entries: Iterable[Entry]) -> list[Entry]:
-    """The same sessions so that every beginning holds all groups and kinds; controls come early."""
+    """Sessions in an order in which every beginning holds all groups and kinds.
+
+    Controls come early.
+    """
     queues: dict[tuple[str, str], list[Entry]] = {}
     for entry in entries:
         queues.setdefault((entry.group, entry.kind), []).append(entry)

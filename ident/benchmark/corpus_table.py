@@ -86,7 +86,7 @@ class Table:
 
     @property
     def probability(self) -> Float[Array, " N"]:
-        """As it was stored; not a number where nothing was."""
+        """Probability of each row as it was stored, 0 to 1; NaN where none was."""
         values = [np.nan if row["probability"] is None else row["probability"] for row in self.rows]
         return np.array(values, dtype=float)
 
@@ -246,7 +246,15 @@ def _number(value: Any) -> float | None:
 
 
 def candidate_rows(entry: Entry, record: JsonTable) -> list[Row]:
-    """A row for each candidate, and one for each finding of the diagnosis."""
+    """A row for each candidate, and one for each finding of the diagnosis.
+
+    Args:
+        entry: The session.
+        record: What was stored of its diagnosis.
+
+    Returns:
+        Rows of the candidates, then of the findings, told apart by "source".
+    """
     measured = measured_on(entry)
     rows: list[Row] = []
     for candidate in record.get("candidates", ()):
@@ -291,7 +299,11 @@ def _row(entry: Entry, name: Name, parameters: JsonTable | None, measured: Seque
 
 
 def intervals_of(parameters: JsonTable, true: JsonTable) -> list[Row]:
-    """What was reported of parameters whose truth is known."""
+    """What was reported of parameters whose truth is known.
+
+    Returns:
+        Rows of "parameter", "true", "value", "low", "high" and "inside".
+    """
     reported: list[Row] = []
     for key, value in true.items():
         given = parameters.get(key)
@@ -359,5 +371,14 @@ def _read_rows(path: Path) -> list[Row]:
 
 
 def use_index(index: Path, results: Path, out: Path) -> tuple[int, int]:
-    """Stores the table of an index's sessions, see `store`."""
+    """Stores the table of an index's sessions, see `store`.
+
+    Args:
+        index: The index file.
+        results: Folder of the stored results.
+        out: Folder of the table.
+
+    Returns:
+        What `store` returns.
+    """
     return store(read_index(index), results, out)

@@ -43,7 +43,7 @@ def cut_rows(run: Recording, rows: Bool[Array, " T"]) -> Recording | None:
 
 
 def speed_of(run: Recording) -> Float[Array, " T"]:
-    """The fastest joint's share of its greatest speed, sample by sample."""
+    """The fastest joint's speed as a share of its own greatest in the run, 0 to 1, by sample."""
     interval = np.maximum(np.diff(run.time, prepend=2.0 * run.time[0] - run.time[1]), 1e-6)
     step = np.diff(run.position, axis=0, prepend=run.position[:1])
     speed = np.abs(step) / interval[:, None]
@@ -51,7 +51,12 @@ def speed_of(run: Recording) -> Float[Array, " T"]:
 
 
 def first_seconds(session: Session, seconds: float) -> Session:
-    """The first seconds from where the arm begins to move, over as many runs as they take."""
+    """The first seconds from where the arm begins to move, over as many runs as they take.
+
+    Args:
+        session: The session.
+        seconds: How many [s].
+    """
     left = seconds
     runs = []
     for run in session.runs:

@@ -74,7 +74,12 @@ def examine(task: ExamineTask) -> str:
 
 
 def write_result(path: Path, record: JsonRecord) -> None:
-    """Writes a record as JSON allows it: what is no number becomes null."""
+    """Writes a record as JSON allows it: what is no number becomes null.
+
+    Args:
+        path: The file, written whole or not at all.
+        record: What is written.
+    """
 
     with atomic_write(path) as scratch:
         scratch.write_text(as_json(record, None) + "\n", encoding="utf-8")

@@ -62,7 +62,7 @@ class Name:
 
 
 def matching(name: Name, truths: Sequence[Truth]) -> int | None:
-    """The first truth that a name is right of; None if there is none."""
+    """Number of the first truth that a name is right of; None if there is none."""
     for number, truth in enumerate(truths):
         if says(name, truth):
             return number

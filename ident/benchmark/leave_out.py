@@ -49,7 +49,7 @@ class Problem:
         )
 
     def without_feature(self, name: str) -> Problem:
-        """The same rows with a feature less."""
+        """The problem without one of its features; a name that it lacks takes nothing away."""
         columns = [k for k, other in enumerate(self.names) if other != name]
         names = tuple(self.names[k] for k in columns)
         return replace(self, names=names, features=self.features[:, columns])
@@ -137,7 +137,11 @@ def select_features(problem: Problem) -> Problem:
 
 
 def unit_scores(problem: Problem, probability: Float[Array, " N"]) -> Float[Array, " u"]:
-    """What each unit adds to the log score [nats a row]."""
+    """What each unit adds to the log score [nats a row].
+
+    Returns:
+        One a unit, in the order of their names; they add up to the log score.
+    """
     truth = np.where(problem.right, probability, 1.0 - probability)
     nats = problem.weights * np.log(np.clip(truth, 1e-12, 1.0)) / problem.weights.sum()
     _, numbers = np.unique(problem.units, return_inverse=True)
@@ -145,7 +149,11 @@ def unit_scores(problem: Problem, probability: Float[Array, " N"]) -> Float[Arra
 
 
 def judge_left_out(problem: Problem) -> dict[str, Logistic]:
-    """For each unit a fit without it, whose ridge and features are chosen without it as well."""
+    """For each unit a fit without it, whose ridge and features are chosen without it as well.
+
+    Returns:
+        By the unit's name.
+    """
     models: dict[str, Logistic] = {}
     for unit in np.unique(problem.units):
         chosen = select_features(problem.without_unit(str(unit)))

@@ -176,13 +176,19 @@ def twins_of(options: SimulationOptions) -> tuple[Session, Session]:
 
 
 def without_causes(options: SimulationOptions) -> SimulationOptions:
-    """The same arm in the same motions, nothing wrong with it."""
+    """Options of the same arm in the same motions, with nothing wrong with it."""
     arm = options.seed if options.arm_seed is None else options.arm_seed
     return replace(options, effects=(), measure=False, arm_seed=arm)
 
 
 def other_motions(options: SimulationOptions, runs: int, duration: float) -> SimulationOptions:
-    """The same arm without its causes in other motions: so many runs of roughly so many seconds."""
+    """Options of the same arm without its causes in other motions.
+
+    Args:
+        options: Of the arm with its causes.
+        runs: How many.
+        duration: Of each, roughly [s].
+    """
     seed = int(np.random.default_rng([options.seed, 11]).integers(2**62))
     return replace(without_causes(options), seed=seed, runs=runs, duration=duration)
 

@@ -102,9 +102,15 @@ def auroc(positive: Sequence[float], negative: Sequence[float]) -> Score:
 def calibration_curve(
     said: Sequence[float], right: Sequence[bool], bins: int = BINS
 ) -> list[tuple[float, float, float, Score]]:
-    """Bins of equal width that hold anything.
+    """How often names of about one probability are right, in bins of equal width.
 
-    Their bounds, the mean of what was said, and how often it was right.
+    Args:
+        said: Probability of each name, 0 to 1.
+        right: Whether it was.
+        bins: How many.
+
+    Returns:
+        For each bin that holds any: its bounds, the mean of what was said, and the share right.
     """
     p = np.asarray(said, dtype=float)
     hit = np.asarray(right, dtype=bool)
@@ -245,7 +251,7 @@ class Outcome:
         return any(p >= CONFIDENT for _, p, right in self.judged if not right)
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its fields by their names, without "rivals"; "coverage" is a list."""
         record = {
             key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")
         }

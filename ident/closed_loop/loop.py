@@ -71,6 +71,11 @@ def choose_motions(
 ) -> tuple[ReferenceMotion, ...]:
     """Motions of a round: one run of each kind at first; then kinds that the last diagnosis leaves
     open, and a path.
+
+    Args:
+        arm: The arm.
+        rng: For what is left to chance.
+        record: The last diagnosis; None at first.
     """
     if record is None:
         return plan_motions(arm, (*tuple(KINDS)[1:], "spline"), len(KINDS) + 1, RUN_S, rng)
@@ -137,7 +142,7 @@ class Taught:
 
     @property
     def corner(self) -> float:
-        """Of the common filter of the diagnosis, and so of its noise [Hz]."""
+        """Corner of the diagnosis's common filter, and so of its noise [Hz]."""
         return self.learned[0].lowpass.cutoff
 
     @property
@@ -179,7 +184,7 @@ class Closed:
 
     @property
     def minutes(self) -> float:
-        """Of motion in all rounds, the last one's check among them."""
+        """Minutes of motion in all rounds, the last one's check among them."""
         return sum(passed.minutes for passed in self.rounds)
 
 
@@ -299,7 +304,13 @@ class GapFloors:
 def measure_floors(
     models: Sequence[SimulatorModel], motions: Sequence[Motion], floors: Float[Array, " n"]
 ) -> GapFloors:
-    """Compares a model with the log, both through the run's own filter, where a joint slides."""
+    """Gap of models from the log in noise floors, where a joint slides.
+
+    Args:
+        models: One a run.
+        motions: The runs; model and log go through the run's own filter.
+        floors: Noise of each joint [N m].
+    """
     errors = [log_error(model, run) / floors for model, run in zip(models, motions, strict=True)]
     squares = np.array([np.sum(error**2, axis=0) for error in errors])
     counts = np.array([run.settled.sum(axis=0) for run in motions], dtype=float)
@@ -378,6 +389,15 @@ def heat_along(
 ) -> list[Float[Array, " T"]]:
     """Heat of a joint over each run, cold before the first [J]; it keeps its heat for a time
     constant [s].
+
+    Args:
+        model: Its losses make the heat.
+        joint: Number of the joint.
+        constant: Time in which the heat falls to 1/e [s].
+        runs: In the order of time; between them the joint cools.
+
+    Returns:
+        One array a run.
     """
     heats: list[Float[Array, " T"]] = []
     heat = 0.0

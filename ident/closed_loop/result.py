@@ -78,6 +78,15 @@ def compare_models(
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Gap [noise floors] and tracking error [rad] of each model on the same motions of the same
     arm.
+
+    Args:
+        arm: The URDF's arm.
+        hidden: The simulated one that is recorded anew.
+        last: The last diagnosis.
+        seed: Of the motions.
+
+    Returns:
+        The gaps, then the tracking errors, each by the model's name.
     """
     motions = plan_motions(
         arm, ("spline",), HELD_OUT_RUNS, HELD_OUT_S, np.random.default_rng([seed, 0, 1])
@@ -128,12 +137,19 @@ class NetModel:
     net: ResidualNet
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
-        """Torque that the motors deliver along a run [N m], the net's part included."""
+        """Torque that the motors deliver along a run [N m], the net's part included.
+
+        Args:
+            q: Joint positions (T, n) [rad].
+            dq: Speeds (T, n) [rad/s].
+            ddq: Accelerations (T, n) [rad/s²].
+            interval: Not used: the net has no memory.
+        """
         rigid = self.arm.inverse_dynamics(q, dq, ddq)
         return np.asarray(rigid + self.net.predict(q, dq, ddq, rigid))
 
     def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
-        """The log is taken for the torque."""
+        """The torque as it is: the log is taken for it, and the interval not used."""
         return torque
 
 

@@ -151,6 +151,14 @@ def delta_interval(
 ) -> Interval:
     """Interval of a smooth function of coefficients by the delta method, derivatives by central
     differences.
+
+    Args:
+        function: Of the coefficients, to a number.
+        coefficients: Its point.
+        covariance: Of their errors; all zero gives an interval without width.
+
+    Returns:
+        The value at the point, and the ends of its 95 % interval.
     """
     value = float(function(coefficients))
     if not covariance.any():

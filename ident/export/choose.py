@@ -73,7 +73,14 @@ class Gap:
     count: Float[Array, " n"]  # samples behind the torque
 
     def error(self, name: str) -> Float[Array, " n"]:
-        """RMS of a measure, NaN where nothing was measured."""
+        """RMS of a measure over what was measured.
+
+        Args:
+            name: "torque", "energy", "position" or "velocity".
+
+        Returns:
+            One a joint, in the measure's unit; NaN where nothing was measured.
+        """
         return np.sqrt(self.squares[name].mean(axis=0))
 
     @property
@@ -85,8 +92,16 @@ class Gap:
     def over(self, others: Sequence[Gap], level: float = 0.5) -> Float[Array, "m n"]:
         """Logarithms of its errors over the least of others', by measure and joint.
 
-        Zero where nothing was measured. Those that are not exceeded at a level, by Student's
-        distribution of what stretches, pair by pair, leave open; a single one leaves open all.
+        Args:
+            others: Gaps of the same recordings, one at least; the best is taken anew for each
+                joint.
+            level: 0.5 for the estimates themselves. A higher one gives what the true logarithms
+                don't exceed at that level, by Student's distribution of what stretches, pair by
+                pair, leave open; a single stretch leaves open all.
+
+        Returns:
+            Rows in the order of `LEAST`, columns the joints; negative where its errors are smaller,
+            zero where nothing was measured.
         """
         logarithms = []
         for name, least in LEAST.items():
@@ -113,7 +128,12 @@ class Gap:
         return np.sum(WORSE * loss + np.minimum(sure, 0.0), axis=0)
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, object]:
-        """Its record, figures by the joints' names."""
+        """Its record.
+
+        Returns:
+            One key a measure with figures by the joints' names, and "windows": how many were
+            replayed.
+        """
         record: dict[str, object] = {}
         for name, key in (*MEASURES.items(), ("velocity", "velocity_rms_rad_s")):
             record[key] = dict(zip(joints, map(float, self.error(name)), strict=True))
@@ -255,7 +275,12 @@ class Chosen:
         return self.bodies if set(self.joints) == {self.bodies} else "mixed"
 
     def to_dict(self, names: Sequence[str]) -> dict[str, object]:
-        """Its record, figures by the joints' names."""
+        """Its record.
+
+        Returns:
+            "written" (the candidate's name), "bodies", "joints" (by their names), "worse" (ratios
+            by name).
+        """
         worse = {name: ratio for name, (_, ratio) in self.worse.items()}
         joints = zip(names, self.joints, strict=True)
         return {"written": self.name, "bodies": self.bodies, "joints": dict(joints), "worse": worse}

@@ -66,7 +66,11 @@ def write_feed_forward(identified: IdentifiedArm) -> str:
 
 
 def check_feed_forward(path: Path, identified: IdentifiedArm) -> dict[str, object]:
-    """How near a file, read by PyYAML, is to the losses; the sigmoid to their dry part [N m]."""
+    """How near a file, read by PyYAML, is to the losses; the sigmoid to their dry part [N m].
+
+    Returns:
+        "loads" (true), "torque_difference_Nm", and "crisp_difference_Nm" of the sigmoid.
+    """
     import yaml
 
     record = yaml.safe_load(path.read_text(encoding="utf-8"))

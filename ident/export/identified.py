@@ -178,6 +178,10 @@ class IdentifiedArm:
     def of_models(cls, model: HybridModel, nearest: bool = False) -> dict[str, IdentifiedArm]:
         """The arms that could be written of a model, by name; tuned without its laws, where it has
         any (`of_model`).
+
+        Returns:
+            "given" (the URDF as it is), "tuned" (where the model has laws), "after" (the whole
+            model).
         """
         arms = {"given": cls.as_urdf(model.nominal)}
         if model.alone is not None:

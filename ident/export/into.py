@@ -58,7 +58,7 @@ class WrittenInto:
     left: list[str] = field(default_factory=list)  # what was not written, and why
 
     def to_dict(self) -> dict[str, Any]:
-        """Its record, for JSON."""
+        """Its record: "file", "format", "joints", "links", "left" (what was not written)."""
         return {
             "file": str(self.path),
             "format": self.form,

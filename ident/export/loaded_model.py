@@ -18,10 +18,22 @@ class SimulatorModel(Protocol):
     """What a controller is designed with, and what a log is compared with."""
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
-        """Torque that the motors deliver along a run [N m]."""
+        """Torque that the motors deliver along a run [N m].
+
+        Args:
+            q: Joint positions (T, n) [rad].
+            dq: Speeds (T, n) [rad/s].
+            ddq: Accelerations (T, n) [rad/s²].
+            interval: Time from row to row [s].
+        """
 
     def read_log(self, torque: Float[Array, "T n"], interval: float) -> Float[Array, "T n"]:
-        """What the log says of it [N m]."""
+        """What the log says of a joint torque [N m].
+
+        Args:
+            torque: What `joint_torque` gave.
+            interval: Time from row to row [s].
+        """
 
 
 class LoadedModel(SimulatorModel, ABC):

@@ -223,7 +223,13 @@ def _add_body(parent: ET.Element, arm: ArmModel, j: int, of_joint: Elements) -> 
 
 
 def inertial_attributes(link: Float[Array, " 10"]) -> dict[str, str]:
-    """Principal moments and axes; a body without extent is given the least that MuJoCo takes."""
+    """Attributes of an MJCF body's `inertial`: "pos", "quat", "mass" and "diaginertia", as text.
+
+    Args:
+        link: Mass, first moments and inertia about the link's frame.
+
+    A body without extent is given the least that MuJoCo takes.
+    """
     mass, centre, inertia = about_centre(link)
     moments, axes = np.linalg.eigh(inertia)
     axes[:, 0] *= np.sign(np.linalg.det(axes))

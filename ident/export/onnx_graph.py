@@ -90,7 +90,7 @@ class Graph:
         return self.node("Concat", *terms, axis=1)
 
     def reshape(self, term: Tensor, *shape: int) -> Tensor:
-        """The same elements in another shape; -1 for what is left over."""
+        """A tensor's elements in another shape; -1 stands for what is left over."""
         return self.node("Reshape", term, self.constant(np.array(shape, dtype=np.int64)))
 
     def finish(self, name: str, about: str) -> bytes:

@@ -175,7 +175,12 @@ class Contest:
         return bool(self.gains) and not self.harms
 
     def to_dict(self) -> dict[str, object]:
-        """For JSON, which knows neither NaN nor ∞."""
+        """Its record; null stands for NaN and ∞, which JSON doesn't know.
+
+        Returns:
+            "candidates", "beats", and for each quantity of `LEAST` its errors "nominal" and
+            "written", their "ratio", and its bounds "low" and "high".
+        """
         record: dict[str, object] = {"candidates": self.tried, "beats": self.beats}
         for name in LEAST:
             ratio, low, high = self.ratio(name)
@@ -210,7 +215,12 @@ class Promotion:
         return held_out and all(contest.beats for contest in self.contests)
 
     def to_dict(self) -> dict[str, object]:
-        """Its record, for JSON."""
+        """Its record.
+
+        Returns:
+            "passed", "in_sample", "horizon_s", "tool", "level", and "forms": by the format's name
+            what `Contest.to_dict` gives.
+        """
         return {
             "passed": self.passed,
             "in_sample": self.in_sample,

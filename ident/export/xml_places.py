@@ -38,7 +38,7 @@ class Element:
             yield from child.walk()
 
     def child(self, tag: str) -> Element | None:
-        """Its first child of a tag."""
+        """Its first child of a tag; None if it has none."""
         for child in self.children:
             if child.tag == tag:
                 return child

@@ -57,7 +57,7 @@ class ModelChoice:
 
     @property
     def given_laws(self) -> tuple[NamedLaw, ...]:
-        """Those that were asked for."""
+        """The laws among those taken that were asked for by name."""
         numbers = [number for number in self.selection.laws if number < self.given]
         return tuple(self.sums.laws[number] for number in numbers)
 
@@ -107,11 +107,15 @@ class ModelChoice:
         return as_good and no_worse_work(plain.work.sum(axis=1), work.sum(axis=1))
 
     def with_rows(self, whitened: bool) -> ModelChoice:
-        """The same with parameters from whitened rows in any case, or from plain ones."""
+        """A copy whose parameters come from whitened rows in any case, or from plain ones."""
         return replace(self, whitened=whitened)
 
     def without(self, gone: Collection[tuple[str, int]]) -> ModelChoice:
-        """The same without some laws, by their effects and joints."""
+        """A copy without some laws.
+
+        Args:
+            gone: Pairs of an effect's id and a joint's number.
+        """
         numbers = []
         for number in self.selection.laws:
             law = self.sums.laws[number]

@@ -126,7 +126,13 @@ class PairSums:
         return np.arange(max(map(len, self.squares)))
 
     def columns(self, joint: int, other: int, mix: float | None) -> Int[Array, " c"]:
-        """Places of a joint's columns: base parameters, its own, and those of a coupling."""
+        """Places of a joint's columns: base parameters, its own, and those of a coupling.
+
+        Args:
+            joint: Number of the joint.
+            other: Number of its neighbour.
+            mix: One of `MIXES`; None for no coupling.
+        """
         rank = self.base.rank
         plain = np.arange(rank + OWN)
         if mix is None:
@@ -147,7 +153,7 @@ class Coupled:
 
     @property
     def effects(self) -> tuple[CarriedEffect, ...]:
-        """As a model carries them."""
+        """The coupling as a model carries it: one effect for each of the pair."""
         effects = []
         for place, (joint, other) in enumerate((self.pair, self.pair[::-1])):
             inertia, viscous, coulomb = self.numbers[place, OWN:].tolist()

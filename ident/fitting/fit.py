@@ -122,6 +122,9 @@ def fit_hybrid(
         named: Laws that a diagnosis named, if any.
 
     Source: paper, figure 2.
+
+    Raises:
+        RecordingError: The runs can't tell the parameters: a joint hardly moves in any, say.
     """
     options = options or FitOptions()
     nominal = robot

@@ -87,14 +87,18 @@ class FitSums:
         return sums
 
     def through(self, joints: Bool[Array, " n"]) -> FitSums:
-        """The same with all moving rows of some joints."""
+        """Sums of all moving rows of some joints; of the others as they were.
+
+        Args:
+            joints: Which joints.
+        """
         also = np.isin(self.baseline.nominal.joint_names, self.through_reversals)
         offset = self.options.offset == "on"
         evidence = _sums(self.motions, self.baseline, offset, self.laws, joints | also)
         return replace(self, evidence=evidence)
 
     def only(self, laws: Sequence[NamedLaw]) -> FitSums:
-        """The same with some of the laws: no column is made anew."""
+        """These sums with some of the laws alone; no column is made anew."""
         layout = self.evidence.layout
         first = len(layout.groups) - len(self.laws)
         groups = list(layout.groups[:first])

@@ -62,7 +62,11 @@ def _some_has_friction(estimate: JointEstimate, joints: int) -> bool:
 def lossless_parameters(
     estimate: JointEstimate, frictionless: Bool[Array, " n"]
 ) -> Int[Array, " z"]:
-    """Positions of the losses of joints without friction that are zero as far as can be told."""
+    """Positions of the losses of joints without friction that are zero as far as can be told.
+
+    Returns:
+        Positions in the estimate's values; empty if there are none.
+    """
     zero: list[int] = []
     for joint in np.flatnonzero(frictionless):
         index = estimate.index(int(joint))

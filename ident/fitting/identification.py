@@ -469,7 +469,11 @@ def tied_figures(
     joints: tuple[str, ...],
     named: Sequence[NamedLaw] = (),
 ) -> tuple[tuple[str, str, float], ...]:
-    """Pairs of parameters so correlated that only a combination of them is known."""
+    """Pairs of parameters so correlated that only a combination of them is known.
+
+    Returns:
+        Two names and their correlation, the strongest first; empty where all are told apart.
+    """
     names = list(base.names)
     for joint in joints:
         names += [f"{joint}.{name}" for name in NAMES[:LOSS_PARAMETERS]]

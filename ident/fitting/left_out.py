@@ -235,7 +235,15 @@ def left_out(
     kind: Inertia,
     share: float,
 ) -> tuple[Errors, list[Float[Array, " m"]]]:
-    """What a model of all other parts leaves of each part, and the unknowns of those models."""
+    """What a model of all other parts leaves of each part, and the unknowns of those models.
+
+    Args:
+        sums: Sums of every part.
+        selection: Which columns the model has.
+        noise: Of each joint [N m].
+        kind: Of inertias.
+        share: How far the URDF's inertias may be off, as a share of each link's scale.
+    """
     n = sums.nominal.n
     parts = np.arange(sums.parts)
     squares = np.zeros((sums.parts, n))

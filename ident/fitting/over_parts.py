@@ -26,7 +26,11 @@ def surely_less(before: Float[Array, " f"], after: Float[Array, " f"]) -> bool:
 
 
 def helps(before: Float[Array, " f"], after: Float[Array, " f"]) -> bool:
-    """Whether sums over parts fall, by Student's test over the parts."""
+    """Whether sums over parts fall, by Student's test over the parts.
+
+    Returns:
+        False where there are fewer than two parts.
+    """
     fall = before - after
     if len(fall) < 2:
         return False

@@ -56,11 +56,11 @@ class Trees:
         return out
 
     def scaled(self, share: float) -> Trees:
-        """The same, of its torque a share."""
+        """Trees that give `share` of the torque of these."""
         return Trees(self.inputs, self.thresholds, share * self.leaves)
 
     def padded(self, count: int) -> Trees:
-        """The same, with trees that say nothing up to a number of them."""
+        """These trees, and as many that say nothing as make them `count`."""
         further = ((0, count - len(self.inputs)), (0, 0))
         return Trees(
             np.pad(self.inputs, further),

@@ -43,11 +43,16 @@ class CarriedEffect:
 
     @property
     def as_law(self) -> Effect:
-        """As the laws take it."""
+        """What the laws take: id, joint's number (-1 of the whole arm) and parameters."""
         return self.effect, self.joint, dict(self.parameters)
 
     def to_dict(self) -> dict[str, object]:
-        """For model.toml."""
+        """Its record in model.toml.
+
+        Returns:
+            "effect" (id), "joint" (number, -1 of the whole arm), "parameters" by name, and where
+            known "intervals": [low, high] by name.
+        """
         record: dict[str, object] = {"effect": self.effect, "joint": self.joint}
         record["parameters"] = dict(self.parameters)
         if self.intervals:
@@ -111,14 +116,20 @@ def carried_torque(effects: Sequence[CarriedEffect], moving: MovingArm) -> Float
 def as_logged(
     effects: Sequence[CarriedEffect], torque: Float[Array, "T n"], interval: float
 ) -> Float[Array, "T n"]:
-    """What a log reads of a torque [N m]; lateness only along a motion."""
+    """What a log reads of a torque [N m]; lateness only along a motion.
+
+    Args:
+        effects: What the model carries; those of the log alone matter.
+        torque: What acts.
+        interval: Time from row to row [s]; 0 for states that don't follow one another.
+    """
     return read_log(_in_log(effects, interval), torque, interval)
 
 
 def as_acting(
     effects: Sequence[CarriedEffect], log: Float[Array, "T n"], interval: float
 ) -> Float[Array, "T n"]:
-    """The torque behind a log [N m]."""
+    """The torque behind a log [N m]: the inverse of `as_logged`, whose arguments it takes."""
     return undo_log(_in_log(effects, interval), log, interval)
 
 

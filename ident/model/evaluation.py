@@ -110,6 +110,10 @@ class SessionScore:
         """For JSON, which knows no NaN.
 
         What a joint that never moves, or a single run, can't tell is null.
+
+        Returns:
+            "session", "runs" (their number), "payload_kg", "energy_error_J", "torque_rmse_Nm",
+            "torque_rmse_at_rest_Nm" and "r2_moving".
         """
         return {
             "session": self.name,

@@ -53,7 +53,7 @@ class Check:
         return self.value <= self.bound
 
     def to_dict(self) -> dict[str, object]:
-        """Its record, for JSON."""
+        """Its fields by their names, and "passed"."""
         return {**vars(self), "passed": self.passed}
 
 

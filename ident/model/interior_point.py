@@ -58,7 +58,7 @@ class Bodies:
         return np.asarray(self.constant + np.einsum("lk,lkab->lab", x[self.unknowns], self.slopes))
 
     def start(self, x: Float[Array, " m"]) -> Float[Array, " m"]:
-        """The same point with eigenvalues lifted into the inside."""
+        """A point near another, where every matrix has positive eigenvalues."""
         moved = np.array(x, dtype=float)
         for link, matrix in enumerate(self.matrices(x)):
             values, vectors = np.linalg.eigh(matrix)

@@ -23,7 +23,12 @@ MOST_DOF = 1e6
 
 
 def quantile(dof: Float[Array, "..."], level: float = 0.95) -> Float[Array, "..."]:
-    """Half width of an interval in standard deviations, by Student's t."""
+    """Half width of an interval in standard deviations, by Student's t.
+
+    Args:
+        dof: Degrees of freedom.
+        level: Share of the distribution inside the interval.
+    """
     return np.asarray(stdtrit(np.minimum(dof, MOST_DOF), 0.5 + level / 2))
 
 

@@ -79,7 +79,7 @@ class JointNets:
         return cls(weights, biases)
 
     def arrays(self) -> dict[str, Array]:
-        """All weights by name."""
+        """All weights by name: "weights.0", "weights.1", "biases.0" and "biases.1"."""
         named = {}
         for kind, layers in (("weights", self.weights), ("biases", self.biases)):
             for number, values in enumerate(layers):
@@ -102,7 +102,7 @@ class JointNets:
         return out
 
     def scaled(self, shares: Sequence[float]) -> JointNets:
-        """The same, of each joint's output a share."""
+        """Nets that give a share of each joint's output; `shares` has one number a joint."""
         factor = np.asarray(shares, dtype=np.float32)[:, None, None]
         first, last = self.weights
         bias, offset = self.biases

@@ -94,7 +94,16 @@ def memory_inputs(
     joint: int,
     interval: float,
 ) -> Float[Array, "T f"]:
-    """Inputs of one joint: its own, then the states of all."""
+    """Inputs of one joint: its own, then the states of all.
+
+    Args:
+        q: Joint positions [rad], rows that follow one another.
+        dq: Speeds [rad/s].
+        ddq: Accelerations [rad/s²].
+        load: Rigid torque [N m].
+        joint: Number of the joint.
+        interval: Time from row to row [s].
+    """
     angle = np.ascontiguousarray(q[:, joint])
     pace = dq[:, joint]
     torque = load[:, joint]

@@ -55,7 +55,12 @@ class NetBounds:
 
     @classmethod
     def of(cls, inputs: Float[Array, "3 T n"], counts: Bool[Array, "T n"]) -> NetBounds:
-        """Bounds of the samples that count; of a joint without any, of all."""
+        """Bounds of the samples that count; of a joint without any, of all.
+
+        Args:
+            inputs: Speed [rad/s], acceleration [rad/s²] and rigid torque [N m].
+            counts: Samples that count, by joint.
+        """
         joints = inputs.shape[2]
         low, high = np.empty((2, 3, joints))
         for j in range(joints):
@@ -87,9 +92,11 @@ class NetBounds:
         return np.clip(torque, *self.torques)
 
     def with_torques(self, said: Float[Array, "T n"], counts: Bool[Array, "T n"]) -> NetBounds:
-        """The same bounds with the range of torques that nets gave at the samples that count.
+        """These bounds, with the range of torques that nets gave at the samples that count.
 
-        Of a joint without any such sample, at all.
+        Args:
+            said: The nets' torques [N m].
+            counts: Samples that count; of a joint without any, all do.
         """
         ends = np.zeros((2, said.shape[1]))
         for j in range(said.shape[1]):
@@ -103,7 +110,12 @@ class NetBounds:
         return NetBounds(self.low[:, joints], self.high[:, joints], least[joints], most[joints])
 
     def to_dict(self) -> dict[str, object]:
-        """For the net's record."""
+        """Its part of the net's record.
+
+        Returns:
+            "low" and "high": speed, acceleration and rigid torque of each joint, three lists;
+            "least_Nm" and "most_Nm": one number a joint.
+        """
         least, most = self.torques
         return {
             "low": self.low.tolist(),

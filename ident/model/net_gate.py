@@ -52,7 +52,7 @@ class JointGate:
         return self.weight > 0.0
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its fields by their names, and "kept"."""
         return {**vars(self), "kept": self.kept}
 
 

@@ -61,13 +61,22 @@ class TrainingRange:
         )
 
     def beyond(self, low: Float[Array, "3 n"], high: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
-        """How far a motion's bounds lie outside, as a share of the range's width; zero inside."""
+        """How far a motion's bounds lie outside, as a share of the range's width; zero inside.
+
+        Args:
+            low: Least position, speed and acceleration of each joint.
+            high: Largest ones.
+        """
         width = np.maximum(self.high - self.low, LEAST_WIDTH)
         outside = np.maximum(self.low - low, high - self.high)
         return np.maximum(outside, 0.0) / width
 
     def to_dict(self) -> dict[str, object]:
-        """The record of a model's folder."""
+        """Its record in a model's folder.
+
+        Returns:
+            "joints", for each of `KEYS` a list of [low, high] a joint, and "torque_half_width_Nm".
+        """
         record: dict[str, object] = {"joints": list(self.joints)}
         for key, low, high in zip(KEYS, self.low, self.high, strict=True):
             record[key] = np.column_stack([low, high]).tolist()

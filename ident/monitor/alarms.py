@@ -333,6 +333,13 @@ def gain_change(
 ) -> tuple[float, float, float] | None:
     """The factor on a joint's torque with its 95 % interval; None where its parameters did not
     change alike.
+
+    Args:
+        before: Values of each figure before the change, by its name.
+        after: Those after it.
+
+    Returns:
+        The factor, then the low and the high end.
     """
     ratios = []
     variances = []

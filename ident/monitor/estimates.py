@@ -157,7 +157,16 @@ def _piecewise_covariance(
 
 
 def term_columns(motion: Motion, rigid: Float[Array, "t n"], j: int) -> Float[Array, "t 5"]:
-    """What each of `TERMS` multiplies at a joint, through the common filter."""
+    """What each of `TERMS` multiplies at a joint, through the common filter.
+
+    Args:
+        motion: The run.
+        rigid: Torque of the rigid arm along it [N m], through that filter already.
+        j: Number of the joint.
+
+    Returns:
+        Rigid torque, acceleration, speed, sign of the speed, and ones.
+    """
     speed = motion.dq[:, j]
     filtered = motion.filtered(np.column_stack([motion.ddq[:, j], speed, np.sign(speed)]))
     return np.column_stack([rigid[:, j], filtered, np.ones(len(filtered))])

@@ -70,7 +70,12 @@ def write_pages(store: Path, watch: Watch) -> None:
 
 
 def alarm_card(alarm: Alarm) -> dict[str, str]:
-    """An alarm as text for a page, and what to do about it."""
+    """An alarm as text for a page, and what to do about it.
+
+    Returns:
+        The texts "arm", "joint", "what", "change", "interval", "spread", "since", "told" (the
+        session that told it) and "action".
+    """
     unit = unit_of(alarm.figure)
     what = f"{NAMES[alarm.figure]} of {alarm.joint}"
     action = ACTIONS[alarm.figure]
@@ -172,6 +177,9 @@ def arm_estimates(arm: ArmHistory) -> Section | None:
 def lay_out(points: Sequence[Point]) -> JsonRecord:
     """Where one parameter's estimates lie in their strip, in order of time, and the ends of its
     scale.
+
+    Returns:
+        "marks", "low" and "high".
     """
     try:  # dates as days, or places in the row where one is no date
         times = [datetime.fromisoformat(point.date).timestamp() / 86400.0 for point in points]

@@ -216,7 +216,14 @@ class Store:
     folder: Path  # where it is
 
     def place(self, kind: str, arm: str, session: str, suffix: str = ".parquet") -> Path:
-        """The file of a session; names that no file can have are quoted."""
+        """The file of a session; names that no file can have are quoted.
+
+        Args:
+            kind: Kind of table, the folder's name.
+            arm: The arm's name.
+            session: The session's name.
+            suffix: With its dot.
+        """
         return self.folder / kind / _file_name(arm) / f"{_file_name(session)}{suffix}"
 
     def page(self, arm: str) -> Path:

@@ -131,6 +131,9 @@ def _examine(
 def first_of_guesses(sessions: Iterable[FoundSession]) -> Session | None:
     """The first session whose drive gains nobody measured, without its runs: the others are read
     with its guesses.
+
+    Returns:
+        None where all are measured.
     """
     for session in sessions:
         with suppress(InputError):  # which its own turn reports
@@ -154,7 +157,12 @@ class ArmHistory:
     hint: Alarm | None = None  # what may be changing, without evidence enough for an alarm
 
     def record(self) -> JsonRecord:
-        """For JSON; alarms and outliers stand beside the arms."""
+        """The arm's record in that of a watch; alarms and outliers stand beside the arms.
+
+        Returns:
+            "arm", "robot" (None where no session tells it), "joints", "sessions" and "effects"
+            (rows of the store), "figures" by "JOINT/FIGURE", and "hint" (None without one).
+        """
         figures = {}
         for (joint, name), points in self.figures.items():
             figures[f"{joint}/{name}"] = [vars(point) for point in points]
@@ -177,7 +185,7 @@ class ArmHistory:
 
     @property
     def last_effects(self) -> list[JsonRecord]:
-        """Rows of the effects that the last of these shows."""
+        """Rows of the effects that the last fit session shows; empty if there is none."""
         last = self.done[-1:]
         return [row for row in self.effects if last and row["session"] == last[0]["session"]]
 
@@ -193,11 +201,16 @@ class Watch(Result):
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """Of all arms."""
+        """All alarms, arm by arm."""
         return tuple(alarm for arm in self.arms for alarm in arm.alarms)
 
     def to_dict(self) -> JsonRecord:
-        """For JSON."""
+        """The record of `ident.watch/1`.
+
+        Returns:
+            "schema", "level", "fresh", "waiting" (names of sessions), "arms" (see
+            `ArmHistory.record`), and more.
+        """
         return {
             "schema": "ident.watch/1",
             "level": self.level,

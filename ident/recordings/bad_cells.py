@@ -167,7 +167,13 @@ class Cells:
 
 
 def cut_short(source: Path, place: str, row: int) -> TelemetryIssue:
-    """That the last row of a table was dropped, for it is no whole one."""
+    """That the last row of a table was dropped, for it is no whole one.
+
+    Args:
+        source: The file.
+        place: What its rows are called, as "line" or "row".
+        row: The row's number by that count.
+    """
     evidence = f"{source.name}, {place} {row}: the last row is cut short, dropped"
     return TelemetryIssue(
         "truncated_row", (), "note", evidence, "none needed; let the logger end cleanly"

@@ -222,7 +222,7 @@ class ArmModel:
         return np.ascontiguousarray(np.reshape(torque, states[0].shape).T)
 
     def gravity(self, q: Float[Array, "T n"]) -> Float[Array, "T n"]:
-        """Torque that holds the arm still [N m]."""
+        """Joint torques that hold the arm still at each position [N m, of a slider N]."""
         return self.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
 
     def regressor(
@@ -246,7 +246,7 @@ class ArmModel:
         return of_q, of_dq, of_ddq
 
     def mean_inertia(self, q: Float[Array, "T n"]) -> Float[Array, " n"]:
-        """What each joint moves of the links, on average over some positions [kg m²]."""
+        """What each joint moves of the links, on average over positions [kg m², of a slider kg]."""
         at_rest = np.zeros_like(q)
         masses = self.derivatives(q, at_rest, at_rest)[2]
         return np.asarray(np.diagonal(masses, axis1=1, axis2=2).mean(axis=0))
@@ -260,11 +260,14 @@ class ArmModel:
         return freeze(inertial_parameters(self.model))
 
     def with_inertial_parameters(self, parameters: Float[Array, " 10n"]) -> ArmModel:
-        """The same arm with other link inertias, in the order of `inertial_parameters`."""
+        """A copy of the arm with other link inertias, in the order of `inertial_parameters`."""
         return replace(self, model=with_inertial_parameters(self.model, parameters))
 
     def with_payload(self, payload: Payload | None) -> ArmModel:
-        """The same arm carrying a point mass, in the last link's frame."""
+        """An arm that carries a point mass, too, in the last link's frame.
+
+        None, or a mass of zero, gives the arm itself.
+        """
         if payload is None or payload.mass_kg == 0.0:
             return self
         centre = np.array(payload.com_m, dtype=float)
@@ -276,20 +279,20 @@ class ArmModel:
     def with_position_limits(
         self, lower: Float[Array, " n"], upper: Float[Array, " n"]
     ) -> ArmModel:
-        """The same arm with other limits of its joints' positions [rad or m]."""
+        """A copy of the arm with other limits of its joints' positions [rad or m]."""
         model = pin.Model(self.model)
         model.lowerPositionLimit = np.array(lower, dtype=float)
         model.upperPositionLimit = np.array(upper, dtype=float)
         return replace(self, model=model)
 
     def with_gravity(self, gravity: Float[Array, " 3"]) -> ArmModel:
-        """The same arm under another gravity vector in the base frame [m/s²]."""
+        """A copy of the arm under another gravity vector in the base frame [m/s²]."""
         model = pin.Model(self.model)
         model.gravity.linear = np.asarray(gravity, dtype=float)
         return replace(self, model=model)
 
     def with_rotors(self, inertia: Float[Array, " n"]) -> ArmModel:
-        """The same arm with rotors on its joints [kg m²].
+        """A copy of the arm with rotors on its joints [kg m²].
 
         Inverse and forward dynamics feel them, the regressor not.
         """
@@ -298,7 +301,16 @@ class ArmModel:
         return replace(self, model=model)
 
     def forward_dynamics(self, q: Array, dq: Array, tau: Array) -> Float[Array, "*T n"]:
-        """Joint accelerations of one state or of T states under joint torques [rad/s²]."""
+        """Joint accelerations under joint torques [rad/s²].
+
+        Args:
+            q: Joint positions [rad], of one state (n,) or of T states (T, n).
+            dq: Speeds [rad/s], of the same shape.
+            tau: Torques [N m], of the same shape.
+
+        Returns:
+            Of the shape of `q`.
+        """
         states = []
         for values in (q, dq, tau):
             rows = np.atleast_2d(np.asarray(values, dtype=float))
@@ -342,7 +354,7 @@ class ArmModel:
         return self.locked([name for name in self.joint_names if name not in joints])
 
     def forward_kinematics(self, q: Float[Array, " n"]) -> dict[str, Float[Array, "4 4"]]:
-        """Pose of every link in the base frame, as homogeneous transforms."""
+        """Pose of every link in the base frame, by its name, as homogeneous transforms [m]."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, np.asarray(q, dtype=float))
         poses = {}
@@ -354,7 +366,18 @@ class ArmModel:
     def link_poses(
         self, q: Float[Array, "T n"], links: Sequence[str]
     ) -> dict[str, tuple[Float[Array, "T 3 3"], Float[Array, "T 3"]]]:
-        """Orientation and place [m] of some links in the base frame, for T positions at once."""
+        """Orientation and place [m] of some links in the base frame, for T positions at once.
+
+        Args:
+            q: Joint positions [rad].
+            links: Their names.
+
+        Returns:
+            By the link's name: its axes in columns, and its origin.
+
+        Raises:
+            KeyError: The arm has no such link.
+        """
         bodies = (frame for frame in self.model.frames if frame.type == pin.FrameType.BODY)
         frames = {frame.name: frame for frame in bodies}
         joints = {name: int(frames[name].parentJoint) for name in links}

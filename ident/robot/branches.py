@@ -119,7 +119,7 @@ def _without_fingers(names: list[str], branches: Counter[str]) -> list[str]:
 
 
 def joints_to_base(root: ET.Element, joint: ET.Element) -> list[str]:
-    """Names of the moving joints from one of them back to the base."""
+    """Names of the moving joints from one of them back to the base, itself first if it moves."""
     above = {link_of(element, "child"): element for element in root.findall("joint")}
     names: list[str] = []
     current: ET.Element | None = joint

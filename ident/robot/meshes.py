@@ -83,7 +83,14 @@ def lent_mesh(path: Path, where: str | Path, place: str, error: type[InputError]
 
 
 def require_mesh(path: Path, where: str | Path, place: str, error: type[InputError]) -> bytes:
-    """The bytes of a mesh file; raises for a file that is none, or too large."""
+    """The bytes of a mesh file; raises for a file that is none, or too large.
+
+    Args:
+        path: The mesh file.
+        where: The file that names it, for the message.
+        place: What stands before "is no mesh …" in the message, with a blank at its end.
+        error: What is raised.
+    """
     if path.suffix.lower() not in READABLE:
         raise error(
             where, f"{place}is no mesh that can be read", f"give one of: {', '.join(READABLE)}"

@@ -42,7 +42,7 @@ def example_robots_folder() -> Path:
 
 
 def named_files() -> dict[str, Path]:
-    """The URDFs of the names in robots.toml, whether or not they are installed."""
+    """The URDFs of the names in robots.toml by these names, whether or not they are installed."""
     folder = example_robots_folder()
     shipped = {name: data_path(path) for name, path in SHIPPED_ROBOTS.items()}
     return shipped | {name: folder / path for name, path in EXAMPLE_ROBOTS.items()}
@@ -69,6 +69,12 @@ def robot_names() -> list[str]:
 def split_tip(robot: str | Path) -> tuple[str, str]:
     """A robot and the last joint of the arm that is meant: `baxter:left_w2`; no joint where none is
     named.
+
+    Args:
+        robot: A name or a path, with ":JOINT" behind it or not; a file of that name has no joint.
+
+    Returns:
+        The robot and the joint; "" for none.
     """
     name, colon, tip = str(robot).rpartition(":")
     named = bool(colon and name and tip) and "/" not in tip and not Path(robot).is_file()
@@ -142,6 +148,11 @@ def _described(name: str) -> Path:
 def robot_argument(name: str, source: Path | None, tip: str = "") -> str:
     """What `--robot` takes for an arm, quoted for a shell: its name or its URDF's path, and its
     last joint if given.
+
+    Args:
+        name: The arm's.
+        source: Its URDF; None if it is of no file.
+        tip: Name of its last joint; "" for none.
     """
     known = next((known_name for known_name, path in named_files().items() if path == source), None)
     robot = known or (name if source is None else str(source))

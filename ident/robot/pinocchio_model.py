@@ -82,7 +82,7 @@ def inertial_parameters(model: pin.Model) -> Float[Array, " 10n"]:
 
 
 def with_inertial_parameters(model: pin.Model, parameters: Float[Array, " 10n"]) -> pin.Model:
-    """The same model with other link inertias, in the order of `inertial_parameters`."""
+    """A copy of a model with other link inertias, in the order of `inertial_parameters` [SI]."""
     changed = pin.Model(model)
     links = np.asarray(parameters, dtype=float).reshape(model.nv, PER_LINK)
     for joint, link in enumerate(links, start=1):
@@ -198,6 +198,13 @@ def read_geometry(
 
     Raises:
         RobotError: A mesh that the URDF names is not there, or can't be read.
+
+    Args:
+        model: The arm's.
+        urdf: The URDF's text.
+        tag: "collision" or "visual".
+        source: The URDF's file, from which relative paths of meshes go on; None without one.
+        where: What a message names.
     """
     kinds = {"collision": pin.GeometryType.COLLISION, "visual": pin.GeometryType.VISUAL}
     with ExitStack() as lent:

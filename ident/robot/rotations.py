@@ -25,7 +25,7 @@ def rotation_about(axis: Float[Array, " 3"], angle: float) -> Float[Array, "3 3"
 
 
 def rpy_to_matrix(rpy: Float[Array, " 3"]) -> Float[Array, "3 3"]:
-    """Rotation of URDF's fixed-axis roll, pitch and yaw [rad]."""
+    """Rotation matrix of URDF's roll, pitch and yaw [rad] about fixed axes: yaw · pitch · roll."""
     unit = np.eye(3)
     roll = rotation_about(unit[0], rpy[0])
     pitch = rotation_about(unit[1], rpy[1])

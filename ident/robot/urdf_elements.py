@@ -38,7 +38,16 @@ def link_of(joint: ET.Element, end: str) -> str:
 
 
 def read_vector(element: ET.Element | None, key: str, default: str = "0 0 0") -> Float[Array, " k"]:
-    """The numbers of an attribute."""
+    """The numbers of an attribute.
+
+    Args:
+        element: The element; None stands for one that is left out.
+        key: The attribute's name.
+        default: Text that stands for an attribute that is left out.
+
+    Raises:
+        ValueError: One of them is no number.
+    """
     text = default if element is None else element.get(key, default)
     return np.array([float(number) for number in text.split()])
 
@@ -54,7 +63,10 @@ def moving_joints(root: ET.Element) -> list[ET.Element]:
 
 
 def children_of_links(root: ET.Element) -> dict[str, list[ET.Element]]:
-    """Joints that hang from each link, in document order."""
+    """Joints that hang from each link, by the link's name, in document order.
+
+    A link without joints has no entry.
+    """
     children: dict[str, list[ET.Element]] = {}
     for joint in root.findall("joint"):
         children.setdefault(link_of(joint, "parent"), []).append(joint)

@@ -23,7 +23,13 @@ BODY = """\
 
 
 def mujoco_error(joint: str, model: ServoModel, drives: Sequence[Drive]) -> float:
-    """Mean absolute error of the file's roll-outs [rad]; NaN where MuJoCo is not installed."""
+    """Mean absolute error of the file's roll-outs [rad]; NaN where MuJoCo is not installed.
+
+    Args:
+        joint: Its name.
+        model: The servo's.
+        drives: Runs of the joint.
+    """
     if find_spec("mujoco") is None:
         return float("nan")
     errors = []

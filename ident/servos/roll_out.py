@@ -158,7 +158,7 @@ def _simulate(
 
 
 def guess_stiffness(drives: Sequence[Drive]) -> list[float]:
-    """Of each session the stiffness with which its roll-outs are best, all else being first guesses."""
+    """For each session the stiffness with which its roll-outs are best, all else first guesses."""
     sessions = 1 + max(drive.session for drive in drives)
     shared = dict(SHARED)
     best = [STIFFNESSES[0]] * sessions

@@ -34,7 +34,12 @@ class RolledOut:
     mujoco_error: float = float("nan")  # there, of a MuJoCo file of the model of the others [rad]
 
     def to_dict(self) -> dict[str, Any]:
-        """For servo.json."""
+        """Its record in servo.json.
+
+        Returns:
+            The model's fields, "held_back" (its errors [rad] on runs that no fit saw, null where
+            not measured) and "load_known".
+        """
         error = {
             "mean_absolute_rad": self.held_error,
             "goal_as_position_rad": _finite(self.goal_error),

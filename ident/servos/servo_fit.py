@@ -245,7 +245,13 @@ def _held_out(rows: Rows, without: int | None = None) -> Float[Array, " P"]:
 
 
 def no_worse(one: Float[Array, " P"], best: Float[Array, " P"], reach: float | None = None) -> bool:
-    """Whether an error on pieces is not surely larger than another, piece against piece."""
+    """Whether an error on pieces is not surely larger than another, piece against piece.
+
+    Args:
+        one: Error on each piece.
+        best: The other's, on the same pieces.
+        reach: Standard errors that are allowed; None for those of the usual level.
+    """
     apart = one - best
     count = len(apart)
     reach = float(stdtrit(count - 1, 0.5 + 0.5 * LIMIT.level)) if reach is None else reach

@@ -110,7 +110,14 @@ def progress_line(console: Console, job: str, clock: Callable[[], float] = time.
 
 
 def progress_words(job: str, stage: str, share: float, left: float | None) -> str:
-    """Such as: `diagnose: 40 %, searching, 12 s left`."""
+    """How far a job has come: `diagnose: 40 %, searching, 12 s left`.
+
+    Args:
+        job: The command's name.
+        stage: What it does; may be empty.
+        share: Done of it, 0 to 1.
+        left: Time that is left [s]; None says nothing of it.
+    """
     ends = "" if left is None else f", {left:.0f} s left" if left < LONG else f", {left / 60.0:.0f} min left"
     return f"{job}: {100.0 * share:.0f} %{', ' if stage else ''}{stage}{ends}"
 

@@ -107,7 +107,11 @@ def describe_limits(record: Record) -> str:
 
 
 def limit_rows(record: Record) -> list[dict[str, str]]:
-    """A row for each effect and joint: what would have been named, and what bounds it."""
+    """A row for each effect and joint: what would have been named, and what bounds it.
+
+    Returns:
+        Rows of "effect", "joints", "limit" and "bound".
+    """
     rows = []
     for entry in record.get("detectable", []):
         limit = "shows nothing"

@@ -242,7 +242,7 @@ class Hardware:
         return self.arm.n
 
     def replace(self, **changes: Any) -> Hardware:
-        """The same hardware with other fields."""
+        """A copy with other fields, given by their names."""
         return replace(self, **changes)
 
     def with_laws(self, group: str, joint: int | None = None, **values: Column) -> Hardware:

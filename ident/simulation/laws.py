@@ -56,6 +56,11 @@ WOBBLE_DAMPING = 0.15
 def make_law(law: str, n: int, **values: Column) -> Law:
     """A law of n joints of `laws.toml`; columns of shape (n,), or one value for all joints, in
     place of the usual.
+
+    Args:
+        law: A table of `laws.toml`.
+        n: Number of joints.
+        values: Columns by their names.
     """
     columns = COLUMNS[law]
     kinds = np.dtype([(name, type(value)) for name, value in columns.items()], align=True)
@@ -66,7 +71,13 @@ def make_law(law: str, n: int, **values: Column) -> Law:
 
 
 def change_law(law: Law, joint: int | None = None, **values: Column) -> Law:
-    """A copy with some columns changed: at one joint, or as a whole where joint is None."""
+    """A copy with some columns changed: at one joint, or as a whole where joint is None.
+
+    Args:
+        law: Left as it is.
+        joint: Number of the joint; None for all.
+        values: Columns by their names.
+    """
     changed = law.copy()
     for name, value in values.items():
         changed[name][slice(None) if joint is None else joint] = value
@@ -93,8 +104,12 @@ def plain_friction(
 
 
 def scale_friction(law: Law, coulomb: Array | float, viscous: Array | float) -> Law:
-    """The same joints, rubbing more or less: dry friction with its bristles, and drag, times
-    factors.
+    """A copy of a friction law that rubs more or less.
+
+    Args:
+        law: Left as it is.
+        coulomb: Factor on dry friction and its bristles, of each joint or of all.
+        viscous: Factor on the drag.
     """
     dry = {"coulomb": law.coulomb * coulomb, "bristle_stiffness": law.bristle_stiffness * coulomb}
     return change_law(law, **dry, viscous=law.viscous * viscous)
@@ -158,7 +173,13 @@ def bristle(
 
 @compiled()
 def viscous_drag(joint: np.record, v: float, warm: float) -> float:
-    """Drag of the lubricant [N m]: Newtonian and shear-thinning part, thinner when warm."""
+    """Drag of the lubricant [N m]: Newtonian and shear-thinning part, thinner when warm.
+
+    Args:
+        joint: The joint's row of the friction law.
+        v: Its speed [rad/s].
+        warm: The lubricant above ambient [K].
+    """
     drag = joint.viscous * v
     if joint.viscous_skew != 0.0:
         drag += 0.5 * joint.viscous_skew * abs(v)
@@ -214,6 +235,11 @@ def cool_down(law: Law, rise: Float[Array, "n 2"], pause: float) -> Float[Array,
 def spring_torque(joint: np.record, twist: float, rate: float) -> float:
     """Torque that the spring carries from motor to link [N m]; twist is motor less link angle
     [rad].
+
+    Args:
+        joint: The joint's row of the drive's law.
+        twist: Motor less link angle [rad].
+        rate: Its change [rad/s].
     """
     half = 0.5 * joint.gap
     if half <= 0.0:
@@ -310,6 +336,13 @@ def push(
 def outside_torque(joint: np.record, j: int, q: Array, v: Array, elapsed: float) -> float:
     """Torque on joint j [N m], given all positions, velocities and the time since the run began
     [s].
+
+    Args:
+        joint: The joint's row of the law of what is outside.
+        j: Its number.
+        q: All positions (n,) [rad].
+        v: All speeds (n,) [rad/s].
+        elapsed: Since the run began [s].
     """
     torque = 0.0
     if joint.cable == 0.0 and joint.product == 0.0 and joint.brake == 0.0:

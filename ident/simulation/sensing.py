@@ -30,7 +30,7 @@ class ReadOnly:
                 object.__setattr__(self, name, freeze(value))
 
     def replace(self, **changes: Any) -> Self:
-        """The same with other fields."""
+        """A copy with other fields, given by their names."""
         return replace(self, **changes)  # type: ignore[type-var]
 
 
@@ -85,9 +85,7 @@ class Sensing(ReadOnly):
         )
 
     def silent(self) -> Sensing:
-        """The same sensors without chance: what the visible amplitude of an effect is measured
-        with.
-        """
+        """These sensors without chance, with which an effect's visible amplitude is measured."""
         zero = np.zeros(len(self.white))
         return self.replace(
             white=zero, coloured=zero, count_noise=0.0, wander=zero, count=np.full_like(zero, 1e-12)

@@ -63,7 +63,7 @@ class Shown:
 
     @property
     def rms(self) -> Float[Array, " n"]:
-        """Of each joint where it moves [N m]."""
+        """Root mean square of each joint's torque where it moves [N m]."""
         squares = (self.torque**2).sum(axis=0)
         return np.sqrt(squares / np.maximum(self.moving.sum(axis=0), 1))
 

@@ -71,7 +71,13 @@ def cycle(
 
 
 def write_motions(result: CycleResult, folder: Path, rate: float = DEFAULT_RATE) -> None:
-    """Samples of a solved cycle's motions, one CSV file a leg; whole or not at all."""
+    """Samples of a solved cycle's motions, one CSV file a leg; whole or not at all.
+
+    Args:
+        result: A cycle that was solved; each of its legs has a plan.
+        folder: Written anew; one file a leg: `leg_01.csv`, `leg_02.csv`, ….
+        rate: Samples a second [Hz].
+    """
     with atomic_folder(folder, MOTIONS_KIND) as partial:
         for number, leg in enumerate(result.legs, start=1):
             write_motion_file(leg.plan, partial / f"leg_{number:02d}.csv", rate)

@@ -91,6 +91,9 @@ class OpenedTask:
 
         Raises:
             InputError: No such controller, or not for this arm.
+
+        Returns:
+            The controller, or None where neither the options nor the file's suffix name one.
         """
         problem = self.problem
         chosen = choose_controller(options.controller, out, problem.scene.arm)
@@ -188,6 +191,11 @@ def open_task(
 
     Raises:
         InputError: Any of them is at fault.
+
+    Args:
+        scene: A scene file, or what `load_task` read of one; a cycle's is refused.
+        model: A fitted model or its folder; None plans with the URDF's numbers.
+        options: What to plan for.
     """
     if not isinstance(scene, Task | str | Path):
         what = f"a {type(scene).__name__} is no task"

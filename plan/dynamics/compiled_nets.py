@@ -138,7 +138,12 @@ class CompiledJointNets:
         ddq: Float[Array, " T"],
         rigid: Float[Array, " T"],
     ) -> tuple[Float[Array, " T"], Float[Array, "3 T"]]:
-        """Residual torque of a joint and its slopes by its own speed, acceleration and load."""
+        """Residual torque of a joint and its slopes by its own speed, acceleration and load.
+
+        Returns:
+            The torque [N m], and its slopes in three rows: by speed, by acceleration, by rigid
+            torque.
+        """
         clipped = self._clip(j, dq, ddq, rigid)
         x = joint_features(*clipped)
         tangents = _feature_slopes(*clipped)
@@ -163,8 +168,18 @@ class CompiledJointNets:
         rigid: Float[Array, "T n"],
         sums: tuple[Array, Array, Array],
     ) -> Array:
-        """As of `CompiledDenseNet`; a joint's net sees its load, and the chain rule goes through
-        that.
+        """Residual torque [N m] of each joint's net, its derivatives added to the rigid model's.
+
+        A net sees the rigid torque of its own joint, too: the chain rule goes through that.
+
+        Args:
+            states: Position, speed and acceleration, (T, n) each.
+            rigid: Rigid torque at these [N m].
+            sums: Derivatives of the torque by position, speed and acceleration, (T, n, n) each,
+                written in place.
+
+        Returns:
+            The residual torque (T, n).
         """
         _, dq, ddq = states
         residual = np.empty(dq.shape)

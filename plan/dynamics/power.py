@@ -136,7 +136,16 @@ def power_integral(
 
 
 def power_integrals(tau: Array, dq: Array, weights: Array) -> dict[Metric, float]:
-    """Energy of the first of a batch of motions by every metric, see `power_integral`."""
+    """Energy of the first of a batch of motions [J] by every metric, see `power_integral`.
+
+    Args:
+        tau: Joint torques (B, T, n) [N m].
+        dq: Joint speeds (B, T, n) [rad/s].
+        weights: Of each state in the integral over time (B, T) [s].
+
+    Returns:
+        By metric's name, one entry for each of `METRICS`.
+    """
     energies: dict[Metric, float] = {}
     for metric in METRICS:
         energies[metric] = float(power_integral(tau, dq, weights, metric)[0])
@@ -232,7 +241,7 @@ def _rigid_partials(chain, q, dq, ddq, step):  # type: ignore[no-untyped-def]
 
 
 def rounded(model: ChainTorque, width: float) -> ChainTorque:
-    """The same model with the sign of its friction rounded by a width [rad/s].
+    """A copy of a model with the sign of its friction rounded by a further width [rad/s].
 
     That comes on top of what the model itself rounds.
     """
@@ -242,9 +251,9 @@ def rounded(model: ChainTorque, width: float) -> ChainTorque:
 
 
 def without_friction(model: ChainTorque) -> ChainTorque:
-    """The same model without dry friction, offsets, named laws and net.
+    """A copy of a model without dry friction, offsets, named laws and net.
 
-    At rest it tells gravity alone.
+    At rest it tells gravity alone; viscous friction and rotors stay.
     """
     zero = np.zeros(model.n)
     losses = replace(model.losses, coulomb=zero, offset=zero)

@@ -24,6 +24,12 @@ def place_joint(chain, i, q, r):  # type: ignore[no-untyped-def]
 
     Returns:
         The frame's origin in the parent's axes [m].
+
+    Args:
+        chain: The arm's `Chain`.
+        i: Number of the joint, 0 at the base.
+        q: Its position [rad, of a slider m], one number.
+        r: Written: nine numbers, the axes' matrix row by row.
     """
     off = chain.offsets
     rot = chain.rotations
@@ -40,7 +46,15 @@ def place_joint(chain, i, q, r):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True, nogil=True)
 def turn(r, a):  # type: ignore[no-untyped-def]
-    """A vector in a frame's axes, in those of its parent."""
+    """A vector in a frame's axes, in those of its parent.
+
+    Args:
+        r: The frame's axes in its parent's, nine numbers row by row.
+        a: The vector, three numbers.
+
+    Returns:
+        Three numbers, a tuple.
+    """
     return (
         r[0] * a[0] + r[1] * a[1] + r[2] * a[2],
         r[3] * a[0] + r[4] * a[1] + r[5] * a[2],
@@ -60,7 +74,7 @@ def _turn_back(r, a):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True, nogil=True)
 def cross(a, b):  # type: ignore[no-untyped-def]
-    """a × b."""
+    """Cross product a × b of two vectors of three numbers, as a tuple of three."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
@@ -146,7 +160,14 @@ def random_positions(arm: ArmModel, count: int) -> Float[Array, "{count} n"]:
 
 @compiled(fastmath=True, nogil=True)
 def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
-    """World placement of every joint frame for one position; frame 0 is the world."""
+    """World placement of every joint frame for one position; frame 0 is the world.
+
+    Args:
+        chain: The arm's `Chain`.
+        q: Joint positions (n,) [rad, of a slider m].
+        frame_rot: Written: axes (n + 1, 3, 3) in the world's.
+        frame_at: Written: origins (n + 1, 3) in the world [m].
+    """
     for k in range(3):
         frame_at[0, k] = 0.0
         for m in range(3):
@@ -167,7 +188,15 @@ def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True, nogil=True)
 def place_bodies(bodies, start, stop, frame_rot, frame_at):  # type: ignore[no-untyped-def]
-    """World placement of the bodies from `start` up to `stop`, and of their parts."""
+    """World placement of the bodies from `start` up to `stop`, and of their parts.
+
+    Args:
+        bodies: All bodies; `placed_rot` and `placed_at` of these are written.
+        start: Number of the first.
+        stop: Number after the last.
+        frame_rot: Axes of all frames (n + 1, 3, 3), as `place_frames` writes them.
+        frame_at: Their origins (n + 1, 3) [m].
+    """
     for i in range(start, stop):
         _place(i, bodies, frame_rot, frame_at)
         for part in range(bodies.part[i], bodies.part[i] + bodies.parts[i]):
@@ -191,7 +220,16 @@ def _place(b, bodies, frame_rot, frame_at):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True, nogil=True)
 def joint_axis(chain, frame_rot, j):  # type: ignore[no-untyped-def]
-    """Axis of joint j in the base frame."""
+    """Axis of joint j in the base frame.
+
+    Args:
+        chain: The arm's `Chain`.
+        frame_rot: Axes of all frames (n + 1, 3, 3), as `place_frames` writes them.
+        j: Number of the joint, 0 at the base.
+
+    Returns:
+        Three numbers, a tuple; of unit length.
+    """
     r = frame_rot[j + 1]
     a = chain.axes[j]
     return (

@@ -93,7 +93,7 @@ def steps_of(runs: Sequence[ReferenceMotion]) -> tuple[Step, ...]:
 
 
 def slowed(motion: ReferenceMotion, factor: int) -> ReferenceMotion:
-    """The same path, so many times as slow."""
+    """The same path as another motion, `factor` times as slow; its name gets `_slow` at its end."""
     times = ticks(factor * motion.duration) / factor
     curve = _curve(motion)
     return ReferenceMotion(
@@ -128,6 +128,11 @@ def execution_of(
 ) -> tuple[Execution, float]:
     """A motion as a controller is sent it, and how far what it makes of that strays from the motion
     [rad].
+
+    Args:
+        motion: The motion to send.
+        joints: The joints' names, in its columns' order.
+        controller: None for a table of evenly spaced samples, which strays by nothing.
     """
     curve = _curve(motion)
     if controller is None:
@@ -156,6 +161,11 @@ def write_capture(
 
     Returns:
         The record of `capture.json`.
+
+    Args:
+        excitation: What `excite` found.
+        folder: Written anew.
+        controller: Whose files are written; None for tables (.csv).
     """
     joints = list(excitation.noise)
     suffix = SAMPLED[0] if controller is None else controller.suffix

@@ -164,7 +164,13 @@ class Designer:
         return self.predictor.look(runs, self.hypotheses.effects, self.hypotheses.reported)
 
     def decode(self, family: str, shares: Float[Array, " d"], draw: int = 0) -> RunSet:
-        """A set of runs for the joint in question."""
+        """A set of runs for the joint in question.
+
+        Args:
+            family: A name of `FAMILIES`.
+            shares: The set's figures as shares of their ranges, 0 to 1; see `RunSet.decode`.
+            draw: Added to the options' seed: another draw of what is left to chance.
+        """
         limits = self.feasible.limits
         seed = self.options.seed + draw
         return RunSet.decode(family, shares, self.hypotheses.joint, limits, seed)

@@ -111,9 +111,15 @@ class PredictedDesign:
         )
 
     def distance(self, k: int, rival: int | None) -> float:
-        """D(k|l) in nats, the rival at its best inner parameters.
+        """D(k|l): what tells effect k from its rival l if k is the truth [nats].
 
-        Against the baseline alone if there is no rival.
+        Args:
+            k: Number of the true effect among the candidates.
+            rival: Number of the other one, which is at its best inner parameters; None for the
+                tuned baseline alone.
+
+        Returns:
+            Never negative; 0 where nothing is expected of effect k.
         """
         candidate = self.candidates[k]
         if candidate.beta is None:
@@ -143,13 +149,21 @@ class PredictedDesign:
         return float(cross @ np.linalg.solve(scaled, cross))
 
     def between(self) -> dict[tuple[str, str], float]:
-        """Distance of every effect from every other [nats]."""
+        """Distance of every effect from every other [nats].
+
+        Returns:
+            By the id of the true effect and that of its rival.
+        """
         ids = [candidate.effect.id for candidate in self.candidates]
         pairs = permutations(range(len(ids)), 2)
         return {(ids[k], ids[rival]): self.distance(k, rival) for k, rival in pairs}
 
     def visible(self) -> dict[tuple[str, str], float]:
-        """Distance of every effect from the tuned baseline alone [nats]."""
+        """Distance of every effect from the tuned baseline alone [nats].
+
+        Returns:
+            By the effect's id and "baseline".
+        """
         distances = {}
         for k, candidate in enumerate(self.candidates):
             distances[candidate.effect.id, "baseline"] = self.distance(k, None)

@@ -127,7 +127,10 @@ class Hypotheses:
 
     @property
     def set_up(self) -> str | None:
-        """The change of set-up that parts them where motion can't, or hardly."""
+        """The change of set-up that parts the effects where motion can't, or hardly.
+
+        None if none is known.
+        """
         return setup_for(self.ids, [effect for effect, _ in self.effects])
 
     def distances(self, view: PredictedDesign) -> Distances:

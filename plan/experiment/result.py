@@ -36,7 +36,12 @@ def odds_of(distance: float) -> float:
 def minutes_to_odds(distance: float, seconds: float) -> float | None:
     """Minutes until the odds are 20 : 1, at the rate of a motion of so many seconds.
 
-    None if they never are.
+    Args:
+        distance: What the motion tells two effects apart by [nats].
+        seconds: The motion's duration [s].
+
+    Returns:
+        None where the distance is nought: they never are.
     """
     if distance <= 1e-9:
         return None
@@ -81,7 +86,7 @@ class Excitation(Result):
 
     @property
     def duration(self) -> float:
-        """Of all runs [s]."""
+        """Time that all runs take together [s]."""
         return duration_of(self.runs)
 
     @property
@@ -109,7 +114,11 @@ class Excitation(Result):
 
     @property
     def untold(self) -> dict[str, list[str]]:
-        """Effects that motion does not tell from others, if they are there; and those others."""
+        """Effects that motion does not tell from others, if they are there.
+
+        Returns:
+            By the effect's id, the ids of those others; without those that are told from all.
+        """
         untold: dict[str, list[str]] = {}
         for true, rival in self.distances:
             if (true, rival) not in (self.testable or ()):
@@ -187,6 +196,9 @@ class Excitation(Result):
             self.write_into(partial)
 
     def write_into(self, folder: Path) -> None:
-        """The same into a folder that somebody else writes."""
+        """Writes the runs' command files and the record into a folder that is there already.
+
+        Unlike `write`, it leaves it to the caller that the folder is written whole or not at all.
+        """
         write_commands(self.runs, list(self.noise), folder)
         (folder / RECORD_NAME).write_text(as_json(self.to_dict()) + "\n", encoding="utf-8")

@@ -85,7 +85,13 @@ CAREFUL = {"swing": 0.5, "leg_s": 2.0, "draw": 0.0, SPREAD: 0.0}
 
 
 def figure_at(name: str, bounds: tuple[float, float], share: float) -> float:
-    """A figure at a share of its range, 0 to 1."""
+    """A family's figure at a share of its range.
+
+    Args:
+        name: The figure's; one that ends as `LOGARITHMIC` lists goes by ratios, others evenly.
+        bounds: Its least and its largest value.
+        share: 0 to 1; clipped to that.
+    """
     share = float(np.clip(share, 0.0, 1.0))
     (low, high) = bounds
     if name.endswith(LOGARITHMIC):
@@ -115,7 +121,10 @@ class Stage:
 
     @property
     def reach(self) -> float:
-        """As much of that as the joint in question uses [rad]."""
+        """How far the joint in question goes to either side of the pose in this run [rad].
+
+        It is what the limits leave there (`room`) times the run's size; 0 where they leave nothing.
+        """
         return self.size * max(float(self.room[self.joint]), 0.0)
 
     @property
@@ -148,19 +157,39 @@ class Stage:
         return self._alone(moves)
 
     def ladder(self, slowest_rad_s: float, fastest_share: float) -> Float[Array, "K n"]:
-        """There and back at five steady speeds, in an order of chance."""
+        """There and back at five steady speeds, in an order of chance.
+
+        Args:
+            slowest_rad_s: The lowest speed.
+            fastest_share: The highest, as a share of the joint's limit; the others lie between at
+                equal ratios.
+
+        Returns:
+            Joint positions [rad], one row a tick of the reference.
+        """
         top = fastest_share * float(self.limits.speed[self.joint])
         speeds = np.geomspace(min(slowest_rad_s, top), top, STEADY_SPEEDS)
         return self._there_and_back(self.rng.permutation(speeds))
 
     def slow(self, slowest_rad_s: float, ratio: float) -> Float[Array, "K n"]:
-        """There and back at two slow steady speeds."""
+        """There and back at a slow steady speed, and at `ratio` times that.
+
+        Returns:
+            Joint positions [rad], one row a tick of the reference.
+        """
         return self._there_and_back(slowest_rad_s * np.array([1.0, ratio]))
 
     def poses(self, speed_share: float, reach: float) -> Float[Array, "K n"]:
         """One path, both ways, at one speed, as often as the time allows.
 
         The pose of the others is what differs.
+
+        Args:
+            speed_share: The speed as a share of the joint's limit.
+            reach: Half the path's length as a share of what the joint has room for, `self.reach`.
+
+        Returns:
+            Joint positions [rad], one row a tick of the reference.
         """
         speed = speed_share * float(self.limits.speed[self.joint])
         half = self.reach * reach
@@ -174,6 +203,15 @@ class Stage:
         """Nested reversals.
 
         To and fro between turning points that draw together by a ratio, then anew.
+
+        Args:
+            first_rad: Half the first swing; less where room or time asks for it.
+            last_rad: Where half the swing is smaller than that, it begins anew.
+            ratio: Of one half swing to the one before.
+            speed_rad_s: Speed between the turning points.
+
+        Returns:
+            Joint positions [rad], one row a tick of the reference.
         """
         speed = speed_rad_s
         middle = self.middle
@@ -197,7 +235,17 @@ class Stage:
     def chirp(
         self, lowest_hz: float, highest_hz: float, swing_rad: float, neighbours: float
     ) -> Float[Array, "K n"]:
-        """The joint, and to a share its neighbours, swept in frequency about the pose."""
+        """The joint, and to a share its neighbours, swept in frequency about the pose.
+
+        Args:
+            lowest_hz: Where the sweep begins.
+            highest_hz: Where it ends.
+            swing_rad: The joint's amplitude, before the run's size.
+            neighbours: Amplitude of the joints beside it, as a share of that.
+
+        Returns:
+            Joint positions [rad], one row a tick of the reference.
+        """
         n = len(self.pose)
         j = self.joint
         swing = np.zeros(n)
@@ -209,6 +257,13 @@ class Stage:
     def holds(self, dwell_s: float, speed_rad_s: float) -> Float[Array, "K n"]:
         """Stops on the way there and back, each approached from both sides, with standstill after
         each approach.
+
+        Args:
+            dwell_s: Standstill after each approach.
+            speed_rad_s: Speed of the approaches; the way to them is three times as fast.
+
+        Returns:
+            Joint positions [rad], one row a tick of the reference.
         """
         middle = self.middle
         speed = speed_rad_s
@@ -226,7 +281,15 @@ class Stage:
         return self._alone([*moves, (middle, 3.0 * speed)], dwell_s)
 
     def wide(self, base_hz: float, swing: float) -> Float[Array, "K n"]:
-        """All joints by a Fourier series about the pose."""
+        """All joints by a Fourier series about the pose.
+
+        Args:
+            base_hz: Frequency of its first order.
+            swing: Its farthest as a share of each joint's room, before the run's size.
+
+        Returns:
+            Joint positions [rad], one row a tick of the reference.
+        """
         order = np.arange(1, HARMONICS + 1)[:, None]
         weight = self.rng.uniform(0.4, 1.0, (HARMONICS, len(self.pose))) / order
         phase = self.rng.uniform(0.0, 2.0 * np.pi, weight.shape)
@@ -263,6 +326,15 @@ class Stage:
         """All joints by a clamped spline through via points of chance, at equal times.
 
         Which points is a figure too.
+
+        Args:
+            swing: Farthest way from the pose as a share of each joint's room, before the run's
+                size.
+            leg_s: Time from point to point, about.
+            draw: A whole number; another one gives other points.
+
+        Returns:
+            Joint positions [rad], one row a tick of the reference.
         """
         rng = np.random.default_rng([int(draw), int(self.rng.integers(2**31))])
         count = max(2, round(self.duration / leg_s) - 1)
@@ -318,7 +390,16 @@ class RunSet:
     def decode(
         cls, family: str, shares: Float[Array, " d"], joint: int, limits: MotionLimits, seed: int
     ) -> RunSet:
-        """A set from shares in [0, 1]: first of the home pose, then of the figures."""
+        """A set of runs from shares in [0, 1]; what lies outside is clipped.
+
+        Args:
+            family: A name of `FAMILIES`.
+            shares: One for each joint of the home pose, then one a figure in the family's order; as
+                many as `freedom` says.
+            joint: Number of the joint in question.
+            limits: What the arm's motion may be.
+            seed: Of what the runs leave to chance.
+        """
         n = limits.arm.n
         away = 2.0 * np.clip(shares[:n], 0.0, 1.0) - 1.0
         home = limits.centre + HOME_SHARE * limits.span * away
@@ -329,11 +410,11 @@ class RunSet:
 
     @staticmethod
     def freedom(family: str, n: int) -> int:
-        """Number of shares that make a set."""
+        """Number of shares that make a set of a family for an arm of n joints."""
         return n + len(FAMILIES[family])
 
     def run(self, number: int, feasible: Feasibility) -> ReferenceMotion | None:
-        """One run, the largest that fits; None if none does."""
+        """Run of a number, from 0, at the largest size that fits; None if it fits at none."""
         for size in SIZES:
             try:
                 motion = self._sized(number, size, feasible.limits)

@@ -81,7 +81,12 @@ class ArmShapes:
         return words
 
     def to_dict(self) -> dict[str, Any]:
-        """What stands in for which links, the issue that reports it, and meshes' convex parts."""
+        """What stands in for which links, the issue that reports it, and meshes' convex parts.
+
+        Returns:
+            "stand_in": its "shapes" and "links"; "issues": a list, empty where there is none;
+            "link_meshes": a list of "link", "parts", "excess_volume_share".
+        """
         names = ("link", "parts", "excess_volume_share")
         issues = []
         if self.issue is not None:

@@ -59,7 +59,7 @@ class Cut:
         return f"{apart} and keep that instead of the {asked} asked for"
 
     def to_dict(self) -> dict[str, object]:
-        """Its record, for JSON."""
+        """Its record: "links" (two names), "end", "asked_m" and "kept_m"."""
         return {
             "links": list(self.links),
             "end": self.end,
@@ -90,7 +90,16 @@ def _possible(scene: Scene, asked: float) -> Float[Array, " P"]:
 
 
 def find_cuts(scene: Scene, ends: Float[Array, "2 n"], asked: float) -> tuple[Cut, ...]:
-    """Pairs of the arm's own shapes that keep less than was asked for."""
+    """Pairs of the arm's own shapes that keep less than was asked for.
+
+    Args:
+        scene: Shapes and pairs.
+        ends: Start and goal.
+        asked: Clearance that was asked for [m].
+
+    Returns:
+        One a pair that keeps less at an end, or anywhere; empty if there is none.
+    """
     if len(scene.pairs) == 0:
         return ()
     at_ends = [scene.distances(q) for q in ends]

@@ -94,6 +94,11 @@ def compile_scene(chain: Chain, boxes: Sequence[Box], links: int) -> CompiledSce
     """Shapes for compiled loops, the arm's first.
 
     With room to write into, so for a single thread.
+
+    Args:
+        chain: The arm's kinematics.
+        boxes: All shapes, those of the arm first.
+        links: How many of them are the arm's.
     """
     bodies = compile_bodies(boxes)
     tree = _build_tree(bodies, links, len(boxes))
@@ -274,7 +279,14 @@ def _prism(cylinder: Solid) -> Float[Array, "k 3"]:
 
 
 def thin_corners(corners: Array) -> tuple[Array, float]:
-    """The corners of a hull that stand out most, and how far the others stand out of these [m]."""
+    """The corners of a hull that stand out most, and how far the others stand out of these [m].
+
+    Args:
+        corners: The hull's (k, 3) [m].
+
+    Returns:
+        Those kept, and the distance [m]; all of them and 0 where they are few.
+    """
     if len(corners) <= FEW_CORNERS:
         return corners, 0.0
     directions = _spread_directions(FEW_CORNERS)

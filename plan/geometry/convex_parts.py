@@ -226,7 +226,16 @@ def _directions(on_spiral: int = 86) -> Float[Array, "k 3"]:
 
 
 def clip(triangles: Float[Array, "m 3 3"], axis: int, place: float) -> tuple[Array, Array]:
-    """The triangles below and above a plane, those that cross it cut in three."""
+    """The triangles below and above a plane, those that cross it cut in three.
+
+    Args:
+        triangles: Three corners each [m].
+        axis: The coordinate that the plane is normal to: 0, 1 or 2.
+        place: The plane's place on that axis [m].
+
+    Returns:
+        Those below and those above, (k, 3, 3) each; either may be empty.
+    """
     is_above = triangles[:, :, axis] > place
     count = is_above.sum(axis=1)
     below = [triangles[count == 0]]

@@ -90,7 +90,8 @@ class Scene:
     def coarser(self) -> tuple[str, ...]:
         """Obstacles that are larger here than in their files, because these hold too much.
 
-        And by how much.
+        Returns:
+            One line each, "NAME: by how much"; empty where all are as in their files.
         """
         noted = [box for box in self.obstacles if box.solid.note]
         return tuple(f"{box.name}: {box.solid.note}" for box in noted)
@@ -116,9 +117,10 @@ class Scene:
         return lines
 
     def to_dict(self) -> dict[str, Any]:
-        """Its record, for JSON.
+        """Its record: pairs left out, stand-ins of links, and the convex parts of meshes.
 
-        Pairs left out, what stands in for which links, and the convex parts of meshes.
+        Returns:
+            "unchecked_pairs", and what `ArmShapes.to_dict` gives.
         """
         return {"unchecked_pairs": as_record(self.unchecked), **self.shapes.to_dict()}
 
@@ -174,6 +176,11 @@ class Scene:
         """Smallest gap at each position beyond its pair's margin [m].
 
         `most` where nothing is nearer than that.
+
+        Args:
+            q: Joint positions [rad, of a slider m].
+            margins: What each pair has to keep [m], or all of them.
+            most: Gaps beyond the margin are looked at up to this [m].
         """
         beyond = most + float(np.max(margins, initial=0.0))
         clear = self.gaps(q, beyond) - margins
@@ -239,9 +246,11 @@ class Scene:
         return self.proximity.near_distances(q, beyond, known)
 
     def gradients(self, q: Float[Array, "m n"], pairs: Int[Array, " m"]) -> Float[Array, "m n"]:
-        """Derivatives of some pairs' signed distances by the joints [m/rad].
+        """Derivatives of pairs' signed distances by the joints [m/rad].
 
-        Each is taken at its own position.
+        Args:
+            q: One position for each of `pairs`.
+            pairs: Numbers of the pairs; one may come more than once.
         """
         pieces: dict[int, Box] = {}
         rows = np.flatnonzero(np.isin(pairs, self._pieced))

@@ -291,6 +291,14 @@ def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
     """Signed separation of two boxes [m]: rotation, centre and half lengths of each, in one frame.
 
     Exact where they overlap, a lower bound where they are apart.
+
+    Args:
+        ra: Axes of the first box (3, 3), in columns.
+        ta: Its centre (3,) [m].
+        ha: Its half edge lengths (3,) [m].
+        rb: Axes of the second box.
+        tb: Its centre.
+        hb: Its half edge lengths.
     """
     c = np.empty((3, 3))
     t = np.empty(3)
@@ -329,7 +337,13 @@ def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True, nogil=True, inline="always")
 def ball_gap(i, j, bodies):  # type: ignore[no-untyped-def]
-    """Gap of the balls round two bodies [m]."""
+    """Gap of the balls round two bodies [m]; negative where they overlap.
+
+    Args:
+        i: Number of the one body.
+        j: Number of the other.
+        bodies: All bodies, placed by `place_bodies`.
+    """
     apart = 0.0
     for k in range(3):
         apart += (bodies.placed_at[i, k] - bodies.placed_at[j, k]) ** 2
@@ -342,6 +356,14 @@ def body_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-
 
     What is known to be larger than `enough`, or than `band`, is not looked at closer: any lower
     bound above it may come back.
+
+    Args:
+        i: Number of the one body.
+        j: Number of the other.
+        bodies: All bodies, placed by `place_bodies`.
+        warm: Three numbers, read and written: see `simplex_gap`.
+        enough: A gap beyond which nobody asks [m].
+        band: A gap up to which it is exact at most [m].
     """
     rot = bodies.placed_rot
     at = bodies.placed_at
@@ -365,7 +387,16 @@ def body_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-
 
 @compiled(fastmath=True, nogil=True)
 def shape_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
-    """As `body_gap`, of hulls that may have parts: near ones by the smallest gap of these [m]."""
+    """Signed separation of two shapes [m]; of near hulls with parts, the smallest gap of these.
+
+    Args:
+        i: Number of the one body.
+        j: Number of the other.
+        bodies: All bodies, placed by `place_bodies`.
+        warm: As in `body_gap`.
+        enough: As in `body_gap` [m].
+        band: As in `body_gap` [m].
+    """
     gap = body_gap(i, j, bodies, warm, enough, band)
     if bodies.parts[i] + bodies.parts[j] == 0 or gap > min(enough, band):
         return gap

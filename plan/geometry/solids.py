@@ -47,6 +47,10 @@ class Solid:
         """The smallest convex body that holds some points.
 
         Flat sets are given a thickness of a micrometre.
+
+        Args:
+            points: Any points [m]; only corners of their hull are kept.
+            parts: Corners of the convex parts that it stands for; empty if it is one by itself.
         """
         corners = freeze(hull_points(points))
         corners_of_parts = tuple(freeze(piece) for piece in parts)
@@ -54,13 +58,24 @@ class Solid:
 
     @classmethod
     def surface(cls, points: Float[Array, "k 3"], triangles: Int[Array, "m 3"]) -> Solid:
-        """A surface of triangles."""
+        """A surface of triangles.
+
+        Args:
+            points: Corners [m].
+            triangles: Three numbers of points each.
+        """
         numbers = np.array(triangles, dtype=np.int64)
         return cls("surface", np.empty(0), freeze(points), numbers)
 
     @classmethod
     def cloud(cls, points: Float[Array, "k 3"], radius: float, note: str = "") -> Solid:
-        """Balls of one radius about some points."""
+        """Balls of one radius [m] about some points [m].
+
+        Args:
+            points: The balls' centres.
+            radius: Of them all.
+            note: By how much this is larger than what it stands for, in words; "" if it isn't.
+        """
         return cls("cloud", freeze(np.array([radius])), freeze(points), NO_TRIANGLES, note)
 
     @property

@@ -79,6 +79,11 @@ def find_frame(arm: ArmModel, link: str | None, key: str) -> pin.Frame:
 
     Raises:
         RobotError: The arm has no frame of that name.
+
+    Args:
+        arm: The arm.
+        link: A frame's name; None for the tip.
+        key: The scene file's key that named it, for the message.
     """
     name = find_tip(arm) if link is None else link
     frames = arm.model.frames

@@ -98,7 +98,16 @@ class PoseSolver:
         return np.array(self._data.oMf[self._frame].translation)
 
     def descend(self, pose: Pose, q: Float[Array, " n"]) -> tuple[Array, tuple[float, float]]:
-        """Where the steps from a position lead, and what is missed there: place [m], turn [rad]."""
+        """Newton's way, damped, from a position towards a pose of the frame.
+
+        Args:
+            pose: The place sought, and the axes if they matter.
+            q: Joint positions to begin from (n,) [rad].
+
+        Returns:
+            The joint positions where it ends, limits not looked at; and what is missed there: place
+            [m], turn [rad].
+        """
         q = np.array(q)
         damping = DAMPING
         missed, jacobian = self._look(pose, q)
@@ -123,7 +132,17 @@ class PoseSolver:
         return q, (place, turn)
 
     def unwind(self, q: Array, start: Array, lower: Array, upper: Array) -> Float[Array, " n"]:
-        """The same position, every turning joint as near to the start as its limits allow."""
+        """The same position, every turning joint as near to the start as its limits allow.
+
+        Args:
+            q: Joint positions [rad].
+            start: Positions to be near to.
+            lower: Lower limits.
+            upper: Upper limits.
+
+        Returns:
+            `q` by whole turns; where no turn keeps a joint's limits, the turn nearest to the start.
+        """
         unwound = q.copy()
         full_turn = 2.0 * np.pi
         for j in range(len(q)):

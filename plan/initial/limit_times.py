@@ -26,7 +26,7 @@ HELD = 11
 
 
 def at_its_limits(problem: PlanningProblem) -> PlanningProblem:
-    """The same initial trajectory, lasting just as long as its limits ask for.
+    """The problem with its initial path lasting just as long as its limits ask for.
 
     Speed goes with 1/T, acceleration with 1/T², jerk with 1/T³; torque, in which gravity and
     friction stay, is looked at for growing T. What breaks its torque limit at any T, as a motion

@@ -33,6 +33,14 @@ def positions_along(
     """Positions along the tool's straight line, drawn to the goal's own.
 
     Each is found from the one before.
+
+    Args:
+        problem: Its start and goal are the line's ends.
+        rules: The tool's, with its place and axes at these.
+        count: How many positions V between the ends.
+
+    Returns:
+        Joint positions [rad], without those of start and goal.
     """
     first_place, first_axes = rules.first
     last_place, last_axes = rules.last

@@ -166,7 +166,13 @@ def any_way(
 ) -> Float[Array, "V n"] | None:
     """Via points of the first way for which there is time; else of the quickest one.
 
-    None if there is no way at all.
+    Args:
+        problem: The task.
+        trees: For its scene and limits.
+        looks: Sizes of the searches in turn: nodes and reach, as `Trees.vias` takes them.
+
+    Returns:
+        None if there is no way at all.
     """
     best = None
     quickest = np.inf

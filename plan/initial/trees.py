@@ -142,7 +142,14 @@ class Trees:
     def vias(
         self, start: Float[Array, " n"], goal: Float[Array, " n"], nodes: int, reach: float
     ) -> Float[Array, "V n"] | None:
-        """Via points of a pruned way between two positions; None where so many nodes find none."""
+        """Via points of a pruned way between two positions; None where so many nodes find none.
+
+        Args:
+            start: Where the way begins [rad].
+            goal: Where it ends [rad].
+            nodes: Most nodes of both trees of the search.
+            reach: How far beyond the ends positions are drawn [rad].
+        """
         path = self.connect(start, goal, nodes, reach)
         if isinstance(path, str):
             return None
@@ -153,6 +160,14 @@ class Trees:
     ) -> Float[Array, " n"] | str:
         """A free position with the tip at a point, the nearest to one in the middle; or why there
         is none.
+
+        Args:
+            target: The point (3,) [m].
+            tip: The solver of the frame that shall be there.
+            middle: The joint position to be near to.
+
+        Returns:
+            A joint position, or a phrase that says why there is none.
         """
         free = []
         blocked = False
@@ -184,6 +199,15 @@ class Trees:
     ) -> Float[Array, "V n"] | str:
         """Via points of a way between two ends on which the tip passes a point; or why there is
         none.
+
+        Args:
+            target: The point (3,) [m].
+            tip: The solver of the frame that shall pass it.
+            ends: Start and goal.
+            most: Most nodes of either half's search.
+
+        Returns:
+            Via points without the ends, or a phrase that says why there are none.
         """
         start, goal = ends
         middle = self.reach(target, tip, (start + goal) / 2)

@@ -22,7 +22,10 @@ SAME = 0.02
 def straight(
     start: Float[Array, " n"], goal: Float[Array, " n"], count: int
 ) -> Float[Array, "V n"]:
-    """Via points that part the line into equal pieces: the paper's initial condition."""
+    """So many via points that part the straight line into equal pieces.
+
+    It is the paper's initial condition.
+    """
     share = np.arange(1, count + 1)[:, None] / (count + 1)
     return start + share * (goal - start)
 
@@ -33,6 +36,14 @@ def time_stamps(
     """Section durations [s].
 
     They are in proportion to the time that the slowest joint needs at its top speed.
+
+    Args:
+        points: Start, via points and goal [rad].
+        speed: Each joint's limit [rad/s].
+        total: Sum of the durations [s].
+
+    Returns:
+        One a section, S = K - 1.
     """
     distances = np.abs(np.diff(points, axis=0))
     need = np.max(distances / speed, axis=1)
@@ -85,7 +96,12 @@ def _without_straightest(points: Float[Array, "K n"]) -> Float[Array, "K-1 n"]:
 def from_seeds(problem: PlanningProblem, seeds: Sequence[Seed]) -> list[PlanningProblem]:
     """The problem from the straight line, then from each seed that has a way.
 
-    Ways that are the same are kept once.
+    Args:
+        problem: Started from the straight line.
+        seeds: Those with a reason against them, or without via points, are passed over.
+
+    Returns:
+        At least `problem` itself; ways that are the same are kept once.
     """
     problems = [problem]
     known = [problem.vias]

@@ -114,7 +114,7 @@ def _pieces(first: int, last: int) -> Iterator[Array]:
 
 
 def grid_axes(problem: PlanningProblem, levels: int) -> Float[Array, "d L"]:
-    """Values of every decision variable on the grid."""
+    """Values of every decision variable on the grid, `levels` each, lowest first."""
     vias = problem.via_count
     ends = np.array(
         [problem.start + (problem.goal - problem.start) * k / max(vias, 1) for k in range(vias + 1)]
@@ -125,7 +125,12 @@ def grid_axes(problem: PlanningProblem, levels: int) -> Float[Array, "d L"]:
 
 
 def grid_points(axes: Float[Array, "d L"], rows: Array) -> Float[Array, "B d"]:
-    """Decision vectors of grid points by their numbers."""
+    """Decision vectors of grid points.
+
+    Args:
+        axes: What `grid_axes` gave.
+        rows: Numbers (B,) of the points, 0 to L**d - 1, the last variable changing fastest.
+    """
     dimension, levels = axes.shape
     places = np.stack(np.unravel_index(rows, (levels,) * dimension), axis=1)
     return np.asarray(axes[np.arange(dimension), places])

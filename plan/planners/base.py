@@ -165,7 +165,18 @@ class Ledger:
         return evaluation
 
     def penalised(self, problem: PlanningProblem, x: Float[Array, "B d"]) -> Float[Array, " b"]:
-        """As `evaluate`, as one number to minimise; shorter than asked where the budget ends."""
+        """Evaluates a batch against the budget, as one number each to minimise.
+
+        Args:
+            problem: The task.
+            x: Decision vectors.
+
+        Returns:
+            One a vector: b is less than B where the budget ends.
+
+        Raises:
+            BudgetSpentError: Not one more evaluation is left.
+        """
         return problem.penalised(self.evaluate(problem, x))
 
     def count(self, evaluations: int) -> None:

@@ -285,7 +285,14 @@ def count_finer(local: LocalModel) -> int:
 
 
 def refine(course: Course, width: float, power: float, nodes: tuple[Array, Array]) -> Course:
-    """The same trajectory on a finer grid, with its own rounding of sign and power, and nodes."""
+    """A course of the same trajectory on a finer grid, before its first step.
+
+    Args:
+        course: Where the coarser search ended.
+        width: Over which the sign of friction is rounded from now on [rad/s].
+        power: Over which the modulus of power is rounded from now on [W].
+        nodes: Places in each section as shares of it, and their quadrature weights.
+    """
     local = course.local
     coefficients, duration = local.split(course.x)
     parts = choose_parts(course)

@@ -94,7 +94,7 @@ class _Run:
 
 
 def start_compressed(problem: PlanningProblem) -> PlanningProblem:
-    """The same problem, its initial trajectory drawn together as far as all limits hold."""
+    """The problem with its initial trajectory drawn together in time as far as all limits hold."""
     ledger = Ledger(10**6, 60.0)
     every = np.arange(len(problem.durations))
     durations = shortest(problem, ledger, np.array(problem.durations), every)

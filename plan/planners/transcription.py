@@ -30,7 +30,15 @@ States = tuple[Float[Array, "m n"], Float[Array, "m n"], Float[Array, "m n"]]
 
 @compiled(nogil=True)
 def sections_of(shares, knots):  # type: ignore[no-untyped-def]
-    """The section in which each share of the duration lies."""
+    """The section in which each share of the duration lies.
+
+    Args:
+        shares: Places (m,), 0 to 1.
+        knots: Ends of the sections in shares (K + 1,), rising.
+
+    Returns:
+        Numbers (m,), 0 to K - 1; a knot belongs to the section that it begins.
+    """
     out = np.searchsorted(knots, shares, side="right") - 1
     return np.minimum(np.maximum(out, 0), len(knots) - 2)
 
@@ -133,7 +141,15 @@ class Grid:
         return np.concatenate([before, free, behind])
 
     def at(self, shares: Float[Array, " m"]) -> tuple[Float[Array, "4 m 4"], Int[Array, " m"]]:
-        """As `bases` and `first`, at any shares of the duration."""
+        """What the four coefficients that act give at shares of the duration, and which these are.
+
+        Args:
+            shares: Places, 0 to 1.
+
+        Returns:
+            Position and three derivatives by the share, as in `bases`; number of the first, as in
+            `first`.
+        """
         first = sections_of(shares, self.knots)
         return _bases_at(shares, first, self.knots, self.taylor), first
 
@@ -192,7 +208,10 @@ class Grid:
         return np.asarray(np.linalg.lstsq(free, rest, rcond=None)[0])
 
     def parted(self, parts: Int[Array, " K"]) -> Grid:
-        """The same grid with each section in so many equal ones: what it could do, it still can."""
+        """A grid with each section cut into so many equal ones, one number a section.
+
+        Every trajectory of this grid is one of that, too.
+        """
         widths = np.repeat(np.diff(self.knots) / parts, parts)
         knots = np.concatenate([[0.0], np.cumsum(widths)])
         whole = np.concatenate([[0], np.cumsum(parts)])

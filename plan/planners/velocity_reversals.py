@@ -84,7 +84,13 @@ class Reversals:
         )
 
     def settled(self, grid: Grid, coefficients: Float[Array, "C n"], duration: float) -> Reversals:
-        """The same turns where the motion's speed is nought, by Newton's method."""
+        """These turns, moved to where the motion's speed is nought, by Newton's method.
+
+        Args:
+            grid: The motion's.
+            coefficients: The motion's (C, n) [rad].
+            duration: The motion's [s].
+        """
         shares = _settled(
             self.shares,
             self.joints,

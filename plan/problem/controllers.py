@@ -133,7 +133,11 @@ class Controller:
         return times, self.rounded(q), self.rounded(dq)
 
     def rounded(self, values: Float[Array, "K n"]) -> Float[Array, "K n"]:
-        """Angles or speeds as they are after having been written with so many decimals."""
+        """Angles [rad] or speeds [rad/s] as they are after having been written and read.
+
+        They are rounded to so many decimals in the unit of the file, and come back in that of the
+        input.
+        """
         unit = np.degrees(1.0) if self.degrees else 1.0
         return np.asarray(np.round(values * unit, self.digits) / unit)
 

@@ -105,12 +105,12 @@ class CycleResult(Result):
 
     @property
     def duration(self) -> float:
-        """Of the whole cycle [s]."""
+        """Time that the whole cycle takes, stops included [s]."""
         return self.moving + self.dwelling
 
     @property
     def energy(self) -> float:
-        """Of all motions by their metric, and of the standby [J]; infinite without a plan."""
+        """Energy of all motions by their metric and of the standby [J]; infinite without a plan."""
         if not self.solved:
             return float("inf")
         moved = 0.0

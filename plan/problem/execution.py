@@ -146,7 +146,13 @@ def _fixed(value: float, digits: int) -> str:
 
 
 def require_writable(path: Path, rate: float) -> None:
-    """Raises InputError for a format or a rate that no motion can be written in."""
+    """Raises InputError for a format or a rate that no motion can be written in.
+
+    Args:
+        path: The file that is to be written. Its suffix is `.csv`, `.parquet`, or that of a
+            controller: `.yaml`, `.yml`, or one of `controllers.toml`.
+        rate: Samples a second [Hz], within `RATES`; looked at for every format.
+    """
     suffixes = [*SAMPLED, ".yml", *(controller.suffix for controller in load_controllers())]
     if path.suffix not in suffixes:
         ends = ", ".join(sorted(set(suffixes)))
@@ -190,9 +196,13 @@ def points_of(result: PlanResult) -> Execution:
 
 
 def write_motion_file(result: PlanResult, path: Path, rate: float = DEFAULT_RATE) -> Execution:
-    """Writes a solved plan.
+    """Writes a solved plan and returns what was written.
 
-    Its controller's points, or samples at a rate [Hz], by the path's suffix.
+    Args:
+        result: A plan that was solved.
+        path: Its suffix says the format. One of a table (`SAMPLED`), or a plan without a
+            controller: samples. Else the controller's own points.
+        rate: Samples a second [Hz]; of no meaning to a controller's points.
     """
     certificate = result.certificate
     sampled = path.suffix in SAMPLED or certificate is None or certificate.controller is None

@@ -41,6 +41,9 @@ def find_extrapolation(
     """What the first of a batch of plans takes beyond the training, the worst first.
 
     None where no range is known.
+
+    Returns:
+        One a joint and quantity; empty where nothing is left.
     """
     known = problem.trained
     if known is None:

@@ -300,7 +300,12 @@ class PlanningProblem:
         )
 
     def with_initial(self, splines: Splines, **changes: object) -> PlanningProblem:
-        """The same problem started from another trajectory (the first of a batch)."""
+        """The problem started from another trajectory, the first of a batch.
+
+        Args:
+            splines: Its via points and durations are taken.
+            changes: Other fields of the problem.
+        """
         return replace(
             self,
             vias=splines.points[0, 1:-1],

@@ -52,8 +52,15 @@ class TimeLaw:
         return GentleEnds(self.planned * self.stretch, self.ramp)
 
     def states(self, splines: Splines, times: Float[Array, " T"]) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration of the first of a batch of plans at times of its
-        execution.
+        """Position, velocity and acceleration of the first of a batch of plans as it is executed.
+
+        Args:
+            splines: The plan.
+            times: Since the execution began [s].
+
+        Returns:
+            (T, n) each [rad, rad/s, rad/s²]; of a plan without duration it stands at its first
+            point.
         """
         if self.planned <= 0.0:
             q = np.repeat(splines.points[0, :1], len(times), axis=0)
@@ -63,7 +70,12 @@ class TimeLaw:
         return q, dq * ds[:, None], ddq * ds[:, None] ** 2 + dq * dds[:, None]
 
     def to_dict(self) -> dict[str, float]:
-        """Its part of a result's record."""
+        """Its part of a result's record.
+
+        Returns:
+            "ramp_s", "stretch", "duration_s", "torque_share", "speed_share", "acceleration_share",
+            and energies as "METRIC_J" without copper's.
+        """
         names = ("torque", "speed", "acceleration")
         shares = {f"{name}_share": share for name, share in zip(names, self.shares, strict=True)}
         energy = {f"{metric}_J": value for metric, value in self.energy if metric != "copper"}
@@ -103,7 +115,13 @@ def find_time_law(problem: PlanningProblem, splines: Splines) -> TimeLaw:
 
 
 def measure(problem: PlanningProblem, splines: Splines, law: TimeLaw) -> TimeLaw:
-    """The same law with its shares of the limits."""
+    """The same law with what the plan takes by it: shares of the limits, energy, travel.
+
+    Args:
+        problem: Limits and model.
+        splines: The plan, a batch of one.
+        law: Its ramp and stretch are used.
+    """
     limits = problem.limits
     q, dq, ddq = law.states(splines, np.linspace(0.0, law.duration, PLACES))
     tau = problem.model.torque(q[None], dq[None], ddq[None])

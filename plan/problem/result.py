@@ -113,7 +113,7 @@ class PlanResult(Result):
 
     @property
     def executed_cost(self) -> float:
-        """As `cost`, of the motion as a controller executes it, from rest to rest.
+        """Cost of the motion as a controller executes it, from rest to rest, in `cost`'s unit.
 
         Infinite without a plan.
         """

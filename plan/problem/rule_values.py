@@ -228,6 +228,9 @@ class Rules:
     def when_passed(self, q: Float[Array, "T n"]) -> Int[Array, " K"]:
         """Which of T positions are nearest to the via points, in their order, the sum of what is
         missed least.
+
+        Returns:
+            One row of `q` a via point.
         """
         costs = []
         for via in self.rules.vias:
@@ -267,7 +270,13 @@ class Rules:
     def excess(self, q: Float[Array, "T n"], dq: Float[Array, "T n"], aimed: bool = True) -> float:
         """Largest excess of any rule along a motion, in units.
 
-        Against the limits themselves if not aimed.
+        Args:
+            q: Joint positions [rad].
+            dq: Joint speeds [rad/s].
+            aimed: Against what is aimed at, which is tighter; else against the limits themselves.
+
+        Returns:
+            Never below 0: 0 where all are kept.
         """
         largest = 0.0
         for row in self.rows(q, dq):

@@ -26,7 +26,13 @@ ROUNDED = 0.01
 
 
 def as_given(value: float, slides: bool, digits: int = 1) -> str:
-    """A joint's position [rad or m] in words, as a scene file has it."""
+    """A joint's position [rad or m] in words, as a scene file has it.
+
+    Args:
+        value: The position.
+        slides: Whether the joint slides: in m, with two more decimals; else in degrees.
+        digits: Decimals of degrees.
+    """
     return f"{value:.{digits + 2}f} m" if slides else f"{math.degrees(value):.{digits}f} deg"
 
 
@@ -78,7 +84,11 @@ class SceneTable:
         return self._checked(key, value, known)
 
     def need(self, key: str) -> Any:
-        """A key's value, which may not be left out here."""
+        """A key's value, which may not be left out here.
+
+        Raises:
+            InputError: It is left out.
+        """
         if key in self:
             return self[key]
         remedy = "add it"
@@ -89,7 +99,14 @@ class SceneTable:
         raise self.fault(key, "is missing", remedy)
 
     def one_of(self, *keys: str) -> str:
-        """The key that is given, of some that exclude each other."""
+        """The key that is given, of some that exclude each other.
+
+        Args:
+            keys: Names in their order; where more than one is given, the first of them is returned.
+
+        Raises:
+            InputError: None is given.
+        """
         given = [key for key in keys if key in self]
         if not given:
             what = f"{self.name} has neither {' nor '.join(keys)}"
@@ -101,7 +118,13 @@ class SceneTable:
         return f"{self.name}.{key}" if self.name else key
 
     def fault(self, key: str, what: str, remedy: str) -> InputError:
-        """What is wrong with a key."""
+        """An error that says what is wrong with a key; it is for the caller to raise.
+
+        Args:
+            key: The key in this table.
+            what: Goes on from the key's name: "is missing".
+            remedy: What to do about it.
+        """
         return InputError(self.file, f"{self.path(key)} {what}", remedy)
 
     def table(self, key: str) -> SceneTable:
@@ -109,7 +132,14 @@ class SceneTable:
         return SceneTable(self.file, self.path(key), self.entry.get(key, {}), joints=self.joints)
 
     def items(self, key: str) -> list[tuple[str, dict[str, Any]]]:
-        """The tables of a list, each with what it is called in messages."""
+        """The tables of a list, each with what it is called in messages.
+
+        Returns:
+            Pairs of "NAME NUMBER", from 1, and the table; empty where the key is left out.
+
+        Raises:
+            InputError: It is no list of tables.
+        """
         tables = self.entry.get(key, [])
         name = self.path(key)
         if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):

@@ -82,7 +82,10 @@ def draw_energy_curve(result: PlanResult) -> Figure:
 
 
 def save_energy_curve(result: PlanResult, path: Path) -> None:
-    """The same as a picture, or as a table (.csv), by the path's suffix."""
+    """Writes the least energy over the duration as a picture, or as a table, by the path's suffix.
+
+    A table (.csv) has the columns duration_s, energy_J and cost_J.
+    """
     if path.suffix.lower() != ".csv":
         save_figure(draw_energy_curve(result), path)
         return

@@ -61,7 +61,7 @@ class Comparison(Result):
         return [result for result in self.results if result.method == method]
 
     def best(self) -> PlanResult | None:
-        """The certified plan that is the cheapest as it is executed."""
+        """The certified plan that is the cheapest as it is executed; None if there is none."""
         solved = [result for result in self.results if result.solved]
         return min(solved, key=lambda result: result.executed_cost, default=None)
 
@@ -116,7 +116,11 @@ class Comparison(Result):
 
 
 def cost_at(result: PlanResult, limit: float, axis: int) -> float:
-    """Best cost that a run had reached within so many evaluations (axis 0) or seconds (axis 1)."""
+    """Best cost that a run had reached within so many evaluations (axis 0) or seconds (axis 1).
+
+    Returns:
+        Infinite where it had none by then.
+    """
     reached = [row[2] for row in result.history if row[axis] <= limit]
     return min(reached, default=float("inf"))
 

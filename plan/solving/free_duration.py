@@ -52,7 +52,7 @@ class Look:
 
 
 def lasting(problem: PlanningProblem, duration: float) -> PlanningProblem:
-    """The same task with another duration [s]."""
+    """The problem with its sections' durations scaled to another sum [s]."""
     whole = float(problem.durations.sum())
     return replace(problem, durations=problem.durations * (duration / whole))
 
@@ -150,7 +150,17 @@ def apart(look: Look, duration: float) -> float:
 
 
 def look_at(problem: PlanningProblem, duration: float, near: Look, ledger: Ledger) -> Look:
-    """The least energy of a duration, searched from another duration's motion."""
+    """The least energy of a duration, searched from another duration's motion.
+
+    Args:
+        problem: The task.
+        duration: In question [s].
+        near: A look at another duration that found a motion.
+        ledger: Evaluations count there; half of its time that is left may be used.
+
+    Returns:
+        A look of infinite cost and without a motion where none was found.
+    """
     assert near.candidate is not None
     splines = near.candidate.splines
     moved = Splines(splines.points, splines.durations * (duration / near.duration))

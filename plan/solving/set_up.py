@@ -299,6 +299,11 @@ def from_taught(problem: PlanningProblem, vias: Array, times: Array | None) -> P
     """The problem started from taught via points, the whole duration kept.
 
     At their time stamps, if these are given.
+
+    Args:
+        problem: The task.
+        vias: Via points (V, n) [rad].
+        times: One a via point, from the start on [s]; None deals the duration out by way.
     """
     begun = from_vias(problem, vias, "taught", len(vias))
     if times is None:

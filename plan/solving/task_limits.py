@@ -193,8 +193,10 @@ def stay_inside(limits: Limits, known: TrainingRange) -> Limits:
 
 
 def within_known(problem: PlanningProblem) -> PlanningProblem:
-    """The same within the positions of its model's training, widened to what the task itself names;
-    that is told.
+    """The problem kept within the positions of its model's training.
+
+    These are widened to what the task itself names, which a note tells. Where the training doesn't
+    bind, or is not known, it is the problem itself.
     """
     trained = problem.trained
     if problem.known != TRAINING or trained is None:

@@ -40,7 +40,16 @@ Name = tuple[str, str]
 
 
 def plain_answer(session: str, names: Sequence[Name], effects: Sequence[str]) -> dict[str, Any]:
-    """An answer that gives half to its names, or to `none` without any, the rest to all others."""
+    """An answer that gives half to its names, or to `none` without any, the rest to all others.
+
+    Args:
+        session: Its name.
+        names: Pairs of effect and joint.
+        effects: Ids of all effects of the board.
+
+    Returns:
+        The record of an answer file.
+    """
     said = list(dict.fromkeys(names))
     labels = [NONE, OTHER, *effects]
     chosen = {effect for effect, _ in said} or {NONE}
@@ -68,7 +77,7 @@ def spread_unnamed(record: dict[str, Any], board: Board, joints: Sequence[str]) 
 
 
 def undecided_record(name: str, board: Board) -> dict[str, Any]:
-    """An answer that holds everything equally probable."""
+    """The record of an answer that holds everything equally probable, `none` and `other` too."""
     share = 1.0 / (len(board.effects) + 2)
     head = {"schema": SCHEMA, "session": name, "effects": []}
     record = {**head, NONE: share, OTHER: share, UNNAMED: share}

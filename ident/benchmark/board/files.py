@@ -49,20 +49,31 @@ NAME = re.compile(r"s[0-9]{1,9}")
 
 
 def packed(values: Array, bits: int = 23) -> Array:
-    """Numbers of single precision, of whose fraction so many bits are kept: the rest are zero."""
+    """Numbers of single precision, of whose fraction so many bits are kept: the rest are zero.
+
+    Args:
+        values: Any numbers.
+        bits: Of the 23 of the fraction.
+    """
     single = np.ascontiguousarray(values, dtype=np.float32)
     mask = np.uint32(0xFFFFFFFF << (23 - bits) & 0xFFFFFFFF)
     return (single.view(np.uint32) & mask).view(np.float32)
 
 
 def write_runs(runs: Sequence[Recording], folder: Path) -> None:
-    """Writes runs by number."""
+    """Writes runs as `run_01.parquet`, `run_02.parquet` and so on into a folder."""
     for number, run in enumerate(runs, start=1):
         write_run(run, folder / f"run_{number:02d}.parquet")
 
 
 def write_run(run: Recording, path: Path, without: tuple[str, ...] = ()) -> None:
-    """Writes a run's channels in native columns."""
+    """Writes a run's channels in native columns.
+
+    Args:
+        run: The run.
+        path: The .parquet file.
+        without: Channels that are left out.
+    """
     columns: dict[str, Array] = {"time": packed(run.time)}
     for channel, values in run.channels().items():
         if channel not in SENT or channel in without:
@@ -148,7 +159,7 @@ class Board:
         return cls(folder, sessions, effects, sealed)
 
     def arms(self) -> list[dict[str, object]]:
-        """Its arms with joints and names of sessions, as results of a board name them."""
+        """Its arms, as a board's results have them: rows of "robot", "joints" and "sessions"."""
         groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
         for name, facts in self.sessions.items():
             groups.setdefault((facts["arm"], tuple(facts["joints"])), []).append(name)

@@ -59,23 +59,26 @@ def at_rows(torque: Torque, motion: Motion, run: Recording) -> Torque:
 
 
 def urdf_torque(arm: ArmModel, motion: Motion) -> Torque:
-    """By the URDF alone."""
+    """Torque of a motion foretold by the URDF alone."""
     return _law_torque(IdentifiedArm.as_urdf(arm), motion)
 
 
 def plain_torque(arm: ArmModel, motions: Sequence[Motion], motion: Motion) -> Torque:
-    """By plain least squares over some motions."""
+    """Torque of a motion foretold by plain least squares over other motions."""
     return np.asarray(plain_columns(arm, motion) @ fit_plain(arm, motions))
 
 
 def edited_torque(record: Mapping[str, Any], arm: ArmModel, motion: Motion) -> Torque:
-    """By a diagnosed arm with everything that was named taken out of it; nothing is fitted anew."""
+    """Torque foretold by a diagnosed arm with everything that was named taken out of it.
+
+    Nothing is fitted anew.
+    """
     every = range(len(record["findings"]))
     return _law_torque(edited_arm(record, arm, every), motion)
 
 
 def fitted_torque(arm: ArmModel, motions: Sequence[Motion], motion: Motion) -> Torque:
-    """By `ident fit` without a net, over some motions."""
+    """Torque of a motion foretold by `ident fit` without a net, over other motions."""
     model = fit_hybrid(motions, arm, FitOptions(net="none")).model
     return np.asarray(model.torque(motion.q, motion.dq, motion.ddq))
 

@@ -348,7 +348,7 @@ def _spread(ranks: Float[Array, " N"], codes: Array) -> Float[Array, " E"]:
 
 
 def holm(leaks: Sequence[Leak]) -> list[Leak]:
-    """The same with Holm's p-values over all of them, the least first."""
+    """Leaks with Holm's p-values over all of them, the least first."""
     ordered = sorted(leaks, key=lambda leak: leak.p_value)
     largest = 0.0
     adjusted: list[Leak] = []
@@ -359,7 +359,7 @@ def holm(leaks: Sequence[Leak]) -> list[Leak]:
 
 
 def different_urdfs(board: Board) -> list[str]:
-    """Arms of which not all sessions have the same URDF: drawn ones, or real ones."""
+    """Arms of which not all sessions have one URDF, as "ARM (drawn)" or "ARM (recorded)"."""
     texts: dict[tuple[str, str], set[str]] = {}
     for name, session in board.sessions.items():
         kind = "drawn" if session["tier"] == DRAWN else "recorded"

@@ -154,7 +154,7 @@ class BoardWriter:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many sessions of each tier are written."""
+        """How many sessions are written, by the tier; 0 for one without any."""
         tiers = [session["tier"] for session in self.sessions.values()]
         return {tier: tiers.count(tier) for tier in TIERS}
 

@@ -107,7 +107,10 @@ def records_of(entries: Sequence[EntryScore]) -> Iterator[Row]:
 
 
 def behind(entry: EntryScore, first: EntryScore) -> Score:
-    """By how much an entrant's log score is larger than the first one's, of the same sessions."""
+    """By how much an entrant's log score is larger than the first one's [nats].
+
+    Both are of the entrant's sessions, which all have to be among the first one's.
+    """
     rows = entry.sessions.items()
     return mean([row.log_score - first.sessions[name].log_score for name, row in rows])
 

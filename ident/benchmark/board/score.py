@@ -144,7 +144,13 @@ def score_torque(
     torque: Float[Array, "T n"],
     tier: str,
 ) -> PredictionScore:
-    """Scores a foretold torque against the recorded one."""
+    """Scores a foretold torque against the recorded one.
+
+    Args:
+        foretold: The entrant's [N m].
+        torque: The recorded one [N m].
+        tier: The session's.
+    """
     error = np.sqrt(np.mean((foretold - torque) ** 2, axis=0))
     spread = np.maximum(np.std(torque, axis=0), 1e-9)
     rms = float(np.sqrt(np.mean(error**2)))
@@ -156,6 +162,11 @@ def recorded_torque(board: Board, opened: Kept, session: str) -> Float[Array, "T
 
     Raises:
         InputError: It is not what was sealed.
+
+    Args:
+        board: The board.
+        opened: What its maker kept.
+        session: Its name.
     """
     path = opened.unseen_file(session)
     remedy = "give the folder that the maker kept of this board, as it was"
@@ -251,7 +262,12 @@ def _foretold(path: Path, joints: list[str], torque: Float[Array, "T n"]) -> Flo
 
 
 def attribution(rows: Sequence[SessionScore]) -> Row:
-    """Scores of some answers."""
+    """Scores of some answers.
+
+    Returns:
+        "sessions", "log_score", "strict", "class_aware", "class_size", "joint", "coverage" and
+        "half_width".
+    """
     sizes = [row.class_size for row in rows if row.class_size is not None]
     placed = [row.joint for row in rows if row.joint is not None]
     intervals = [interval for row in rows for interval in row.intervals]
@@ -269,7 +285,11 @@ def attribution(rows: Sequence[SessionScore]) -> Row:
 
 
 def prediction(rows: Sequence[PredictionScore]) -> Row:
-    """Scores of some foretold motions."""
+    """Scores of some foretold motions.
+
+    Returns:
+        "motions", "median_Nm" and "share_of_spread".
+    """
     return {
         "motions": len(rows),
         "median_Nm": round(float(np.median([row.rms for row in rows])), 4),
@@ -291,7 +311,12 @@ def _by(
 
 
 def written(score: Score) -> Row:
-    """A score with its interval and count, rounded."""
+    """A score with its interval and count.
+
+    Returns:
+        "value", "low" and "high", rounded to three decimals, and "count"; of a score without a
+        value, "value" None and "count" 0 alone.
+    """
     if score.value is None:
         return {"value": None, "count": 0}
     numbers = {"value": score.value, "low": score.low, "high": score.high}

@@ -44,6 +44,9 @@ def deal(left: Mapping[str, float], shares: Shares) -> dict[str, float]:
     Args:
         left: Probability that is left in each state.
         shares: Of the places in each state.
+
+    Returns:
+        Probability of each place.
     """
     places = dict.fromkeys(PLACES, 0.0)
     for state, mass in left.items():

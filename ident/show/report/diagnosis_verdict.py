@@ -307,7 +307,13 @@ def name_with_rivals(finding: Finding, most_tied: int = MOST_TIED) -> str:
 
 
 def place_words(effect: str, joints: Sequence[str]) -> str:
-    """Where an effect is; one of the whole arm, as a payload, is in no joint: where it is felt."""
+    """Where an effect is, to follow its name: " in joint_2", " felt at joint_2".
+
+    One of the whole arm, as a payload, is in no joint: it is told where it is felt.
+
+    Returns:
+        With a blank before it; "" where nothing can be said.
+    """
     few = 0 < len(joints) <= MOST_NAMED
     if effect in OF_THE_ARM:
         return f" felt at {join_words(joints)}" if few else ""
@@ -316,7 +322,7 @@ def place_words(effect: str, joints: Sequence[str]) -> str:
 
 
 def every_place(effect: str, joints: Sequence[str]) -> str:
-    """Where an effect is, however many joints that are."""
+    """Where an effect is, all joints named, to follow its name; "" without joints."""
     if not joints:
         return ""
     word = "felt at" if effect in OF_THE_ARM else "in"
@@ -630,8 +636,10 @@ def _next_motion(record: Mapping[str, Any]) -> str:
 
 
 def likeliest_doubt(record: Mapping[str, Any]) -> tuple[str, float]:
-    """Where a cause without a name is likeliest left, and how likely; no joint where that is hardly
-    likely.
+    """Where a cause without a name is likeliest left, and how likely.
+
+    Returns:
+        The joint and the probability; "" and 0 where that is hardly likely.
     """
     left = record.get("leftover", {})
     joint = max(left, key=left.__getitem__, default="")

@@ -113,7 +113,11 @@ def compared_scores(evaluation: Evaluation) -> list[SessionScore]:
 
 
 def restrict(score: SessionScore, joints: tuple[str, ...]) -> SessionScore:
-    """The same scores over some joints only: totals of other joints can't be compared."""
+    """A score over some joints only, in their order: totals of other joints can't be compared.
+
+    Raises:
+        ValueError: The score lacks one of them.
+    """
     columns = [score.joints.index(joint) for joint in joints]
     return replace(
         score,
@@ -134,6 +138,13 @@ def draw_bars(
 ) -> dict[str, Any]:
     """Grouped bars: one group a session, one bar a model, black lines one standard deviation each
     way.
+
+    Args:
+        label: Of the vertical axis.
+        sessions: Their names, S.
+        models: Their names, M.
+        mean: Heights, a row a model.
+        std: Half the length of the lines.
     """
     ticks = [textwrap.fill(name, TICK_WIDTH) for name in sessions]
     most_breaks = max(tick.count("\n") for tick in ticks)
@@ -180,7 +191,12 @@ def fits_section(source: ReportInput) -> Section:
 
 
 def run_name(evaluation: Evaluation, index: int) -> str:
-    """Session and run of a trace."""
+    """Name of a trace: "SESSION/RUN", or "RUN" where both are the same, and the payload if any.
+
+    Args:
+        evaluation: Its sessions' runs in their order are what traces are numbered by.
+        index: Number of the trace, from 0.
+    """
     names = [(score, run) for score in evaluation.sessions for run in score.runs]
     score, run = names[index]
     payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
@@ -188,7 +204,11 @@ def run_name(evaluation: Evaluation, index: int) -> str:
 
 
 def draw_fits(trace: RunTrace) -> list[dict[str, Any]]:
-    """Measured torque and every rung over time, one panel a joint."""
+    """Measured torque and every rung over time, one panel a joint.
+
+    Returns:
+        Panels of "title" and "svg".
+    """
     time = trace.time - trace.time[0]
     colours = rung_colours(tuple(trace.rungs))
     panels = []
@@ -422,7 +442,7 @@ def describe_inertia(model: HybridModel) -> str:
 
 
 def before_and_after(model: HybridModel) -> tuple[Float[Array, "l 10"], Float[Array, "l 10"]]:
-    """Inertial numbers of every link, of the URDF and as fitted."""
+    """Ten inertial numbers of every link: of the URDF, and as fitted."""
     before = model.nominal.inertial_parameters.reshape(-1, 10)
     after = model.arm.inertial_parameters.reshape(-1, 10)
     return before, after
@@ -431,6 +451,9 @@ def before_and_after(model: HybridModel) -> tuple[Float[Array, "l 10"], Float[Ar
 def net_rows(model: HybridModel) -> list[dict[str, Any]]:
     """What the residual net did on runs that it never saw, and how much of it each joint keeps;
     none without a net.
+
+    Returns:
+        Rows of "joint" and the fields of its gate (`JointGate.to_dict`); empty without a net.
     """
     gates = model.provenance.get("net_gate", [])
     if len(gates) != len(model.joint_names):

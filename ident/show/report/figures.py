@@ -82,7 +82,13 @@ def to_svg(figure: Figure, description: str) -> Markup:
 
 
 def thin(x: Float[Array, " T"], y: Float[Array, " T"], most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Fewer points that look the same: the lowest and the highest of each bin, in their order."""
+    """Fewer points that look the same: the lowest and the highest of each bin, in their order.
+
+    Args:
+        x: Where the points are.
+        y: Their values.
+        most: Points that may be left; fewer are given back as they are.
+    """
     if len(x) <= most:
         return x, y
     bins = np.array_split(np.arange(len(x)), most // 2)
@@ -105,7 +111,14 @@ def envelope(x: Float[Array, " T"], y: Float[Array, " T"], bins: int = 240) -> t
 
 
 def binned(x: Float[Array, " T"], y: Float[Array, " T"], edges: Sequence[float] | Array, least: int = 5) -> Array:
-    """Centre, 10 % quantile, median and 90 % quantile of y in bins of x, shape (bins, 4); thin bins left out."""
+    """Centre, 10 % quantile, median and 90 % quantile of y in bins of x, shape (bins, 4); thin bins left out.
+
+    Args:
+        x: What is binned.
+        y: Its values.
+        edges: Of the bins, rising.
+        least: Samples that a bin needs.
+    """
     which = np.digitize(x, edges) - 1
     rows = []
     for k in range(len(edges) - 1):

@@ -163,7 +163,15 @@ def sure_change(figure: Figure, unstated: float | None = None) -> float:
 
 
 def half_width(figure: Figure, end: str = "") -> float | None:
-    """How far an interval reaches from its value, to its farther end."""
+    """How far an interval reaches from its value, to its farther end.
+
+    Args:
+        figure: A number's record with "value", "low" and "high".
+        end: What the keys of the ends have behind "low" and "high".
+
+    Returns:
+        None where value or ends are unknown.
+    """
     value, low, high = figure["value"], figure[f"low{end}"], figure[f"high{end}"]
     if value is None or low is None or high is None:
         return None
@@ -275,6 +283,9 @@ def states_friction(record: Mapping[str, Any]) -> bool:
 def common_factor(record: Mapping[str, Any], wrong: Sequence[Number]) -> str:
     """The factor by which all of a URDF's friction is off, if it is the same everywhere to the
     digits shown.
+
+    Returns:
+        The factor as text; "" where there is none, or a single number only.
     """
     joints = {number.joint for number in wrong}
     friction = [number for number in numbers_of(record) if number.joint in joints and number.key in STATED]
@@ -330,7 +341,11 @@ def describe_links(record: Mapping[str, Any]) -> list[str]:
 
 
 def table_of(record: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """A row for each joint of which anything is known: its numbers by their keys."""
+    """A row for each joint of which anything is known: its numbers by their keys.
+
+    Returns:
+        Rows of "joint", "cells" (a `Number` by its key) and "known" (true).
+    """
     rows: dict[str, dict[str, Any]] = {}
     for number in numbers_of(record):
         row = rows.setdefault(number.joint, {"joint": number.joint, "cells": {}, "known": False})

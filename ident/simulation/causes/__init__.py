@@ -58,7 +58,15 @@ class Cause:
         return scene.size_of(self.least), min(map(scene.size_of, self.most))
 
     def apply(self, scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-        """The hardware with the cause, and what is true."""
+        """The hardware with the cause, and what is true.
+
+        Args:
+            scene: The hardware, the joint, the motions, and a source of chance.
+            size: In the cause's own unit.
+
+        Returns:
+            The other hardware; parameters by name with their units.
+        """
         if not self.law:
             return getattr(mechanisms, self.id)(scene, size)
         if self.law == "sensing":

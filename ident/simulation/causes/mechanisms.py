@@ -135,7 +135,7 @@ def joint_coupling(scene: Circumstances, size: float) -> tuple[Hardware, Paramet
 
 
 def vector(name: str, values: Float[Array, " 3"], unit: str) -> Parameters:
-    """A parameter for each axis."""
+    """A parameter for each axis, by "NAME_x_UNIT", "NAME_y_UNIT" and "NAME_z_UNIT"."""
     axes = zip("xyz", values, strict=True)
     return {f"{name}_{axis}_{unit}": float(value) for axis, value in axes}
 
@@ -143,7 +143,13 @@ def vector(name: str, values: Float[Array, " 3"], unit: str) -> Parameters:
 def tilted(
     gravity: Float[Array, " 3"], axis: Float[Array, " 3"], angle: float
 ) -> Float[Array, " 3"]:
-    """Gravity, turned about an axis of the base (Rodrigues)."""
+    """Gravity, turned about an axis of the base (Rodrigues).
+
+    Args:
+        gravity: In the base [m/s²].
+        axis: Of unit length.
+        angle: By which it is turned [rad].
+    """
     turned = gravity * np.cos(angle) + np.cross(axis, gravity) * np.sin(angle)
     return turned + axis * (axis @ gravity) * (1.0 - np.cos(angle))
 

@@ -140,11 +140,16 @@ class MovedArm:
         return np.quantile(np.abs(self.tau), 0.99, axis=0)
 
     def over_runs(self, x: Array, change: Callable[[Array, Array], Array]) -> Array:
-        """A channel, changed run by run."""
+        """A channel, changed run by run.
+
+        Args:
+            x: The channel (N, …).
+            change: Of a run's times [s] and its rows, to as many rows.
+        """
         return np.concatenate([change(self.t[run], x[run]) for run in self.runs])
 
     def plus(self, torque: Float[Array, "N n"]) -> MovedArm:
-        """The same motion with more torque recorded."""
+        """A copy with a torque added to the recorded one [N m]."""
         return replace(self, tau=self.tau + torque)
 
     # What an ordinary model leaves: link inertias, rotor, viscous and Coulomb friction, offset,

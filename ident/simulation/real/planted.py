@@ -58,7 +58,14 @@ class Planted:
 def at_joint(
     arm: MovedArm, j: int, torque: Float[Array, " N"], parameters: Parameters
 ) -> PlantedChange:
-    """A torque added at one joint [N m], nothing at the others."""
+    """A torque added at one joint [N m], nothing at the others.
+
+    Args:
+        arm: The motion.
+        j: Number of the joint.
+        torque: At each row.
+        parameters: What the answer says of it.
+    """
     added = np.zeros_like(arm.tau)
     added[:, j] = torque
     return PlantedChange(parameters, added)
@@ -428,7 +435,7 @@ def over_range(share: float) -> Callable[[MovedArm, int], float]:
 
 
 def fixed(most: float) -> Callable[[MovedArm, int], float]:
-    """The same largest size on every joint."""
+    """A function of arm and joint number that gives the same largest size for every joint."""
     return lambda arm, j: most
 
 
