@@ -110,8 +110,7 @@ class Conclusion:
 
     @property
     def prior(self) -> Prior:
-        """What the URDF says of the base parameters, as the scores beside tuned inertias have it.
-        """
+        """What the URDF says of the base parameters, as `held_out` uses it."""
         return self.scorers.tuned.prior
 
     @property

@@ -50,8 +50,7 @@ class Reason:
 
     @property
     def what(self) -> str:
-        """The reason in words: its own or, where it has none, those of its feature, for or against.
-        """
+        """The reason in words: its own or, where it has none, those of its feature."""
         if self.words:
             return self.words
         speaks_for, speaks_against = FEATURE_WORDS[self.feature]

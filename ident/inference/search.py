@@ -48,8 +48,7 @@ class Searchable(Protocol):
 
     @property
     def gram(self) -> Float[Array, "P P"]:
-        """Products of all columns, summed over samples and joints; the torque is the last column.
-        """
+        """Products of all columns, summed over samples and joints; the torque comes last."""
 
     @property
     def last(self) -> int:
@@ -91,8 +90,7 @@ class SetSearch:
 
     @classmethod
     def of(cls, model: Searchable) -> SetSearch:
-        """Sums of a model's candidates and torque with the baseline's coefficients integrated out.
-        """
+        """Sums of a model's candidates and torque, the baseline's coefficients integrated out."""
         layout = model.sums.evidence.layout
         tuned = layout.tuned
         _, information = model.information((), model.prior())
