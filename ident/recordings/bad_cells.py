@@ -58,6 +58,9 @@ class Cells:
 
         Raises:
             RecordingError: No row is left.
+
+        Returns:
+            The columns by name, without the dropped rows, and the issues.
         """
         if (alone := self._without_other_topics()) is not None:
             states, told = alone[0].screen()
@@ -167,7 +170,13 @@ class Cells:
 
 
 def cut_short(source: Path, place: str, row: int) -> TelemetryIssue:
-    """That the last row of a table was dropped, for it is no whole one."""
+    """The note that the last row of a table was dropped, for it is no whole one.
+
+    Args:
+        source: The file.
+        place: What a row is called there.
+        row: Its number.
+    """
     evidence = f"{source.name}, {place} {row}: the last row is cut short, dropped"
     return TelemetryIssue(
         "truncated_row", (), "note", evidence, "none needed; let the logger end cleanly"
@@ -181,8 +190,20 @@ def named_columns(
     numbers: Callable[[], Mapping[str, Float[Array, " T"]]] = dict,
     issues: tuple[TelemetryIssue, ...] = (),
 ) -> NamedColumns:
-    """The columns of a table that holds numbers only; rows that are mostly NaN or infinite are
-    dropped.
+    """The columns of a table that holds numbers only.
+
+    Rows that are mostly NaN or infinite are dropped.
+
+    Args:
+        names: All columns, in the file's order.
+        load: Gives the columns of some indices, in their order.
+        source: The file, for messages.
+        numbers: Gives all columns of numbers by name.
+        issues: What was found before.
+
+    Returns:
+        Columns that raise RecordingError when they are read where they have different lengths or no
+        samples.
     """
 
     def read(chosen: Mapping[int, str]) -> Table:
@@ -251,6 +272,9 @@ def drop_empty(
 ) -> tuple[dict[str, Float[Array, " T"]], tuple[TelemetryIssue, ...]]:
     """Leaves out columns that nobody needs and that hold no number: drivers log interfaces that the
     arm lacks.
+
+    Returns:
+        The other columns, and a note that names those left out; no issue without any.
     """
     empty = [
         name
