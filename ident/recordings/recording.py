@@ -185,7 +185,7 @@ class Session:
         return self.notes + tuple(issue for run in self.runs for issue in run.issues)
 
     def replace(self, **changes: Any) -> Session:
-        """A copy with some fields changed, checked anew.
+        """A copy with some fields changed.
 
         Args:
             **changes: New values by the names of the fields.

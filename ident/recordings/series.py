@@ -141,8 +141,7 @@ class SearchedRun:
         return np.asarray(table[_sound(table)])
 
     def tree(self, scale: Float[Array, " k"]) -> KDTree:
-        """The run's moments divided by a scale, as a tree to be searched; made once for each scale.
-        """
+        """The run's moments divided by a scale, as a tree to be searched; kept for each scale."""
         from scipy.spatial import KDTree
 
         key = scale.tobytes()
