@@ -36,7 +36,12 @@ FREEDOM = 10
 
 
 def grid_interval(value: float, grid: Sequence[float]) -> Interval:
-    """A point of a grid with what the grid can resolve: half-way (by ratio) to its neighbours."""
+    """A point of a grid with what the grid can resolve: half-way (by ratio) to its neighbours.
+
+    Args:
+        value: The point, above zero.
+        grid: The grid, above zero; the point need not be on it.
+    """
     points = np.unique(np.asarray([*grid, value], dtype=float))
     place = int(np.searchsorted(points, value))
     if len(points) == 1:
@@ -50,7 +55,7 @@ def grid_interval(value: float, grid: Sequence[float]) -> Interval:
 
 
 def exactly(value: float) -> Interval:
-    """A parameter that was not estimated."""
+    """An interval of zero width about a value that was not estimated."""
     return Interval(value, value, value)
 
 
@@ -66,7 +71,13 @@ def coefficient_interval(
     covariance: Float[Array, "k k"],
     scale: float = 1.0,
 ) -> Interval:
-    """Interval of one coefficient times a known factor."""
+    """95 % interval of one coefficient times a known factor.
+
+    Args:
+        index: Which coefficient.
+        coefficients, covariance: Estimates.
+        scale: The factor.
+    """
     estimate = scale * float(coefficients[index])
     return _about(estimate, scale**2 * covariance[index, index])
 
@@ -74,7 +85,9 @@ def coefficient_interval(
 def amplitude_interval(
     coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]
 ) -> Interval:
-    """Interval of the length of a vector, such as (cos, sin) coefficients; it can't be negative."""
+    """95 % interval of the length of a vector of coefficients, such as (cos, sin); never
+    negative.
+    """
     size = float(np.linalg.norm(coefficients))
     along = np.full(len(coefficients), len(coefficients) ** -0.5)
     if size > 0.0:
@@ -104,7 +117,10 @@ def wave_parameters(
 
 
 def phase_interval(coefficients: Float[Array, " 2"], covariance: Float[Array, "2 2"]) -> Interval:
-    """Interval of φ in A cos(x − φ) from (cos, sin) coefficients [rad]."""
+    """95 % interval of φ in A cos(x − φ) from (cos, sin) coefficients [rad].
+
+    The value lies from −π to π, the ends at most π away from it.
+    """
     size = float(np.hypot(*coefficients))
     phase = float(np.arctan2(coefficients[1], coefficients[0]))
     across = np.array([-np.sin(phase), np.cos(phase)])
@@ -118,7 +134,12 @@ def phase_interval(coefficients: Float[Array, " 2"], covariance: Float[Array, "2
 def linear_interval(
     weights: Float[Array, " k"], coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]
 ) -> Interval:
-    """Interval of a linear combination of coefficients."""
+    """95 % interval of a linear combination of coefficients.
+
+    Args:
+        weights: What each coefficient is multiplied by.
+        coefficients, covariance: Estimates.
+    """
     return _about(float(weights @ coefficients), weights @ covariance @ weights)
 
 
@@ -130,6 +151,10 @@ def drawn_interval(
     """95 % interval of any function of coefficients that are not negative, from draws of them.
 
     For what bends within the coefficients' spread, where the delta method tells anything.
+
+    Args:
+        function: Of the k coefficients.
+        coefficients, covariance: Estimates; a covariance of zeros gives an interval of zero width.
     """
     value = function(coefficients)
     if not covariance.any():
@@ -149,8 +174,13 @@ def delta_interval(
     coefficients: Float[Array, " k"],
     covariance: Float[Array, "k k"],
 ) -> Interval:
-    """Interval of a smooth function of coefficients by the delta method, derivatives by central
-    differences.
+    """95 % interval of a smooth function of coefficients by the delta method.
+
+    Derivatives are central differences.
+
+    Args:
+        function: Of the k coefficients.
+        coefficients, covariance: Estimates; a covariance of zeros gives an interval of zero width.
     """
     value = float(function(coefficients))
     if not covariance.any():
@@ -174,7 +204,11 @@ class SizePrior:
 
     @classmethod
     def about_zero(cls, deviation: Float[Array, " k"]) -> SizePrior:
-        """Student's t of a few degrees of freedom about zero for each coefficient."""
+        """Student's t of a few degrees of freedom about zero for each coefficient, independently.
+
+        Args:
+            deviation: Scale of each, above zero.
+        """
         half = 0.5 * (FREEDOM + 1)
         constant = gammaln(half) - gammaln(0.5 * FREEDOM) - 0.5 * np.log(FREEDOM * np.pi)
 
