@@ -27,6 +27,10 @@ def check_absent(session: Session, states: States, absent: Sequence[str]) -> lis
         session: The recordings.
         states: Their states.
         absent: Names of the joints that are not recorded.
+
+    Returns:
+        One issue, fatal or a warning by how little is explained; empty where nothing moved or it
+        can't be told.
     """
     swings = np.hstack([np.sin(states.q), np.cos(states.q), states.ddq])
     explained = {}

@@ -24,7 +24,7 @@ DERIVATIVES = ("velocity", "acceleration", "velocity_command")
 
 
 def revolute(session: Session, arm: ArmModel | None) -> Bool[Array, " n"]:
-    """Which joints turn; all where the robot is not known."""
+    """Which joints turn (rather than slide); all where the robot is None."""
     if arm is None:
         return np.ones(len(session.joints), dtype=bool)
     return ~arm.sliding_joints
@@ -40,6 +40,14 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     are read as degrees, else by the motion. Radians, where no joint goes farther than a turn's
     number of degrees, by torque that follows gravity as it should if the motion is so much wider.
     Only the suspected joints are in degrees where the torques are better explained so.
+
+    Args:
+        session: The recordings.
+        arm: Their robot; None where it is not known.
+
+    Returns:
+        The session with its angles in radians, and the issue; the session as it was and no issue
+        where nothing is suspected.
     """
     turning = revolute(session, arm)
     far = np.max([np.abs(run.position).max(axis=0) for run in session.runs], axis=0)
@@ -121,7 +129,7 @@ def _in_one_unit(session: Session) -> bool:
 
 
 def is_limited(arm: ArmModel) -> Bool[Array, " n"]:
-    """Joints of which the URDF says how fast they are."""
+    """Which joints have a limit of speed in the URDF."""
     return np.isfinite(arm.known_limits.speed)
 
 
@@ -131,6 +139,10 @@ def farthest_motion(
     """Position and speed that each joint surely does not exceed [rad, rad/s].
 
     By its URDF's limits, which are nominal, so that some room is left; else by all arms'.
+
+    Args:
+        session: The recordings, for the number of joints.
+        arm: Their robot; None where it is not known.
     """
     count = len(session.joints)
     farthest = np.full(count, LIMIT.farthest_rad)
@@ -163,6 +175,8 @@ def speed(run: Recording) -> Float[Array, " n"]:
 
     The 99th percentile of its steps. A sample that leaves its neighbours and comes back is no
     motion: the step over three samples is asked as well.
+
+    Zeros for a run of fewer than four samples.
     """
     if len(run) < 4:
         return np.zeros(len(run.joints))

@@ -52,6 +52,9 @@ def left_of(
         pull: What the torque tells.
         directions: Unit vectors u in the base frame.
         scales: Least and largest scale s of the torque.
+
+    Returns:
+        A share for each direction, never zero, and raised where the scale is far from one.
     """
     products, squares = pull
     along = directions @ products
@@ -73,6 +76,9 @@ def hang_by_current(states: States, arm: ArmModel) -> States:
     Args:
         states: Of currents whose gains are not known.
         arm: As its URDF has it.
+
+    Returns:
+        The same object where the URDF's gravity stands.
     """
     pulls = pulls_of(states, arm)
     if not pulls:
@@ -156,7 +162,12 @@ def _without(beside: Float[Array, "T k"], values: Float[Array, "T m"]) -> Float[
 
 
 def pulls_of(states: States, arm: ArmModel) -> dict[int, Pull]:
-    """What each moving joint says that feels some gravity, in whichever direction; by column."""
+    """What each moving joint whose torque feels gravity says of gravity's direction.
+
+    Returns:
+        By index of the joint, sums b (3,) and W (3, 3) as `left_of` takes them, both over the
+        torque's variance; joints with too few states are left out.
+    """
     rows = slice(None, None, max(1, len(states.q) // LIMIT.states))
     q = states.q[rows]
     dq = states.dq[rows]
@@ -187,6 +198,9 @@ def check_bodies(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     """Whether centres of mass lie near the joints of their links.
 
     One that lies far out may be a tool; several are misplaced.
+
+    Returns:
+        One issue, or none.
     """
     masses, centres, inertias = arm.chain[-3:]
     # The next joint, in the link's frame.

@@ -24,7 +24,10 @@ FEWEST_RUNS = 3  # of two runs nobody knows the odd one
 
 
 def partings(count: int) -> list[tuple[int, ...]]:
-    """Each run alone; and the smaller of an earlier and a later part, both of more than one run."""
+    """Parts of a session that may differ from the rest, as tuples of the runs' numbers.
+
+    Each run alone; and the smaller of an earlier and a later part, both of more than one run.
+    """
     alone = [(number,) for number in range(count)]
     parts = []
     for cut in range(2, count - 1):

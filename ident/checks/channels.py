@@ -25,6 +25,10 @@ def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Drops the samples in which a position or torque is frozen.
 
     Refuses where too little is left to judge anything.
+
+    Returns:
+        The session without these samples, and the issues; empty runs and a fatal issue where too
+        little is left.
     """
     findings = Findings(session)
     lost = 0
@@ -63,7 +67,10 @@ def _blocks(runs: list[Recording]) -> int:
 
 
 def holds(values: Float[Array, " T"]) -> Int[Array, "h 2"]:
-    """First and last row of every stretch in which a channel repeats one value."""
+    """First and last row of every stretch in which a channel repeats one value, shape (h, 2).
+
+    A value that is not repeated is a stretch of one row.
+    """
     changes = np.flatnonzero(np.diff(values) != 0.0)
     first = np.append(0, changes + 1)
     last = np.append(changes, len(values) - 1)
@@ -187,7 +194,11 @@ def stuck_efforts(run: Recording) -> Bool[Array, "T n"]:
 
 
 def drop_stuck_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
-    """Velocities are not needed: where one is frozen, all are left out."""
+    """Leaves out the velocities of all joints where one is frozen: they are not needed.
+
+    Returns:
+        The session, and the issues; as it was, and none, where no velocity is frozen.
+    """
     findings = Findings(session)
     for run in session.runs:
         findings.runs.append(run.replace(velocity=None))
@@ -205,7 +216,11 @@ def drop_stuck_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]
 
 
 def check_clipping(session: Session) -> list[TelemetryIssue]:
-    """Finds torques that are cut off at a constant value while the joint moves."""
+    """Finds torques that are cut off at a constant value while the joint moves.
+
+    Returns:
+        One issue with the share of the samples that are cut off, or none.
+    """
     findings = Findings(session)
     clipped = 0
     for run in session.runs:
@@ -259,7 +274,11 @@ def _longest(marked: Bool[Array, " T"]) -> int:
 
 
 def check_commands(session: Session) -> list[TelemetryIssue]:
-    """Finds commands that are logged as measurements."""
+    """Finds commands that are logged as measurements, of positions, velocities or efforts.
+
+    Returns:
+        An issue for each channel that mostly equals its command while the joint moves.
+    """
     issues = []
     for measured in ("effort", "position"):
         command = f"{measured}_command"

@@ -21,7 +21,7 @@ class Order(NamedTuple):
 
     @classmethod
     def of(cls, run: Recording) -> Order:
-        """Looks at all rows of a run."""
+        """Looks at all rows of a run: how many repeat the row before, and where the time falls."""
         restarts = np.flatnonzero(np.diff(run.time) < 0)
         cells = np.column_stack([run.time[:, None], run.position, run.effort])
         repeated = (cells[1:] == cells[:-1]).all(axis=1)
@@ -36,7 +36,12 @@ class Order(NamedTuple):
 
 
 def mend_order(session: Session) -> tuple[Session, list[TelemetryIssue]]:
-    """Drops repeated and late rows, and parts runs where the clock restarts inside a file."""
+    """Drops repeated and late rows, and parts runs where the clock restarts inside a file.
+
+    Returns:
+        The session, without a common clock where one restarted, and the issues; a fatal one where
+        the time falls too often.
+    """
     dropped = Findings(session)
     restarted = Findings(session)
     fatal = Findings(session)
@@ -117,6 +122,10 @@ def mend_clock_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
 
     An even grid over such a leap would be longer than any recording. A clock that is set while
     recording goes from seconds since power-on, or zero, to seconds since 1970.
+
+    Returns:
+        The session of the pieces, and the issue; as it was with a fatal issue where no piece is
+        left, and as it was without one where no clock leaps.
     """
     findings = Findings(session)
     for run in session.runs:
@@ -145,7 +154,12 @@ def _longest_bridged_step(run: Recording) -> float:
 
 
 def split_at_gaps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
-    """Parts runs where samples are missing for longer than motion can be interpolated."""
+    """Parts runs where samples are missing for longer than motion can be interpolated.
+
+    Returns:
+        The session of the pieces that are long enough, and the issue; as it was where there is no
+        gap or no piece is left.
+    """
     findings = Findings(session)
     for run in session.runs:
         gaps, pieces = _parted(run, _longest_bridged_step(run), LIMIT.shortest_piece_s)

@@ -53,23 +53,25 @@ class States:
 
     @property
     def counted(self) -> str:
-        """What of the model is a guess, to be said behind it."""
+        """Words about what of the model is a guess, to be put behind it; "" where nothing is."""
         return f" with {self.guessed}" if self.guessed else ""
 
     @property
     def moving(self) -> Bool[Array, " n"]:
-        """Joints that move."""
+        """Which joints move: the root mean square of their speed exceeds a threshold."""
         return np.sqrt(np.mean(self.dq**2, axis=0)) > self.settings.moving_rad_s
 
     @property
     def alive(self) -> Bool[Array, " n"]:
-        """Joints whose torque changes at all."""
+        """Which joints have a torque that changes at all."""
         spread = self.tau.std(axis=0)
         return spread > 1e-6 * max(float(np.abs(self.tau).max()), 1e-300)
 
     @property
     def heavy(self) -> Bool[Array, " n"]:
-        """Joints on which gravity changes much."""
+        """Which joints have a gravity torque that changes much: in N m, and beside that of the
+        others.
+        """
         change = self.gravity.std(axis=0)
         much = change > self.settings.heavy_share * change.max()
         return much & (change > self.settings.heavy_Nm)
@@ -108,7 +110,14 @@ def collect_states(
 
 
 def joint_terms(states: States, joint: int, rows: Array | slice = EVERY_ROW) -> Float[Array, "T 4"]:
-    """What a joint's torque is made of: gravity, inertia, dry and viscous friction."""
+    """Terms of a joint's torque, side by side: gravity [N m], inertial torque [N m], direction of
+    dry friction in [-1, 1], speed [rad/s].
+
+    Args:
+        states: Of all joints.
+        joint: Which of them.
+        rows: States that count.
+    """
     dq = states.dq[rows, joint]
     dry = np.tanh(dq / TRANSITION_RAD_S)
     return np.column_stack([states.gravity[rows, joint], states.inertial[rows, joint], dry, dq])
@@ -129,6 +138,10 @@ def fit_signed(
         sign: What the torque is multiplied by.
         rows: States that count.
         spring: Whether a spring of either sign stands beside them.
+
+    Returns:
+        Share of the variance that is explained (below 0 where it is worse than the mean), and the
+        coefficients of the model's gravity and inertia.
     """
     tau = sign * states.tau[rows, joint]
     table = joint_terms(states, joint, rows)
@@ -201,7 +214,10 @@ def _surely_off(states: States, joint: int, rows: Bool[Array, " T"]) -> bool:
 
 
 def explained_by_model(session: Session, arm: ArmModel) -> float:
-    """Median over the heavy joints of the share of torque that is explained with either sign."""
+    """Median over the heavy joints of the share of torque that is explained with either sign.
+
+    0 where no run is long enough or no joint is heavy.
+    """
     states = collect_states(session, arm)
     if states is None or not states.heavy.any():
         return 0.0
@@ -213,7 +229,11 @@ def explained_by_model(session: Session, arm: ArmModel) -> float:
 
 
 def check_effort(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
-    """Sign, scale and origin of the measured torque."""
+    """Checks sign, scale and origin of the measured torque.
+
+    Returns:
+        Issues; empty where nothing is wrong, or nothing can be told.
+    """
     telling = states.moving | (states.gravity.std(axis=0) > states.settings.static_Nm)
     tested = np.flatnonzero(telling & states.alive)
     fits = {int(joint): TwoSigns.of(session, states, int(joint)) for joint in tested}
@@ -241,14 +261,14 @@ class TwoSigns:
 
     @classmethod
     def of(cls, session: Session, states: States, joint: int) -> TwoSigns:
-        """Of the states whose torque no limit cuts off."""
+        """Fits a joint's torque with either sign, of the states in which no limit cuts it off."""
         rows = _uncut(session, states, joint)
         plus = fit_signed(states, joint, 1.0, rows)
         minus = fit_signed(states, joint, -1.0, rows)
         return cls(joint, rows, plus, minus)
 
     def is_flipped(self, states: States) -> bool:
-        """Whether minus the torque follows the model, and better.
+        """Whether minus the torque follows the model, and better than the torque as it is.
 
         Beside a spring, too: one that more than carries the joint is no sign.
         """
@@ -260,7 +280,7 @@ class TwoSigns:
         return minus.explained > self.beside_spring(states, 1.0).explained
 
     def beside_spring(self, states: States, sign: float) -> SignedFit:
-        """The fit with one sign, beside a spring."""
+        """The fit of the torque times a sign (1 or -1), beside a spring of either sign."""
         return fit_signed(states, self.joint, sign, self.rows, spring=True)
 
 

@@ -42,18 +42,20 @@ class GravityFit:
 
     @property
     def is_sure(self) -> bool:
-        """Whether the recordings tell a_g."""
+        """Whether the error of the gravity coefficient is small enough to judge by."""
         return self.gravity_error < LIMIT.sure
 
     @property
     def tells_nothing(self) -> bool:
-        """Whether no gravity and the model's are both within 95 % of the error."""
+        """Whether the gravity coefficient's 95 % interval holds both 0 and 1."""
         reach = 2.0 * self.gravity_error
         return self.gravity - reach < 0.0 and self.gravity + reach > 1.0
 
     @property
     def lacks_gravity(self) -> bool:
-        """Whether gravity is surely not in the torque, which is not just small in its unit."""
+        """Whether gravity is surely not in the torque, and the torque is not just small in its
+        unit.
+        """
         size = abs(self.gravity)
         if not self.is_sure or size + self.gravity_error >= LIMIT.absent:
             return False
@@ -63,7 +65,10 @@ class GravityFit:
 
 
 def fit_gravity(states: States, joint: int) -> GravityFit:
-    """Fits one joint's torque; errors by leaving out one piece of the recordings at a time."""
+    """Fits one joint's torque without bounds, beside friction, a spring and an offset.
+
+    Errors come from leaving out one piece of the recordings at a time.
+    """
     tau = states.tau[:, joint]
     terms = np.column_stack([joint_terms(states, joint), states.q[:, joint]])
     centred = [column - column.mean() for column in terms.T]
@@ -87,6 +92,10 @@ def mend_effort_kind(
         session, arm: The recordings and their robot.
         is_compensated: Whether a search of all conventions found it so.
         guessed: What of the robot is a guess, in words.
+
+    Returns:
+        The session with gravity in its effort, and the issue that tells it; as it was where gravity
+        is there or can't be told.
     """
     if arm is None or session.effort_kind == "joint_torque":
         return session, []

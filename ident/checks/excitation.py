@@ -169,6 +169,9 @@ class Amount:
         """What all that was taken lacks, together.
 
         Runs, motion of every joint, and motion that tells the base parameters apart.
+
+        Returns:
+            Empty where nothing is lacking or nothing was taken.
         """
         first = self._first
         if first is None or not self._runs:

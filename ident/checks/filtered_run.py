@@ -115,12 +115,11 @@ def filter_run(run: Recording) -> FilteredRun | None:
 def compare_velocities(
     session: Session,
 ) -> tuple[Bool[Array, " n"], Float[Array, " n"], Float[Array, " n"]] | None:
-    """Measured velocity = slope · derivative of position over all runs.
-
-    None where no velocity was measured.
+    """Fits the measured velocity by slope · derivative of position, over all runs.
 
     Returns:
-        By joint whether it moves, slope and correlation.
+        By joint: whether it moves, the slope, and the correlation of both. None where no velocity
+        was measured.
     """
     filtered = [filter_run(run) for run in session.runs]
     of_positions = []
@@ -147,7 +146,8 @@ def clock_factor(session: Session) -> float | None:
     """By what factor all measured velocities are off the positions' derivative.
 
     Returns:
-        None where the joints' factors differ, or where their velocities are noise.
+        The median over the moving joints. None where there is no velocity, fewer than two joints
+        move, their factors differ, or their velocities are noise.
     """
     compared = compare_velocities(session)
     if compared is None:

@@ -49,14 +49,14 @@ class RunStates:
         return self.at(slice(middle)), self.at(slice(middle, None))
 
     def at(self, rows: slice) -> RunStates:
-        """Some of its states."""
+        """The states of a slice of rows, as a new object."""
         return RunStates(
             self.name, self.q[rows], self.dq[rows], self.ddq[rows], self.tau[rows], self.moves[rows]
         )
 
 
 def states_of(run: Recording) -> RunStates | None:
-    """What of a run is compared; None where it is too short to be filtered."""
+    """A run's filtered states, thinned out for comparison; None where it is too short."""
     motion = filter_run(run)
     if motion is None:
         return None
@@ -91,7 +91,12 @@ class RunTables:
         self._loss_scale: Float[Array, "n 4"] = np.column_stack(units)
 
     def table(self, run: RunStates) -> Float[Array, "n T c"]:
-        """Each joint's columns, and last what its torque is beyond the URDF's."""
+        """Each joint's columns in a run, and last what its torque is beyond the URDF's, shape (n,
+        T, c).
+
+        The columns are the scaled inertial parameters', then friction's, the rotor's and the
+        offset's.
+        """
         regressor = self._arm.regressor(run.q, run.dq, run.ddq).transpose(1, 0, 2)
         dry = np.tanh(run.dq / TRANSITION_RAD_S)
         offset = np.ones_like(run.dq)
@@ -136,14 +141,25 @@ class RunTables:
     def errors_of(
         self, sums: Float[Array, "R n c c"], others: Sequence[Fit], own_losses: bool = False
     ) -> Float[Array, "R n"]:
-        """Each run's error, foretold by what others say; beside losses of its own, if asked for."""
+        """Logarithm of each run's root mean square error by joint, foretold by what others say.
+
+        Args:
+            sums: Of each run.
+            others: For each run, what others say.
+            own_losses: Whether friction, rotors and offsets are each run's own.
+        """
         pairs = zip(sums, others, strict=True)
         return np.array([self.error_of(run, fitted, own_losses) for run, fitted in pairs])
 
     def errors_among(
         self, sums: Float[Array, "R n c c"], own_losses: bool = False
     ) -> Float[Array, "R n"]:
-        """Each run's error, foretold by all the others."""
+        """Logarithm of each run's root mean square error by joint, foretold by all other runs.
+
+        Args:
+            sums: Of each run.
+            own_losses: Whether friction, rotors and offsets are each run's own.
+        """
         return self.errors_of(sums, fits_among(sums), own_losses)
 
 
@@ -162,7 +178,7 @@ class Fit:
 
     @cached_property
     def covariance(self) -> Float[Array, "n p p"]:
-        """How far the coefficients are open."""
+        """Covariance of each joint's coefficients, the inverse of their precision."""
         return solve_positive(self.precision, np.eye(self.precision.shape[1])[None])
 
     def open_square(self, sums: Float[Array, "n c c"]) -> Float[Array, " n"]:
@@ -234,14 +250,18 @@ def left_beside_losses(
 
 
 def fits_among(sums: Float[Array, "R n c c"]) -> list[Fit]:
-    """For each run what all the others say."""
+    """For each run the fit to all other runs, in the runs' order."""
     total = sums.sum(axis=0)
     count = len(sums) - 1
     return [fit((total - run) / count, count) for run in sums]
 
 
 def mean_error(errors: Float[Array, "R n"]) -> Float[Array, " n"]:
-    """Mean over the runs in which each joint moves; not a number without any."""
+    """Mean over the runs in which each joint moves, by joint; NaN where it moves in none.
+
+    Args:
+        errors: By run and joint; NaN where the joint does not move.
+    """
     moves = np.isfinite(errors)
     total = np.where(moves, errors, 0.0).sum(axis=0)
     return np.where(moves.any(axis=0), total / np.maximum(moves.sum(axis=0), 1), np.nan)

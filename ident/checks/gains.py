@@ -9,9 +9,12 @@ from ident.recordings.recording import Session, TelemetryIssue
 
 
 def check_gains(session: Session) -> list[TelemetryIssue]:
-    """Torques that are a current times a gain that nobody measured.
+    """Tells torques that are a current times a gain that nobody measured.
 
     Every size that follows from them is as wrong.
+
+    Returns:
+        One issue, or none where no gain is guessed.
     """
     if not session.guessed_gains:
         return []
@@ -30,7 +33,10 @@ class Gains:
         self._issues: list[TelemetryIssue] = []
 
     def in_first_unit(self, session: Session) -> Session:
-        """The session, its torques those of the first one's guesses."""
+        """A session with torques in the units of the first session's guessed gains.
+
+        Returned as it is where nothing is guessed or the guesses agree.
+        """
         guessed = session.guessed_gains
         if not guessed:
             return session
@@ -59,5 +65,5 @@ class Gains:
         return session.replace(runs=runs, guessed_gains=gains)
 
     def issues(self) -> list[TelemetryIssue]:
-        """One for each session that differs."""
+        """The issues of the sessions whose guesses differ from the first one's, one each."""
         return self._issues

@@ -38,6 +38,10 @@ def line_length(run: Recording, joint: int) -> int | None:
     """Samples from corner to corner of a torque that goes on straight lines.
 
     None where it does not.
+
+    Args:
+        run: The run.
+        joint: Index of the joint.
     """
     effort = run.effort[:, joint]
     if len(effort) < LIMIT.least_samples:

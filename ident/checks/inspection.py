@@ -61,7 +61,7 @@ class Repeats:
         self._told: list[str] = []
 
     def take(self, session: Session, report: TelemetryReport) -> None:
-        """One more session, or part of one, as it was read."""
+        """Takes note of one more session, or part of one, as it was read."""
         for run in session.runs:
             name = f"{session.name}/{run.name}"
             earlier = self._known.get(_mark(run)) or self._earlier(run)
@@ -79,7 +79,7 @@ class Repeats:
         return next((earlier for earlier, series in known if series.is_in(searched)), None)
 
     def issues(self) -> list[TelemetryIssue]:
-        """What the runs so far come to."""
+        """One fatal issue that names the runs that were given twice; empty where none was."""
         if not self._told:
             return []
         more = f", and {len(self._told) - 1} more" if len(self._told) > 1 else ""
@@ -111,6 +111,14 @@ def inspect_sessions(
     Mends what can be mended safely, and compares them with the robot. What they lack together is
     reported with the first.
 
+    Args:
+        sessions: At least one, in their order.
+        arm: Their robot; without it, what needs a model is not checked.
+        settings: Thresholds.
+
+    Returns:
+        A report for each session, in their order, with the session as it was mended.
+
     Raises:
         RecordingError: No joint of the robot is recorded.
     """
@@ -121,14 +129,20 @@ def inspect_sessions(
 def inspect_parts(
     parts: Iterable[Session], arm: ArmModel, settings: TelemetrySettings = USUAL_TELEMETRY
 ) -> Iterator[TelemetryReport]:
-    """The same of consecutive parts of sessions too long to be held.
+    """Checks consecutive parts of sessions too long to be held, as `inspect_sessions` checks
+    sessions.
 
     Each is let go before the next is read. What an earlier part of its session showed is not told
     again, unless it is fatal. What all parts lack together is told by a last report without runs.
 
+    Args:
+        parts: The parts, in their order.
+        arm: Their robot.
+        settings: Thresholds.
+
     Raises:
         RecordingError: No joint of the robot is recorded, or a part has other joints than the
-        first.
+            first.
     """
     reported: set[tuple[str, str, tuple[str, ...], str]] = set()
 
@@ -252,9 +266,14 @@ def is_damaged(issues: Sequence[TelemetryIssue]) -> bool:
 
 
 def check_rows(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
-    """What is wrong with cells, rows and channels whatever the torque is.
+    """Mends what is wrong with cells, rows and channels whatever the torque is, in a fixed order.
 
-    In the order in which it is mended.
+    Args:
+        session: The recordings.
+        arm: Their robot; None where it is not known.
+
+    Returns:
+        The session as it was mended (without samples where nothing is left), and all issues.
     """
     steps: tuple[Mending, ...] = (
         mend_absurd,

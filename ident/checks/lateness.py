@@ -23,7 +23,11 @@ FEWEST_STATES = 20  # of a run beside the steps, several a coefficient
 
 
 def check_lateness(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
-    """Finds torques that are late, or early, by more than a diagnosis looks for."""
+    """Finds torques that are late, or early, by more than a diagnosis looks for.
+
+    Returns:
+        One issue with the delay, or none.
+    """
     steps = np.arange(-LATENESS.steps, LATENESS.steps + 1)
     intervals, costs = [], []
     for run in session.runs:

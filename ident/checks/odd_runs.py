@@ -34,9 +34,11 @@ WORDS = {
 
 
 def check_odd_runs(session: Session, arm: ArmModel) -> tuple[Session, list[TelemetryIssue]]:
-    """Finds runs that have a convention otherwise than the rest.
+    """Finds runs that have one convention otherwise than the rest.
 
-    Later checks see the session without them.
+    Returns:
+        The session without them, for later checks, and the issue; as it was, and none, where all
+        runs are alike.
     """
     compared = ComparedRuns(session, arm)
     difference = find_difference(compared)
@@ -63,7 +65,9 @@ def is_step_as_mounted(session: Session, arm: ArmModel) -> bool:
 
 
 def tell(difference: RunDifference, session: Session) -> TelemetryIssue:
-    """The issue of a difference: runs and joints concerned, and by how much errors shrink."""
+    """The issue of a difference: runs and joints concerned, and errors before and after it is
+    undone.
+    """
     change = difference.change
     joints = [session.joints[joint] for joint in change.joints]
     what = WORDS[change.kind].format(joints=" and ".join(joints), size=change.size)

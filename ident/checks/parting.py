@@ -51,22 +51,22 @@ class ComparedRuns:
 
     @cached_property
     def tables(self) -> RunTables:
-        """What makes sums of runs."""
+        """Makes the inner products (`RunTables`) of these runs with their arm."""
         return RunTables(self.arm, self.runs)
 
     @cached_property
     def sums(self) -> Float[Array, "R n c c"]:
-        """The runs' inner products."""
+        """Inner products of each run's columns and torque, by joint."""
         return np.array([self.tables.sums(run) for run in self.runs])
 
     @cached_property
     def errors(self) -> Float[Array, "R n"]:
-        """Logarithms of their errors."""
+        """Logarithm of each run's root mean square error by joint, foretold by all the others."""
         return self.tables.errors_among(self.sums)
 
     @cached_property
     def errors_beside_losses(self) -> Float[Array, "R n"]:
-        """The same, each beside losses of its own."""
+        """The same as `errors`, each run with friction, rotors and offsets of its own."""
         return self.tables.errors_among(self.sums, own_losses=True)
 
 
@@ -81,7 +81,7 @@ class Parting:
 
     @cached_property
     def others(self) -> Fit:
-        """What the rest say together."""
+        """The fit to all runs that are not odd."""
         return fit(self.session.sums[self.rest].mean(axis=0), len(self.rest))
 
     @cached_property
@@ -91,7 +91,7 @@ class Parting:
 
     @cached_property
     def usual(self) -> Float[Array, "r n"]:
-        """Errors of the rest, foretold by one another."""
+        """Logarithm of the errors of the runs that are not odd, foretold by one another."""
         return self.session.tables.errors_of(self.session.sums[self.rest], self._among)
 
     @cached_property
@@ -110,16 +110,22 @@ class Parting:
         return np.asarray(left_open < as_usual)
 
     def excess(self) -> float:
-        """By how much the rest foretell the odd runs worse than runs are foretold, where most.
+        """By how much the rest foretell the odd runs worse than runs are foretold, where it is
+        most.
 
-        Logarithm of a ratio of errors; usual is each run foretold by all others.
+        Logarithm of a ratio of errors; usual is each run foretold by all others. −∞ where no joint
+        can be compared.
         """
         errors = self.session.errors
         worse = self.errors_of_odd() - mean_error(errors[self.rest])
         return float(np.max(worse, initial=-np.inf, where=np.isfinite(worse)))
 
     def errors_of_odd(self, change: RunChange | None = None) -> Float[Array, " n"]:
-        """Mean logarithm of the odd runs' errors, foretold by the rest, with a change undone."""
+        """Mean logarithm of the odd runs' errors, foretold by the rest, by joint.
+
+        Args:
+            change: What is undone in the odd runs first; nothing if None.
+        """
         tables = self.session.tables
         errors = [tables.error_of(sums, self.others) for sums in self._sums_of_odd(change)]
         return mean_error(np.array(errors))
@@ -130,10 +136,7 @@ class Parting:
         return [self.session.tables.sums(change.undo(run)) for run in self.runs]
 
     def possible(self) -> float:
-        """What is gained where the odd runs become like the rest [nats].
-
-        As much as any change can.
-        """
+        """The most that any change can gain: as if the odd runs became like the rest [nats]."""
         return self._gain(self.session.errors, mean_error(self.usual), self.usual)
 
     def _gain(
@@ -269,6 +272,9 @@ class Parting:
             change: The change.
             gain: By how much all errors shrink together [nats].
             after: Logarithms of the errors that it leaves.
+
+        Returns:
+            With its errors as such, not as logarithms.
         """
         names = tuple(run.name for run in self.runs)
         before, usual = self.errors_of_odd(), mean_error(self.usual)
@@ -278,12 +284,15 @@ class Parting:
 def can_be_judged(
     change: RunChange, foretold: Bool[Array, " n"], runs: Sequence[RunStates]
 ) -> bool:
-    """Whether what a change says is foretold.
+    """Whether the rest foretell the torques that a change is judged by.
 
-    Torques of its own joints, or of all if it changes the motion.
+    Torques of its own joints, or of all if it changes the motion. Of two joints that change places
+    both have to move at once: one that stands takes no torque to be foretold.
 
-    Of two joints that change places both have to move at once: one that stands takes no torque to
-    be foretold.
+    Args:
+        change: The change.
+        foretold: Joints whose torque the rest foretell.
+        runs: The odd runs.
     """
     if change.kind in OF_TORQUES:
         return bool(foretold[list(change.joints)].all())
@@ -298,7 +307,12 @@ def can_be_judged(
 
 
 def followed(change: RunChange, cost: Callable[[RunChange], float]) -> RunChange:
-    """A zero followed to where it costs least, by halving steps."""
+    """A change with its size followed to where the cost is least, by halving steps.
+
+    Args:
+        change: A change of a zero [rad].
+        cost: Cost of a change.
+    """
     best, step = cost(change), FIRST_STEP
     for _ in range(LIMIT.halvings):
         for angle in (change.size - step, change.size + step):

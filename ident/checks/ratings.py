@@ -24,6 +24,9 @@ def check_rating(session: Session, arm: ArmModel, states: States) -> list[Teleme
 
     It is in another unit, or the limit is wrong. Effort that follows the model at its own size is
     in its unit.
+
+    Returns:
+        Issues about the unit, or about the URDF's limits; empty where neither is off.
     """
     load = arm.gravity(np.concatenate([run.position for run in session.runs]))
     rated = np.maximum(arm.rated_torque, 3.0 * np.abs(load).max(axis=0))

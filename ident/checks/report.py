@@ -97,7 +97,8 @@ class TelemetryReport:
     def verdict(self) -> str:
         """Whether the recordings may be fitted, in words.
 
-        Never fit without a word where every size found rests on a doubtful one.
+        `not fit for use`, `to be used with care: …` with the kinds of doubtful issues, or `fit for
+        use`.
         """
         doubts = [
             issue.issue
@@ -111,7 +112,7 @@ class TelemetryReport:
         )
 
     def find(self, issue: str) -> tuple[TelemetryIssue, ...]:
-        """The issues of one kind."""
+        """The issues of one kind, by its name; empty without any."""
         return tuple(found for found in self.issues if found.issue == issue)
 
     def require_fit(self, learning: bool = True) -> TelemetryReport:
@@ -119,6 +120,9 @@ class TelemetryReport:
 
         Args:
             learning: Whether something is to be fitted; an evaluation may do with little data.
+
+        Returns:
+            The report itself.
 
         Raises:
             RecordingError: A fatal issue; names the file, the place and the remedy.
@@ -132,7 +136,13 @@ class TelemetryReport:
         return self
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """The report for JSON.
+
+        Returns:
+            `session`, `runs`, `samples`, `duration_s`, `robot`, `joints`, `common_clock`, `fit`
+            (whether it may be fitted), and lists of records: `effort` (by joint), `conventions` and
+            `telemetry` (the issues).
+        """
         return {
             "session": self.session.name,
             "runs": len(self.session.runs),
@@ -173,7 +183,7 @@ class Inspection(Result):
         return all(report.is_fit for report in self.reports)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """The result for JSON: `schema`, `sessions` (a report's record each) and `provenance`."""
         return {
             "schema": SCHEMA,
             "sessions": [report.to_dict() for report in self.reports],
@@ -182,7 +192,9 @@ class Inspection(Result):
 
 
 def as_mounted(arm: ArmModel, session: Session) -> ArmModel:
-    """The arm under the gravity that a session has been found, or said, to be recorded under."""
+    """The arm under the gravity that a session states or was found with; as it is where it has
+    none.
+    """
     return arm if session.gravity is None else arm.with_gravity(np.array(session.gravity))
 
 
@@ -247,7 +259,12 @@ def issue_of(
 
 
 def joints_at(session: Session, columns: Iterable[Any]) -> tuple[str, ...]:
-    """Names of joints, by their columns or by a mask of all; names stay as they are."""
+    """Names of joints.
+
+    Args:
+        session: The recordings.
+        columns: Their indices, a mask over all joints, or names, which stay as they are.
+    """
     given = list(columns)
     marked = np.flatnonzero(given) if given and isinstance(given[0], bool | np.bool_) else given
     return tuple(one if isinstance(one, str) else session.joints[one] for one in marked)
@@ -270,16 +287,30 @@ class Findings:
         self.columns: set[int] = set()
 
     def note(self, run: Recording, what: str, columns: Iterable[int] = ()) -> None:
-        """Something seen in a run, at some joints; what is noted first is what is reported."""
+        """Notes something seen in a run; what is noted first is what is reported.
+
+        Args:
+            run: The run.
+            what: What was seen there, a text.
+            columns: Indices of the joints concerned.
+        """
         self.reported.append((run.name, what))
         self.columns.update(int(column) for column in columns)
 
     def issues(
         self, key: str, severity: Severity | None = None, **seen: Any
     ) -> list[TelemetryIssue]:
-        """All that was seen as one issue, in the words of `issues.toml`; none if nothing was.
+        """All that was seen as one issue, in the words of `issues.toml`.
 
         The first run's is reported, and in how many more there is something.
+
+        Args:
+            key: Row of `issues.toml`.
+            severity: Another one than the row's.
+            **seen: What the row's words name, beside `reported`.
+
+        Returns:
+            The one issue; empty if nothing was seen.
         """
         if not self.reported:
             return []
@@ -301,7 +332,7 @@ class Findings:
 
 
 def check_accepted(accept: Sequence[str]) -> tuple[str, ...]:
-    """The names of issues that are to be accepted.
+    """The names of issues that are to be accepted, each once.
 
     Raises:
         InputError: A name that no refusal has.
@@ -319,9 +350,12 @@ def check_accepted(accept: Sequence[str]) -> tuple[str, ...]:
 def overrule(
     report: TelemetryReport, accept: Sequence[str], reported: Sequence[str] = ()
 ) -> TelemetryReport:
-    """A report whose refusals are warnings.
+    """A report in which some fatal issues are warnings.
 
-    Where the user accepts them, or where what comes next reports them.
+    Args:
+        report: The report.
+        accept: Kinds of issues that the user accepts.
+        reported: Kinds that what comes next reports itself.
     """
 
     def weaken(issue: TelemetryIssue) -> TelemetryIssue:

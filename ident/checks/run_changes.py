@@ -34,10 +34,14 @@ class RunChange:
     size: float = 0.0  # of a zero [rad], a scale or a clock [1]
 
     def log_units(self, count: int) -> Float[Array, " n"]:
-        """Logarithm of the factor by which each joint's torque is divided, of so many joints.
+        """Logarithm of the factor by which the change divides each joint's torque; 0 where it does
+        not.
 
         An error of torques that were divided by a factor is one of so many times as much as
         recorded: a factor that only makes torque and noise small explains nothing.
+
+        Args:
+            count: Number of joints.
         """
         units = np.zeros(count)
         if self.kind == "effort_scale":
@@ -45,7 +49,7 @@ class RunChange:
         return units
 
     def undo(self, run: RunStates) -> RunStates:
-        """The run's states read by the convention of the others."""
+        """The run's states as they are once the change is taken back."""
         count = run.q.shape[1]
         mask = np.zeros(count, dtype=bool)
         mask[list(self.joints)] = True
@@ -80,7 +84,12 @@ class RunChange:
 
 
 def discrete_changes(count: int, sliding: Float[Array, " n"]) -> Iterator[RunChange]:
-    """Changes without a size: signs, axes, columns and clocks."""
+    """Changes that are tried without a size to be fitted: signs, axes, columns and clocks.
+
+    Args:
+        count: Number of joints.
+        sliding: Which joints slide; columns are exchanged among one kind alone.
+    """
     every = tuple(range(count))
     yield RunChange("effort_sign", every)
     for joint in every if count > 1 else ():
@@ -115,7 +124,7 @@ def scale_changes(runs: Sequence[RunStates], foretold: Float[Array, "T n"]) -> I
 
 
 def zero_changes(arm: ArmModel, joint: int) -> Iterator[RunChange]:
-    """Zeros of a joint that turns, evenly over a turn; of one that slides none."""
+    """Changes of one joint's zero, evenly over a turn [rad]; none for a joint that slides."""
     if not bool(arm.sliding_joints[joint]):
         for step in range(1, ZEROS):
             angle = 2.0 * np.pi * step / ZEROS

@@ -32,7 +32,9 @@ class Stretch:
 
 
 def stretches_of(run: Recording) -> list[Stretch]:
-    """A run between its gaps."""
+    """The pieces of a run between its gaps, each with the factor by which its velocities are off
+    (None where it can't be told).
+    """
     pieces = [run]
     if len(run) >= LIMIT.shortest_piece:
         gaps = np.flatnonzero(np.diff(run.time) > LIMIT.gap_intervals * run.sample_interval)
@@ -44,7 +46,12 @@ def stretches_of(run: Recording) -> list[Stretch]:
 
 
 def check_run_clocks(session: Session) -> tuple[Session, list[TelemetryIssue]]:
-    """Finds stretches whose clock is off where others' is right; later checks see only the rest."""
+    """Finds stretches whose clock is off where others' is right.
+
+    Returns:
+        The session of all other stretches, for later checks, and the issue; as it was, and none,
+        where no stretch is off or none is right.
+    """
     stretches: list[Stretch] = []
     for run in session.runs:
         stretches += stretches_of(run)

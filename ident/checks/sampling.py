@@ -22,7 +22,11 @@ def _is_uneven(steps: Float[Array, " T"]) -> bool:
 
 
 def mend_jitter(session: Session) -> tuple[Session, list[TelemetryIssue]]:
-    """Tells uneven sampling; where only the stamps are uneven, evens them out."""
+    """Tells uneven sampling; where only the stamps are uneven, evens them out.
+
+    Returns:
+        The session, and the issues: uneven samples, and stamps that were evened.
+    """
     reported = Findings(session)
     mended = Findings(session)
     runs: list[Recording] = []
@@ -50,7 +54,7 @@ def mend_jitter(session: Session) -> tuple[Session, list[TelemetryIssue]]:
 
 
 def even_clock(run: Recording) -> Float[Array, " T"] | None:
-    """An even clock [s] that fits the positions better than the stamps do, if there is one.
+    """An even clock [s] that fits the positions better than the stamps do; None if there is none.
 
     A receiver stamps even samples unevenly; then positions are smooth over the sample's number and
     not over time.
@@ -93,7 +97,7 @@ def usual_interval(session: Session) -> float:
 
 
 def check_rate(session: Session) -> list[TelemetryIssue]:
-    """Tells what slow sampling leaves out."""
+    """Tells what slow sampling leaves out: one issue, or none where sampling is fast enough."""
     interval = usual_interval(session)
     if interval * LIMIT.slow_hz <= 1.0 + LIMIT.jitter:
         return []

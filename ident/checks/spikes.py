@@ -26,7 +26,10 @@ OPTIONAL = ("velocity", "acceleration", "temperature")
 
 
 def mend_spikes(session: Session) -> tuple[Session, list[TelemetryIssue]]:
-    """Drops rows in which a position leaves its neighbours for one sample."""
+    """Drops rows in which a position leaves its neighbours for one sample.
+
+    Where more than 1 % of a run's rows do so, they stay.
+    """
     findings = Findings(session)
     for run in session.runs:
         wild = find_spikes(run.position)
@@ -59,7 +62,7 @@ def find_spikes(q: Float[Array, "T n"]) -> Bool[Array, "T n"]:
 
 
 def mend_absurd(session: Session) -> tuple[Session, list[TelemetryIssue]]:
-    """Drops the rows with a cell that no arm can have had, time included."""
+    """Drops the rows with a cell, the time included, that no arm can have had."""
     wild = []
     for run in session.runs:
         far = [np.abs(values) > LIMIT.absurd for values in run.channels().values()]

@@ -22,7 +22,12 @@ STRETCHES = 8
 
 
 def mend_time_unit(session: Session) -> tuple[Session, list[TelemetryIssue]]:
-    """Accepts time in whole nanoseconds or microseconds, as drivers stamp it, and tells."""
+    """Converts time in whole nanoseconds or microseconds, as drivers stamp it, to seconds.
+
+    Returns:
+        The session, its clock from 0 [s], and an issue that tells it; as it was, and none, for any
+        other time.
+    """
     times = [run.time for run in session.runs if len(run) > 1]
     interval = usual_interval(session)
     whole = all(np.array_equal(time, np.floor(time)) for time in times)
@@ -41,6 +46,9 @@ def check_stated_rate(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Holds the rate that session.toml states against the time column, which is what is used.
 
     A column in another unit of time is told by `mend_time_base`.
+
+    Returns:
+        The session as it was, and an issue where a rate is stated.
     """
     contradicted = Findings(session)
     stated = None
@@ -83,7 +91,9 @@ def _unit_of(interval: float) -> float:
 def mend_time_base(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Finds time that runs at another rate.
 
-    The session is corrected for the checks that follow; a fit is refused.
+    Returns:
+        The session with a corrected clock, for the checks that follow, and a fatal issue; as it
+        was, and none, where the rate is right.
     """
     rate = _rate_of_clock(session)
     if rate is not None:
@@ -114,6 +124,9 @@ def check_clock(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
 
     Where speeds exceed their limits, either the clock or the limits are wrong. A measured velocity
     confirms the clock; without one, inertia tells which of both leaves it nearer to the model's.
+
+    Returns:
+        One issue at the most.
     """
     states = collect_states(session, arm)
     if states is None:

@@ -21,7 +21,7 @@ from ident.robot.arm import ArmModel
 
 
 def check_bodies_of_urdf(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
-    """Names links of which the inertia or the mass is no body's."""
+    """Names links whose inertia or mass no body can have; empty without any."""
     masses, _, inertias = arm.chain[-3:]
     links, joints = np.array(arm.links), np.array(arm.joint_names)
     moments = np.linalg.eigvalsh(inertias)
@@ -58,5 +58,5 @@ def is_negative(moments: Float[Array, "n 3"]) -> Array:
 
 
 def rounding(moments: Float[Array, "n 3"]) -> Float[Array, " n"]:
-    """By how much a URDF's few digits may be off."""
+    """By how much a URDF's few digits may have each link's moments off [kg m²]."""
     return np.asarray(LIMIT.inertia_rounding * np.maximum(np.abs(moments).max(axis=1), 1e-12))

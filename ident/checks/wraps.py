@@ -14,7 +14,15 @@ from ident.robot.arm import ArmModel
 
 
 def mend_wraps(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
-    """Unwraps joints whose position jumps by a turn."""
+    """Unwraps joints whose position jumps by a turn.
+
+    Args:
+        session: The recordings.
+        arm: Their robot; if None, all joints count as turning.
+
+    Returns:
+        The session, and the issue; as it was, and none, where nothing jumps.
+    """
     turning = revolute(session, arm)
     findings = Findings(session)
     for run in session.runs:
@@ -72,6 +80,14 @@ def split_at_jumps(session: Session, arm: ArmModel | None) -> tuple[Session, lis
     Samples are missing there, whatever the stamps say. A jump is far beyond the joint's limit of
     speed and beyond the speeds that it has in the run, to which motion would have come through
     those between. A few jumps part a run; many make its positions none.
+
+    Args:
+        session: The recordings.
+        arm: Their robot; None where it is not known.
+
+    Returns:
+        The session of the pieces that are long enough, and the issue; as it was where there is no
+        jump, no piece is left or there are too many.
     """
     parted = Findings(session)
     broken = Findings(session)

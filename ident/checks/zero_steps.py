@@ -62,13 +62,23 @@ class RunEquations:
         return len(self.left) * self.joints
 
     def evidence(self, columns: list[int], late: Bool[Array, " R"]) -> float:
-        """The logarithm of the likelihood that is gained, the errors' size being open [nats]."""
+        """Gain of log likelihood by changes from a cut on, the errors' size being open [nats].
+
+        Args:
+            columns: Columns of the changes.
+            late: Which runs lie behind the cut.
+        """
         total = float(self.left.sum())
         rest = max(total - self.gain(columns, late), ROUNDING)
         return float(0.5 * self.count * np.log(total / rest))
 
     def gain(self, columns: list[int], late: Bool[Array, " R"]) -> float:
-        """By how much all that is left shrinks where changes are others on both sides of a cut."""
+        """By how much the squares that are left shrink where changes differ on both sides of a cut.
+
+        Args:
+            columns: Columns of the changes.
+            late: Which runs lie behind the cut.
+        """
         everywhere = np.ones_like(late)
         both_sides = self._explained(columns, late) + self._explained(columns, ~late)
         return both_sides - self._explained(columns, everywhere)
@@ -113,6 +123,9 @@ def confirm(compared: ComparedRuns, step: ZeroStep) -> RunDifference | None:
     nearly as the rest foretell each other than as these were recorded: what hardly helps, or where
     nothing was worse than usual, is not what they have. So must all joints together: runs that are
     foretold far worse at other joints have something else, which a zero may imitate at one.
+
+    Returns:
+        The difference; None where it is not confirmed.
     """
     late = is_late(step.first, len(compared.runs))
     is_odd = ~late if (~late).sum() < late.sum() else late
@@ -141,22 +154,36 @@ def confirm(compared: ComparedRuns, step: ZeroStep) -> RunDifference | None:
 
 
 def beyond(errors: Float[Array, " n"], usual: Float[Array, " n"]) -> float:
-    """By how much joints are foretold worse than usual, all together; logarithms of errors."""
+    """By how much joints are foretold worse than usual, summed over those that are.
+
+    Args:
+        errors, usual: Logarithms of errors, by joint.
+    """
     return float(np.nansum(np.maximum(errors - usual, 0.0)))
 
 
 def cuts_of(runs: int) -> range:
-    """Numbers of the runs that a late side may begin with: both sides have two runs or more."""
+    """Numbers of the runs that a late side may begin with, so that both sides have two runs or
+    more.
+
+    Args:
+        runs: Number of runs; below four there is no cut.
+    """
     return range(2, runs - 1)
 
 
 def is_late(first: int, runs: int) -> Bool[Array, " R"]:
-    """Which runs lie behind a cut."""
+    """Which of so many runs lie behind a cut: those from `first` on."""
     return np.asarray(np.arange(runs) >= first)
 
 
 def all_steps(equations: RunEquations, joints: int) -> Iterator[ZeroStep]:
-    """A step of each joint's zero at each cut, where both sides say anything of it."""
+    """A step of each joint's zero at each cut, where both sides say anything of it.
+
+    Args:
+        equations: The runs' equations, zeros of the joints first.
+        joints: Number of joints.
+    """
     runs = len(equations.left)
     for joint in range(joints):
         weight = equations.normal[:, joint, joint]
@@ -173,7 +200,7 @@ def step_between(
     late: Bool[Array, " R"],
     joint: int,
 ) -> ZeroStep:
-    """Student's t of weighted estimates on both sides of a cut.
+    """The step of a joint's zero at a cut, and how likely chance makes it as large (Student's t).
 
     Args:
         estimate: Zero of each run [rad].

@@ -39,7 +39,7 @@ class OpenLaw:
     shape: Mapping[str, float]  # inner parameters and other constants of its columns
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON: `coefficients`, and `shape` by name."""
         return {"coefficients": list(self.coefficients), "shape": dict(self.shape)}
 
 
@@ -66,7 +66,12 @@ class TunedJoint:
     laws: Mapping[str, OpenLaw]
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON.
+
+        Returns:
+            The losses by `LOSS_KEYS`, `transition_rad_s`, `sliding_range_rad`, `link_change` by
+            `LINK_KEYS`, and `laws` by effect.
+        """
         losses = (self.motor_inertia, self.viscous, self.coulomb)
         link_change = map(float, self.link_change)
         return {
@@ -108,6 +113,9 @@ def tuned_beside(
         baseline, evidence, prior: The user's arm, the sums of the effects' columns, and what the
             URDF says.
         estimates: The effects.
+
+    Returns:
+        The parameters by joint name.
     """
     groups = [estimate.refined for estimate in estimates]
     alone = project(evidence.gram(), evidence, prior)

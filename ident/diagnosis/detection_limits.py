@@ -47,7 +47,15 @@ class SizeLimit:
     bound_by: str  # what hides smaller effects: one of `HIDES`
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, object]:
-        """Its record, with joint names."""
+        """Its record for JSON.
+
+        Args:
+            joints: Names of the arm's joints.
+
+        Returns:
+            `effect`, `joints`, `figure` (name of the parameter), `limit` (None if the effect is
+            hidden at any size), `named` (`above` or `below` the limit), `hidden` and `bound_by`.
+        """
         of_a_joint = self.effect.scope == "joint"
         return {
             "effect": self.effect.id,
@@ -80,6 +88,8 @@ class _TypicalEffect:
 
 def find_limits(conclusion: Conclusion, session: SessionContext) -> tuple[SizeLimit, ...]:
     """Detection limits of all effects at all joints where they are no names.
+
+    Effects that happen once, and those without a size, have none.
 
     Args:
         conclusion, session: The causes, and the runs.
@@ -227,7 +237,9 @@ class _LimitFinder:
 
 
 def encoder_share(whitening: Whitening) -> Float[Array, " n"]:
-    """Share of each joint's residual variance that is encoder noise in its columns."""
+    """Share, from 0 to 1, of each joint's residual variance that encoder noise in its columns makes
+    up.
+    """
     response = np.zeros((len(whitening.coefficients), LIMIT.response))
     _respond(np.ascontiguousarray(whitening.coefficients), response)
     variance = whitening.innovation**2 * np.sum(response**2, axis=1)

@@ -156,7 +156,7 @@ def diagnose(
 
 
 def still_joints(motions: Sequence[Motion], arm: ArmModel) -> list[int]:
-    """Joints that stand still in all runs."""
+    """Indices of the joints that stand still in all runs."""
     moving = np.sum([motion.moving.sum(axis=0) for motion in motions], axis=0)
     return [j for j in range(arm.n) if moving[j] < LEAST_MOVING]
 

@@ -45,22 +45,22 @@ class ReportedEffect:
 
     @property
     def probability(self) -> float:
-        """That it is the cause, and none of its class."""
+        """Probability that it is the cause, and none of the effects of its class."""
         return self.estimate.probability
 
     @property
     def class_probability(self) -> float:
-        """That one of its class is the cause."""
+        """Probability that one of the effects of its class is the cause."""
         return self.estimate.class_probability
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """Effects that the recordings can't tell from it, itself first."""
+        """Its class: ids of the effects that the recordings can't tell from it, itself first."""
         return self.estimate.rivals
 
     @property
     def parameters(self) -> JsonRecord:
-        """Its parameters with their intervals."""
+        """Its parameters with their 95 % intervals, by name."""
         return self.estimate.parameters
 
     @property
@@ -71,7 +71,7 @@ class ReportedEffect:
 
     @property
     def gain(self) -> float:
-        """Root mean square of the torque that it explains, over its joints [N m]."""
+        """Root of the mean square that it closes over its joints [N m]; 0 where it closes none."""
         return float(np.sqrt(max(self.closed, 0.0)))
 
     @property
@@ -92,14 +92,20 @@ class ReportedEffect:
         return action
 
     def action_at(self, where: str) -> str:
-        """The action for other words in place of the joint."""
+        """The action as a sentence, with `where` in place of the joint's name."""
         sentence = self.estimate.refined.effect.action(JOINT, self.estimate.parameters)
         if self.slides:
             sentence = in_linear_units(sentence)
         return sentence.replace(JOINT, where)
 
     def shared_record(self) -> JsonRecord:
-        """The entries that findings and changes have in common."""
+        """The entries that findings and changes have in common.
+
+        Returns:
+            `effect`, `joints`, `probability`, `class` (ids, its own first), `class_probability`,
+            `class_shares` (by id), `elsewhere` (`effect` and `joint`, None for the whole arm),
+            `action`, and `parameters` (intervals by name).
+        """
         estimate = self.estimate
         elsewhere = []
         for effect, joint in self.elsewhere:

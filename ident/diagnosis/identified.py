@@ -66,7 +66,12 @@ class Figure:
     )
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON.
+
+        Returns:
+            `nominal`, `value`, `low` and `high` (given the URDF), `low_with_urdf` and
+            `high_with_urdf`, None where they are not known; and `change_rms_Nm` where there is one.
+        """
         low, high = self.given_urdf or (None, None)
         low_with_urdf, high_with_urdf = self.with_urdf or (None, None)
         record = {
@@ -90,7 +95,7 @@ class LinkFigures:
     beyond_tolerance: bool  # whether any differs from the URDF by more than URDFs are off
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON: `joint`, `mass_kg`, `moment_kgm` by axis, and `beyond_tolerance`."""
         return {
             "joint": self.joint,
             "mass_kg": self.mass.to_dict(),
@@ -117,7 +122,7 @@ class IdentifiedNumbers:
     rigid_rms: Mapping[str, float]
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON: by joint name its figures' records, and `links` by link name."""
         record: JsonRecord = {}
         for joint, figures in self.joints.items():
             record[joint] = {key: figure.to_dict() for key, figure in figures.items()}

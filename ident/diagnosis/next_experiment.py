@@ -81,7 +81,11 @@ def _is_of_motion(entry: Record) -> bool:
 
 
 def joints_shown(finding: Record) -> set[str]:
-    """The joints that a finding affects: its own, and those whose error falls by it."""
+    """Names of the joints that a finding affects: its own, and those whose error falls by it.
+
+    Args:
+        finding: A finding's record.
+    """
     heldout = finding.get("heldout") or {}
     return {*finding["joints"], *heldout.get("rms_before_Nm", ())}
 

@@ -56,7 +56,7 @@ class Models:
 
     @classmethod
     def of(cls, conclusion: Conclusion) -> Models:
-        """The models of a conclusion."""
+        """The models of a conclusion, solved on the whole session's sums."""
         evidence = conclusion.evidence
         prior = conclusion.prior
         groups = conclusion.groups
@@ -204,7 +204,13 @@ def find_places(
 
 
 def joint_gaps(arm: ArmModel, models: Models, remaining: Remaining) -> dict[str, JointGap]:
-    """The gap of each joint."""
+    """The gap of each joint, by joint name.
+
+    Args:
+        arm: The user's arm.
+        models: The models without and with the names.
+        remaining: What is left at each joint.
+    """
     energy = np.array([run_energy(item, item.unseen_before) for item in remaining.series])
     tuned, untuned = models.errors
     noise = remaining.noise

@@ -34,7 +34,12 @@ class Reservation:
 
     @classmethod
     def unlikely(cls, name: Named, joints: Sequence[str]) -> Reservation:
-        """The reservation about an unlikely effect, with what speaks against it."""
+        """The reservation about an unlikely effect, with what speaks against it.
+
+        Args:
+            name: The effect.
+            joints: Names of the arm's joints.
+        """
         estimate = name.estimate
         against = [reason.what for reason in estimate.reasons if reason.weight < 0.0][:REASONS_TOLD]
         words = " and ".join(against) or "nothing speaks for it"
@@ -45,7 +50,12 @@ class Reservation:
         )
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON.
+
+        Returns:
+            `effect` (None where it is about none), `joints`, `reason`, `parameters` (intervals by
+            name); for an unlikely effect also `probability` and `reasons`.
+        """
         weighed = {}
         if self.probability is not None:
             reasons = [reason.to_dict() for reason in self.reasons]

@@ -55,7 +55,9 @@ class Finding(ReportedEffect):
 
     @property
     def hidden_torque(self) -> dict[str, float]:
-        """Torque of an absorbed effect that tuned inertias hide, by joint [N m]; else 0."""
+        """Torque of an absorbed effect that tuned inertias hide, by joint name [N m]; 0 of any
+        other.
+        """
         hidden = {}
         for joint, before in self.rms_before.items():
             closed = max(before**2 - self.rms_after[joint] ** 2, 0.0)
@@ -63,7 +65,15 @@ class Finding(ReportedEffect):
         return hidden
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON.
+
+        Returns:
+            What changes have, too (`shared_record`), `reasons`, `rivals` (odds by id), `heldout`
+            (errors by joint name [N m], energy errors [J] and their standard deviations over the
+            runs, `gain_rms_Nm`, `shrink`, `share`) and `evidence` (`log_score_gain` and its
+            `log_score_error` [nats], `log_evidence` [nats], `judged_against`: `urdf` or `tuned`
+            inertias).
+        """
         return {
             **self.shared_record(),
             "reasons": [reason.to_dict() for reason in self.estimate.reasons],
@@ -116,7 +126,13 @@ class JointGap:
     slides: bool = False
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON.
+
+        Returns:
+            `rms_Nm`, `fixed_rms_Nm`, `noise_floor_Nm`, `ceiling_rms_Nm`, `unexplained`,
+            `tuned_away_Nm`, `energy_error_J` (`mean` and `std`; `std_missing` says why that is
+            None), `unit` of a prismatic joint, and `model_rms_Nm` with a model of the user's.
+        """
         mean, std = self.energy_error
         of_user_model = {} if self.model_rms is None else {"model_rms_Nm": self.model_rms}
         return {
@@ -147,7 +163,15 @@ class HeldOutGain:
     improvement: Improvement
 
     def to_dict(self, joints: Sequence[str]) -> JsonRecord:
-        """Its record, figures by the joints' names."""
+        """Its record for JSON.
+
+        Args:
+            joints: Names of the arm's joints.
+
+        Returns:
+            `rms_before_Nm` and `rms_after_Nm` by joint name, `shrink` (a share), and the entries of
+            `Improvement.to_dict`.
+        """
         return {
             "rms_before_Nm": dict(zip(joints, map(float, self.rms_before), strict=True)),
             "rms_after_Nm": dict(zip(joints, map(float, self.rms_after), strict=True)),
@@ -185,7 +209,12 @@ class Details:
     identified: IdentifiedNumbers
 
     def to_dict(self, names: Sequence[str]) -> JsonRecord:
-        """Its record, with joint names."""
+        """Its record for JSON: the fields by their names, without `tuned_links`' undetermined
+        figures.
+
+        Args:
+            names: Names of the arm's joints.
+        """
 
         def by_joint(joints: Mapping[str, TunedJoint]) -> dict[str, JsonRecord]:
             return {name: joint.to_dict() for name, joint in joints.items()}
@@ -218,7 +247,13 @@ class Exportable(Result):
     def export(self, robot: Any, out: str | Path, **options: Any) -> Any:
         """Writes its effects for simulators as URDF, MJCF, parameters and a Python module.
 
-        Arguments as in `ident.patch`.
+        Args:
+            robot: The arm, as `ident.patch` takes it.
+            out: Where to write them.
+            **options: As `ident.patch` takes them.
+
+        Returns:
+            What `ident.patch` returns.
         """
         return import_module("ident.api.exporting").patch(self.to_dict(), robot, out, **options)
 

@@ -29,7 +29,11 @@ class SavedFinding:
 
     @classmethod
     def of(cls, record: JsonTable) -> SavedFinding:
-        """Read from a finding of a saved diagnosis."""
+        """Read from the record of a finding.
+
+        Raises:
+            KeyError: A part of the record is missing.
+        """
         heldout = record["heldout"]
         parameters = {name: interval_of(value) for name, value in record["parameters"].items()}
         return cls(
@@ -94,17 +98,19 @@ class SavedParts:
 
     @property
     def gap(self) -> Mapping[str, JsonTable]:
-        """The record of each joint's gap, by joint name."""
+        """The record of each joint's gap (`JointGap.to_dict`), by joint name; empty without any."""
         return dict(self.record["gap"])
 
     @property
     def identified(self) -> JsonTable:
-        """The URDF's numbers beside those that were found."""
+        """The URDF's numbers beside those that were found (`IdentifiedNumbers.to_dict`); empty
+        where the record has none.
+        """
         return dict(self.record.get("identified", {}))
 
     @cached_property
     def telemetry(self) -> tuple[TelemetryIssue, ...]:
-        """What the check of the recordings told."""
+        """The issues that the check of the recordings found."""
         rows = self.record["telemetry"]
         return tuple(TelemetryIssue(**{**row, "joints": tuple(row["joints"])}) for row in rows)
 

@@ -29,7 +29,7 @@ class RepeatedLook:
     missing: tuple[str, ...]  # reasons why the result is not certain enough; empty if it is
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON: `runs`, `minutes` of recording, `verdict` and `missing`."""
         record = {**vars(self), "minutes": self.seconds / 60.0, "missing": list(self.missing)}
         del record["seconds"]
         return record
@@ -49,7 +49,12 @@ class RepeatedLooks:
         return not self.looks[-1].missing
 
     def to_dict(self) -> JsonRecord:
-        """The entry `until` of the diagnosis's record."""
+        """The entry `until` of the diagnosis's record.
+
+        Returns:
+            `sure` (the probability asked for), `enough`, of the last look `runs`, `minutes` and
+            `missing`, and `looks` (records of all).
+        """
         last = self.looks[-1].to_dict()
         return {
             "sure": self.confidence,
@@ -88,7 +93,7 @@ def diagnose_sequentially(
 
 
 def count_runs(total: int) -> Iterator[int]:
-    """Numbers of runs of the successive looks; the last one has all of them."""
+    """Numbers of runs of the successive looks, growing by a factor; the last one is `total`."""
     runs = min(LIMIT.first_runs, total)
     while runs < total:
         yield runs
@@ -97,7 +102,12 @@ def count_runs(total: int) -> Iterator[int]:
 
 
 def find_missing(diagnosis: Diagnosis, confidence: float) -> Iterator[str]:
-    """Reasons why a diagnosis is not certain enough; none if it is."""
+    """Reasons why a diagnosis is not certain enough, in words; none if it is.
+
+    Args:
+        diagnosis: The diagnosis.
+        confidence: Least probability of each finding.
+    """
     if diagnosis.verdict == "no_gap":
         hidden = sorted(_hidden_by_noise(diagnosis))
         if hidden:

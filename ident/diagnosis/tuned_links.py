@@ -90,7 +90,10 @@ class TunedLink:
 
     @property
     def share(self) -> Interval | None:
-        """Change about the axis as a share of the URDF's moment."""
+        """Change about the axis as a share of the URDF's moment.
+
+        None where the change is not determined, or the URDF's moment is 0.
+        """
         change = self.about_axis
         whole = self.urdf_moment
         if change is None or whole == 0.0:
@@ -98,7 +101,12 @@ class TunedLink:
         return Interval(change.value / whole, change.low / whole, change.high / whole)
 
     def to_dict(self) -> JsonRecord:
-        """Its record, without undetermined parameters."""
+        """Its record for JSON, without undetermined parameters.
+
+        Returns:
+            `joint`, `beyond_tolerance`, `moment_kgm` (intervals by axis), and where they are known
+            `mass_kg`, `about_axis_kgm` and `about_axis_share`.
+        """
         record: JsonRecord = {"joint": self.joint, "beyond_tolerance": self.beyond_tolerance}
         if self.mass is not None:
             record["mass_kg"] = self.mass.to_dict()
@@ -110,7 +118,7 @@ class TunedLink:
         return record
 
     def changes(self) -> dict[str, Interval]:
-        """All determined changes by parameter name."""
+        """All determined changes with 95 % intervals, by parameter name; empty without any."""
         changes: dict[str, Interval] = {}
         if self.mass is not None:
             changes[MASS] = self.mass
@@ -121,7 +129,11 @@ class TunedLink:
         return changes
 
     def words(self, link: str) -> str:
-        """The link's error as a sentence."""
+        """The link's error beyond the URDF's tolerance as a sentence with the remedy.
+
+        Args:
+            link: Name of the link.
+        """
         moved = []
         if ABOUT in self.beyond and self.about_axis is not None:
             share = self.share

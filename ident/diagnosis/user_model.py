@@ -15,6 +15,10 @@ def with_own_model(analysis: Analysis, model: HybridModel) -> Analysis:
     """The analysis with the error of the user's model at each of its joints (`model_rms_Nm`).
 
     The model is taken on its last rung.
+
+    Args:
+        analysis: The diagnosis with its intermediate results.
+        model: The user's model of this arm.
     """
     names = model.joint_names
     squares = dict.fromkeys(names, 0.0)

@@ -18,6 +18,9 @@ def decide(names: Sequence[Named], gap_probability: Float[np.ndarray, " n"]) -> 
     Args:
         names: Effects that are likelier than not.
         gap_probability: For each joint the probability that a cause without a name is left there.
+
+    Returns:
+        `named`, `partial` (named, and more is left), `none_of_catalogue` or `no_gap`.
     """
     unexplained = bool(np.any(gap_probability >= EVEN_ODDS))
     if names:
@@ -35,5 +38,13 @@ def score_outside(gap_probability: Float[np.ndarray, " n"]) -> float:
 
 
 def above_noise(gap: JsonTable, settings: VerdictSettings = USUAL_VERDICT) -> bool:
-    """Whether a joint's error, as a diagnosis records its gap, is clearly above its noise."""
+    """Whether a joint's error is clearly above its noise.
+
+    Args:
+        gap: The joint's gap as a diagnosis records it (`JointGap.to_dict`).
+        settings: How many times the noise's is loud.
+
+    Returns:
+        False where the noise is 0 or None.
+    """
     return bool(gap["rms_Nm"] > settings.loud * (gap["noise_floor_Nm"] or np.inf))

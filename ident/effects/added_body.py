@@ -36,9 +36,14 @@ Places = Mapping[int, Float[Array, " 3"]]
 
 
 def link_law(arm: ArmModel, link: int, variant: Variant) -> Float[Array, "10 4"]:
-    """Change of a link's numbers per kilogram, and per shift of its first moment.
+    """Change of a link's ten inertial numbers per kilogram, and per shift of its first moment.
 
     Of a body at the variant's place, or, where it has none, of more of the link's own density.
+
+    Args:
+        arm: The arm.
+        link: Index of the link.
+        variant: Its shape may have the place.
     """
     parameters = arm.inertial_parameters[10 * link : 10 * link + 10]
     mass = float(parameters[0])
@@ -50,7 +55,14 @@ def link_law(arm: ArmModel, link: int, variant: Variant) -> Float[Array, "10 4"]
 
 
 def acting(arm: ArmModel, link: int, law: Float[Array, "10 k"]) -> list[int]:
-    """Which columns of a law act on some torque: a matter of the arm, not of the motion."""
+    """Indices of the columns of a law that act on some torque: a matter of the arm, not of the
+    motion.
+
+    Args:
+        arm: The arm.
+        link: Index of the link.
+        law: Change of the link's ten numbers by each coefficient.
+    """
     size = np.sqrt(np.mean((_structure(arm, link) @ law) ** 2, axis=0))
     least = LIMIT.least_column * max(float(size.max()), 1e-12)
     return [int(column) for column in np.flatnonzero(size > least)]
@@ -59,8 +71,15 @@ def acting(arm: ArmModel, link: int, law: Float[Array, "10 k"]) -> list[int]:
 def moment_about_axis(
     arm: ArmModel, link: int, law: Float[Array, "10 k"], coefficients: Array, covariance: Array
 ) -> Interval:
-    """Size of a body's first moment about its joint's axis [kg m]: what gravity shows of it,
-    whatever it weighs.
+    """Size of a body's first moment about its joint's axis [kg m], with a 95 % interval.
+
+    It is what gravity shows of the body, whatever it weighs.
+
+    Args:
+        arm: The arm.
+        link: Index of the link that has the body.
+        law: Change of the link's ten numbers by each coefficient.
+        coefficients, covariance: Estimates.
     """
     axis = arm.joint_axes[link]
     across = (np.eye(3) - np.outer(axis, axis)) @ law[1:4]
@@ -68,12 +87,24 @@ def moment_about_axis(
 
 
 def place_of(variant: Variant) -> Float[Array, " 3"]:
-    """Where a variant has its body [m]."""
+    """Where a variant has its body, in the link's frame [m].
+
+    Raises:
+        KeyError: It has no place.
+    """
     return np.array([variant.shape[name] for name in PLACE])
 
 
 def placed(places: Places, arm: ArmModel, link: int) -> tuple[Variant, ...]:
-    """A body about its place, if it was found and turns any joint there."""
+    """The variant of a body about the place that was found for it on a link.
+
+    Empty where none was found, where the link's mass can't be told, or the body turns no joint.
+
+    Args:
+        places: The places by index of the link.
+        arm: The arm.
+        link: Index of the link.
+    """
     if link not in places or not weighs(arm, link):
         return ()
     variant = _at_place(places[link])
@@ -87,8 +118,15 @@ def _at_place(place: Float[Array, " 3"]) -> Variant:
 
 
 def centre_of(arm: ArmModel, mass: float, moment: Float[Array, " 3"]) -> Float[Array, " 3"] | None:
-    """Where a body of such mass and moment is, no farther out than a tool's centre; None of what
-    weighs nothing.
+    """Where a body is, in the link's frame, no farther out than a tool's centre [m].
+
+    Args:
+        arm: The arm.
+        mass: The body's [kg].
+        moment: Its first moment [kg m].
+
+    Returns:
+        None of a body that weighs nothing.
     """
     if abs(mass) < LIMIT.least_mass_share * arm_mass(arm):
         return None
@@ -101,6 +139,13 @@ def centre_of(arm: ArmModel, mass: float, moment: Float[Array, " 3"]) -> Float[A
 def places_of_tuning(session: SessionContext, links: Iterable[int]) -> Places:
     """On each of some links the place of the one body there that explains best what tuning changed
     of all inertias.
+
+    Args:
+        session: The runs, with the tuned change of inertias.
+        links: Indices of the links.
+
+    Returns:
+        By index of the link [m]; empty where nothing was tuned or a place can't be told.
     """
     if session.tuned is None or not session.tuned.any():
         return {}
@@ -127,11 +172,10 @@ def places_of_tuning(session: SessionContext, links: Iterable[int]) -> Places:
 
 @lru_cache(maxsize=64)
 def weighs(arm: ArmModel, link: int) -> bool:
-    """Whether a mass on a link does what no moments and no inertia of that link do; a matter of the
-    arm.
+    """Whether a mass on a link does what no moments and no inertia of that link do.
 
-    Of a link that turns about a fixed point gravity tells the first moment alone: how heavy it is
-    hangs on how it is spread, which nobody knows.
+    A matter of the arm: of a link that turns about a fixed point gravity tells the first moment
+    alone, and how heavy it is hangs on how it is spread, which nobody knows.
     """
     structure = _structure(arm, link)
     mass = structure[:, 0]

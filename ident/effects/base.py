@@ -54,16 +54,32 @@ class Effect(EffectRecord, ABC):
         return lacking(self.needs, session, joint)
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        """The inner grid at a joint (`joint` is 0 for an effect of the whole arm)."""
+        """The points of the inner grid at a joint, at which the effect is tried.
+
+        By default a single one without parameters.
+
+        Args:
+            session: The runs.
+            joint: Index of the joint; 0 for an effect of the whole arm.
+        """
         return (Variant(),)
 
     @abstractmethod
     def columns(
         self, session: SessionContext, joint: int, variant: Variant
     ) -> list[Float[Array, "T ..."]]:
-        """Torque columns of every run [N m per unit of coefficient], (T, k) or (T, n, k) by `rows`.
+        """Torque of every run for coefficients of one [N m per unit of coefficient].
 
         Whole sessions are asked for at once because some effects remember from run to run.
+
+        Args:
+            session: The runs.
+            joint: Index of the joint; 0 for an effect of the whole arm.
+            variant: The point of the inner grid.
+
+        Returns:
+            For each run k columns: shape (T, k) of the joint's own torque where `rows` is `own`,
+            (T, n, k) of all joints' where it is `all`.
         """
 
     def parameters(
@@ -88,7 +104,10 @@ class Effect(EffectRecord, ABC):
     ) -> Float[Array, " k"] | None:
         """Largest plausible size of each coefficient, two standard deviations of the prior.
 
-        None for flat. By default as `prior` has it.
+        By default as `prior` has it.
+
+        Returns:
+            In the coefficients' units; None where nothing is known (a flat prior).
         """
         if not self.prior:
             return None
@@ -150,6 +169,11 @@ def size_at_joint(size: Size, session: SessionContext, joint: int) -> float:
 
     Of a joint "0.5 rated" [N m], "3 coulomb" [N m] or "1 viscous" [N m s/rad]; of the arm "1 mass"
     [kg] or "0.5 reach" [m].
+
+    Args:
+        size: A number, which is returned, or such a text.
+        session: The runs.
+        joint: Index of the joint.
     """
     if not isinstance(size, str):
         return float(size)
@@ -172,8 +196,10 @@ def _whole(quantity: str, session: SessionContext, joint: int) -> float:
 def impossible(
     effect: Effect, session: SessionContext, joint: int, estimates: Mapping[str, Interval]
 ) -> str | None:
-    """Why no arm has an effect of such parameters, or None: a 95 % interval that lies beyond a
-    bound as a whole.
+    """Why no arm has an effect of such parameters, in words; None where one can.
+
+    A parameter is impossible if its 95 % interval lies beyond a bound as a whole, or its value is
+    not finite.
     """
     for name, allowed in effect.physical(session, joint, estimates).items():
         estimate = estimates[name]

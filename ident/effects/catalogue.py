@@ -68,6 +68,10 @@ def find_effect(effect_id: str, catalogue: tuple[Effect, ...] = CATALOGUE) -> Ef
 
     Raises:
         InputError: There is none; lists those that there are.
+
+    Args:
+        effect_id: The id.
+        catalogue: Where to look.
     """
     for effect in catalogue:
         if effect.id == effect_id:
@@ -80,6 +84,9 @@ def load_catalogue(extra: Path | None = None) -> tuple[Effect, ...]:
     """The catalogue, and after it the effects of a user's file.
 
     The file is run as Python: it can do whatever its author wants.
+
+    Args:
+        extra: The file; the catalogue alone if None.
 
     Raises:
         InputError: The file can't be run, holds no effect, or one whose id is missing or taken, or

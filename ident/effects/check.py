@@ -37,6 +37,10 @@ MOST_JOINTS = 2
 def require_record(effect: Effect | type[Effect], where: str | Path) -> None:
     """Checks what an effect, or its class, states beside the law.
 
+    Args:
+        effect: The effect.
+        where: The file or effect, for the message.
+
     Raises:
         InputError: A field holds what it can't; names it and says what it holds.
     """

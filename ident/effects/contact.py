@@ -36,7 +36,7 @@ class Push:
     outward: float = 0.0  # where on the link: 0 at its centre of mass, 1 at the next joint
 
     def overlaps(self, other: Push) -> bool:
-        """Whether two pushes share a moment."""
+        """Whether two pushes of the same run share a moment."""
         return self.run == other.run and self.start < other.end and other.start < self.end
 
 
@@ -50,7 +50,7 @@ class Leftover:
 
     @cached_property
     def usual(self) -> Float[Array, " n"]:
-        """Robust standard deviation of what is usually left at each joint [N m]."""
+        """Robust standard deviation of what is usually left at each joint [N m]; never zero."""
         every = max(1, sum(len(values) for values in self.torque) // LIMIT.usual_samples)
         squares = np.nan_to_num(np.concatenate([values[::every] for values in self.torque])) ** 2
         middle = np.array(
@@ -65,8 +65,15 @@ class Leftover:
     def around(
         self, push: Push, seconds: float
     ) -> tuple[RunContext, Int[Array, " k"], Float[Array, "k n"]]:
-        """A push's run, the samples so long before and after the push, and what is left there in
-        usual deviations.
+        """The time around a push.
+
+        Args:
+            push: The push.
+            seconds: How long before and after it belongs to it [s].
+
+        Returns:
+            Its run, the indices of the k filtered samples, and what is left there in usual
+            deviations.
         """
         index = [run.motion.name for run in self.session.runs].index(push.run)
         time = self.session.runs[index].motion.time[self.session.runs[index].motion.coarse]
@@ -390,10 +397,14 @@ def locate(leftover: Leftover, push: Push) -> Located:
 def force_columns(
     arm: ArmModel, q: Float[Array, "T n"], link: int, outward: float = 0.0
 ) -> Float[Array, "T n 3"]:
-    """−Jᵀ of a point of a link, which counts from 1: torque that holds a unit force along each axis
-    of the base frame.
+    """Torque with which each joint holds a unit force along each axis of the base frame: −Jᵀ
+    [N m/N].
 
-    The point is the centre of mass where `outward` is 0, the next joint where it is 1.
+    Args:
+        arm: The arm.
+        q: Its positions [rad].
+        link: The link that is pushed, counted from 1.
+        outward: Where: 0 at its centre of mass, 1 at the next joint.
     """
     parameters = arm.inertial_parameters[10 * (link - 1) : 10 * link]
     point = parameters[1:4] / max(float(parameters[0]), 1e-9)

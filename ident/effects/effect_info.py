@@ -43,11 +43,14 @@ class Expression:
     otherwise: str = ""
 
     def to_dict(self) -> dict[str, str]:
-        """Its record, for JSON."""
+        """Its record for JSON: `expressed` (the answer) and `how` (in words)."""
         return {"expressed": self.answer, "how": self.words}
 
     def given(self, parameters: Mapping[str, float]) -> Expression:
-        """The expression of an effect with these parameters."""
+        """How the format expresses an effect with these parameters.
+
+        Itself, or the answer `no` where a parameter of `unless` is not zero.
+        """
         if any(parameters[name] for name in self.unless):
             return Expression("no", self.otherwise)
         return self
@@ -69,8 +72,9 @@ class Typical:
     def distance(
         self, inner: Mapping[str, float], reported: Mapping[str, float] | None = None
     ) -> float:
-        """How far inner parameters are from what is reported, or typical: sum of the logarithms of
-        their ratios.
+        """How far inner parameters are from those reported, else from typical ones.
+
+        The sum of the logarithms of their ratios, without sign; 0 where none is known.
         """
         wanted = {**self.inner, **(reported or {})}
         return sum(
@@ -128,8 +132,15 @@ class ToldApart(Protocol):
 
 
 def family_for(effects: Sequence[str], known: Iterable[ToldApart]) -> str:
-    """The kind of motion that shows effects, or parts the first pair of them that has one of its
-    own.
+    """The kind of motion that shows effects.
+
+    Args:
+        effects: Their ids.
+        known: Records by which they are told; ids that are none of these are passed over.
+
+    Returns:
+        The kind that parts the first pair of them that has one of its own; else the one that shows
+        most of them; `wide` without any.
     """
     by_id = {effect.id: effect for effect in known}
     asked = [by_id[effect] for effect in effects if effect in by_id]
@@ -141,13 +152,24 @@ def family_for(effects: Sequence[str], known: Iterable[ToldApart]) -> str:
 
 
 def describe_motion(family: str, joint: str) -> str:
-    """A kind of motion in words, for one joint."""
+    """A kind of motion in words.
+
+    Args:
+        family: Its name, one of `SHOWINGS`.
+        joint: Name of the joint that it is for.
+    """
     return str(SHOWINGS[family]["words"].format(joint=joint))
 
 
 def setup_for(effects: Sequence[str], known: Iterable[ToldApart]) -> str | None:
-    """The change of set-up that parts effects which no motion, or hardly any, can part; None where
-    motion does.
+    """The change of set-up that parts effects which no motion, or hardly any, can part.
+
+    Args:
+        effects: Their ids.
+        known: Records by which they are told.
+
+    Returns:
+        In words; None where motion does.
     """
     by_id = {effect.id: effect for effect in known}
     for first, other in combinations(effects, 2):

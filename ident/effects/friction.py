@@ -128,7 +128,7 @@ class LoadDependentFriction(StatesEffect):
         coefficients: Sequence[float],
         shape: Mapping[str, float],
     ) -> dict[str, float]:
-        """Without coefficients driving and backdriving alike."""
+        """Parameters that its law needs; without coefficients driving and backdriving are alike."""
         return super().law_figures(reported, coefficients or 2 * [reported["mu"] / 1.5], shape)
 
 
@@ -145,8 +145,10 @@ class PositionDependentFriction(StatesEffect):
         coefficients: Array,
         covariance: Array,
     ) -> dict[str, Interval]:
-        """The wave's own, and half of what friction varies by over the angles that were seen, which
-        may be far less.
+        """Those of the wave, and by how much friction varies over the angles that were seen.
+
+        Half of that is `swing_Nm`, which may be far less than the amplitude; `at_low_rad` and
+        `at_high_rad` are where friction is least and greatest.
         """
         order = variant.inner["order"]
         seen = np.linspace(*travel(session, joint), 100)
@@ -184,7 +186,7 @@ class PositionDependentFriction(StatesEffect):
         coefficients: Sequence[float],
         shape: Mapping[str, float],
     ) -> dict[str, float]:
-        """Cosine and sine of its wave."""
+        """Parameters that its law needs: cosine and sine of its wave [N m], and its order."""
         if not coefficients:
             size = reported["amplitude_Nm"]
             phase = reported["phase_rad"]

@@ -40,14 +40,26 @@ _integrate = compiled(error_model="numpy", nogil=True)(integrate_twist)
 
 
 def mean_inertia(session: SessionContext, joint: int) -> float:
-    """Mean inertia of the link side about a joint [kg m²]."""
+    """Mean inertia of the link side about a joint, over some poses of the session [kg m²].
+
+    At least 1e-6.
+    """
     return max(float(session.runs[0].arm.mean_inertia(sampled_states(session)[0])[joint]), 1e-6)
 
 
 def deflect(
     run: RunContext, joint: int, stiffness: float, damping: float, gap: float
 ) -> tuple[Float[Array, " T"], Float[Array, " T"]]:
-    """Deflection of the joint and its rate [rad, rad/s]; none where the law doesn't hold."""
+    """Deflection of a joint's gear and its rate along a run [rad, rad/s].
+
+    Zeros where the deflection is too large for its law.
+
+    Args:
+        run: The run.
+        joint: Index of the joint.
+        stiffness, damping: Of the gear [N m/rad, N m s/rad].
+        gap: Full width of its play [rad].
+    """
     slopes = (slope[:, joint, joint] for slope in reversed(run.derivatives))
     load = run.link[:, joint]
     deflection = np.zeros((2, len(run.link)))
@@ -76,7 +88,15 @@ def felt_torque(
     rows: slice = slice(None),
     unit: float = 1.0,
 ) -> Float[Array, "T k"]:
-    """What all joints, or some of them, feel of a deflection, divided by a unit of it [N m]."""
+    """What joints feel of a deflection, divided by a unit of it [N m].
+
+    Args:
+        run: The run.
+        joint: Index of the joint that is deflected.
+        twist, rate: Its deflection and the rate of that [rad, rad/s].
+        rows: The k joints that are asked for; all by default.
+        unit: What is divided by.
+    """
     position, velocity, inertia = (
         np.moveaxis(derivative, 0, -1)[rows, joint] for derivative in run.derivatives
     )
@@ -155,8 +175,10 @@ class JointElasticity(Effect):
     def physical(
         self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]
     ) -> dict[str, Range]:
-        """A joint that winds up by radians would fold; one whose interval holds zero compliance is
-        as good as rigid.
+        """Bounds of its stiffness.
+
+        A joint that winds up by radians would fold; one whose interval holds zero compliance is as
+        good as rigid.
         """
         least, stiffest = _bounds(session, joint)
         most = stiffest if estimates["stiffness_Nm_rad"].high < stiffest else 0.0

@@ -249,7 +249,10 @@ class PreslidingHysteresis(Effect):
     def without_dry_friction(
         self, coefficients: Float[Array, " k"], variant: Variant
     ) -> tuple[Float[Array, " k"], float]:
-        """All ranges together are the amplitude of the smooth build-up; what they have more, the
+        """Its coefficients less what is dry friction that turns round at once, and that friction [N
+        m].
+
+        All ranges together are the amplitude of the smooth build-up; what they have more, the
         shortest ones lose.
         """
         sizes = np.array(list(variant.shape.values()))
@@ -265,7 +268,10 @@ class PreslidingHysteresis(Effect):
         coefficients: Sequence[float],
         shape: Mapping[str, float],
     ) -> dict[str, float]:
-        """Every range and its torque; without them, the two ranges next to the displacement."""
+        """Every range (`range_0_rad`, …) and its torque (`part_0_Nm`, …).
+
+        Without coefficients the two ranges next to the displacement.
+        """
         parts = tuple(coefficients)
         ranges = list(shape.values())
         if not parts:

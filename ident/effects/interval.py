@@ -25,17 +25,22 @@ class Interval:
     high_with_urdf: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Its record; `open` only where an end is."""
+        """Its record for JSON.
+
+        Returns:
+            `value`, `low`, `high`; `low_with_urdf` and `high_with_urdf` where they are known, and
+            `open` where an end is.
+        """
         ends: dict[str, Any] = {"value": self.value, "low": self.low, "high": self.high}
         if self.low_with_urdf is not None and self.high_with_urdf is not None:
             ends |= {"low_with_urdf": self.low_with_urdf, "high_with_urdf": self.high_with_urdf}
         return {**ends, "open": self.open} if self.open else ends
 
     def wider(self, factor: float) -> Interval:
-        """An interval so many times as wide; one that does not go beyond zero grows by ratios, and
-        never does.
+        """An interval about `factor` times as wide.
 
-        An end that is open stays: it is no estimate.
+        One that does not go beyond zero grows by ratios, and never does. An end that is open stays:
+        it is no estimate.
         """
         low = self.low
         high = self.high
@@ -52,7 +57,12 @@ class Interval:
         return self.value + factor * (end - self.value)
 
     def reported(self, unit: str, scale: float = 1.0) -> str:
-        """The value alone, as a person reads it: of a named state."""
+        """The value alone, to three digits, with its unit.
+
+        Args:
+            unit: The unit.
+            scale: What the value is multiplied by: 1000 for milliradians.
+        """
         return f"{_three_digits(scale * self.value)} {unit}"
 
     def __format__(self, how: str) -> str:
@@ -78,7 +88,8 @@ class Interval:
 
         Args:
             unit: Its unit; "" for a plain number.
-            scale: What that unit is the inverse of, in the parameter's own: 1000 for milliradians.
+            scale: What value and ends are multiplied by: 1000 for milliradians of an estimate in
+                rad.
             size: Whether only its size is of interest, not its sign.
         """
         factor = -scale if size and scale * self.value < 0.0 else scale

@@ -113,37 +113,45 @@ def screened(
 def refined(
     effect: Effect, session: SessionContext, joint: int, variant: Variant
 ) -> Sequence[Variant]:
-    """A finer grid around a point; the point alone of laws without inner parameters."""
+    """Points of a finer grid around a point of the inner grid; the point alone of an effect
+    without one.
+    """
     if isinstance(effect, GridRefined):
         return effect.refined(session, joint, variant)
     return (variant,)
 
 
 def parts(effect: Effect, variant: Variant) -> Sequence[PartOfPoint]:
-    """Further points of the grid that have some of the columns of this one, and which of them."""
+    """Further points of the grid that have some of this point's columns, and the columns' indices.
+
+    Empty of an effect without such points.
+    """
     return effect.parts(variant) if isinstance(effect, Composed) else ()
 
 
 def is_plain(effect: Effect, variant: Variant) -> bool:
-    """Whether a point is its law without further terms that only bend it."""
+    """Whether a point has its effect's law without further terms that only bend it; True by
+    default.
+    """
     return effect.is_plain(variant) if isinstance(effect, WithFreeForms) else True
 
 
 def signed(effect: Effect, variant: Variant) -> tuple[int, ...]:
-    """Columns of a point of the inner grid whose coefficients can't be negative."""
+    """Indices of the columns of a point whose coefficients can't be negative."""
     return effect.signed(variant) if isinstance(effect, Signed) else effect.nonnegative
 
 
 def stands_for(effect: Effect, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
-    """Whether a point of the inner grid is right about such coefficients."""
+    """Whether a point of the inner grid holds for such coefficients; True by default."""
     return effect.stands_for(variant, coefficients) if isinstance(effect, Linearised) else True
 
 
 def size_prior(
     effect: Effect, session: SessionContext, joint: int, variant: Variant
 ) -> SizePrior | None:
-    """What is known of its coefficients beforehand; None where each costs what any free parameter
-    does.
+    """What is known of an effect's coefficients beforehand.
+
+    None where each costs what any free parameter does.
     """
     if isinstance(effect, KnownSize):
         return effect.size_prior(session, joint, variant)
@@ -153,10 +161,11 @@ def size_prior(
 def without_dry_friction(
     effect: Effect, coefficients: Float[Array, " k"], variant: Variant
 ) -> tuple[Float[Array, " k"], float]:
-    """Its coefficients without what is a joint's usual dry friction, and that friction [N m].
+    """An effect's coefficients without what is a joint's usual dry friction, and that friction [N
+    m].
 
     Where columns can't be distinguished from dry friction, the tuned joint has it, not the effect:
-    it is there when the effect is gone.
+    it is there when the effect is gone. By default the coefficients as they are, and 0.
     """
     if isinstance(effect, LikeDryFriction):
         return effect.without_dry_friction(coefficients, variant)
@@ -175,7 +184,18 @@ def tells_law(effect: Effect, variant: Variant) -> bool:
 def typical_coefficients(
     effect: Effect, session: SessionContext, joint: int, variant: Variant, width: int
 ) -> Float[Array, " k"]:
-    """Coefficients of its columns, so many of them, where it is as large as is typical."""
+    """Coefficients of an effect as large as is typical.
+
+    Args:
+        effect: The effect.
+        session: The runs.
+        joint: Index of the joint.
+        variant: The point of the inner grid.
+        width: Number of its columns.
+
+    Returns:
+        A share of its prior scale each (of 1 without a prior); 0 for those that are usually absent.
+    """
     scale = effect.prior_scale(session, joint, variant)
     largest = np.ones(width) if scale is None else np.asarray(scale, dtype=float)[:width]
     coefficients = effect.typical.share * largest
@@ -187,16 +207,25 @@ def typical_coefficients(
 def size_of(
     effect: Effect, session: SessionContext, joint: int, variant: Variant, coefficients: Array
 ) -> float:
-    """The reported parameter that scales it, as coefficients have it, without its sign."""
+    """The reported parameter that scales an effect, for some coefficients, without its sign.
+
+    In the parameter's unit.
+    """
     nothing = np.zeros((len(coefficients), len(coefficients)))
     estimates = effect.parameters(session, joint, variant, coefficients, nothing)
     return abs(float(estimates[effect.typical.figure].value))
 
 
 def expressed(effect: Effect, form: str, parameters: Mapping[str, float]) -> Expression | None:
-    """How a format (`urdf`, `mjcf`) expresses it with these parameters.
+    """How a format expresses an effect with these parameters.
 
-    None where it is friction to the format.
+    Args:
+        effect: The effect.
+        form: The format: `urdf`, `mjcf`, ….
+        parameters: Reported values by name.
+
+    Returns:
+        None where it is friction to the format.
     """
     expression = effect.formats.get(form)
     return None if expression is None else expression.given(parameters)

@@ -47,7 +47,7 @@ class FinerGrid:
     times: tuple[float, ...] = ()  # or factors of the point's own
 
     def about(self, value: float) -> tuple[float, ...]:
-        """Its numbers about a value."""
+        """The grid's numbers about a value: multiples of it, or the same wherever it is."""
         return tuple(factor * value for factor in self.times) or self.at
 
 
@@ -176,7 +176,11 @@ def read_row(effect: str) -> dict[str, Any]:
 
 
 def read_expression(stated: tuple[Any, ...] | dict[str, Any]) -> Expression:
-    """How a format expresses an effect: its fields by name, or the first of them in their order."""
+    """How a format expresses an effect, as the table states it.
+
+    Args:
+        stated: Its fields by name, or the first of them in their order.
+    """
     if isinstance(stated, dict):
         return Expression(**stated)
     return Expression(*stated)

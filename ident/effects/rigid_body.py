@@ -356,6 +356,10 @@ def load_place(arm: ArmModel, variant: Variant) -> Float[Array, " 3"]:
     A reach goes along the last joint's axis, away from the arm. The last link lies behind the
     flange, before the joint, or the reverse where frames sit at the flange: which way is away is
     seen from how the last joint is mounted.
+
+    Args:
+        arm: The arm.
+        variant: Has a reach, a place, or that the load is like the last link.
     """
     if LIKE_LINK in variant.shape:
         return link_law(arm, arm.n - 1, Variant())[1:4, 0]

@@ -142,7 +142,11 @@ class TorqueRipple(Effect):
         coefficients: Sequence[float],
         shape: Mapping[str, float],
     ) -> dict[str, float]:
-        """Whether the teeth's torque is a share of the load, and its cycles a turn of the joint."""
+        """Parameters that its law needs: `loaded`, `load_Nm` and `turns`, cycles a turn of the
+        joint.
+
+        `loaded` is 1 where the teeth's torque is a share of the load, else 0.
+        """
         return {
             name: shape.get(name, usual)
             for name, usual in (("loaded", 0.0), ("load_Nm", 1.0), ("turns", 0.0))
@@ -177,8 +181,17 @@ def find_lines(
     joint: int,
     chance: float = LIMIT.chance,
 ) -> tuple[tuple[float, ...], int]:
-    """Lines in a joint's angle that the tuned model leaves, the strongest first, and how many were
-    looked at.
+    """Lines in a joint's angle that the tuned model leaves, the strongest first.
+
+    Args:
+        session: All runs.
+        leftover: For each run what the model leaves of the torque, filtered and decimated [N m].
+        joint: Index of the joint.
+        chance: Chance of a line among noise that stands out so far.
+
+    Returns:
+        Cycles a turn of the joint of each line, and how many lines were looked at; no line and 1
+        where the motion shows none.
     """
     angles = []
     speeds = []

@@ -205,7 +205,11 @@ class TorqueSaturation(Effect):
         coefficients: Sequence[float],
         shape: Mapping[str, float],
     ) -> dict[str, float]:
-        """Where the reading begins to flatten, and the share of what lies above that it loses."""
+        """Parameters that its law needs.
+
+        `knee_Nm`, where the reading begins to flatten, and `lost`, the share that it loses of what
+        lies above that.
+        """
         if not coefficients:
             return {"knee_Nm": reported["limit_Nm"], "lost": 1.0}
         return {"knee_Nm": shape["knee_Nm"], "lost": coefficients[0]}

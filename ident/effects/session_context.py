@@ -63,16 +63,17 @@ class RunContext:
 
     @cached_property
     def regressor(self) -> Float[Array, "T n 10n"]:
-        """Regressor of the rigid torque in the links' inertial parameters."""
+        """Regressor of the rigid torque in the links' inertial parameters, ten a link."""
         return self.arm.regressor(self.motion.q, self.motion.dq, self.motion.ddq)
 
     @cached_property
     def derivatives(
         self,
     ) -> tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n"]]:
-        """Derivatives of the rigid torque by position, velocity and acceleration; rows are torques.
+        """Derivatives of the rigid torque by position, velocity and acceleration.
 
-        Each of their entries lies side by side for all samples: they are asked for one by one.
+        Entry (t, i, j) is that of joint i's torque by joint j's state [N m/rad, N m s/rad, kg m²].
+        All samples of an entry lie side by side in memory: entries are asked for one by one.
         """
         by_sample = self.arm.derivatives(self.motion.q, self.motion.dq, self.motion.ddq)
         q, dq, ddq = (
@@ -83,12 +84,13 @@ class RunContext:
 
     @cached_property
     def kept(self) -> dict[Any, Any]:
-        """What else was made of the run and will be asked for again, by whatever names it."""
+        """A dict for what else was made of the run and will be asked for again; empty at first."""
         return {}
 
     def copied(self) -> RunContext:
-        """A copy that knows the derivatives if this one does, and takes what more it computes along
-        when it goes.
+        """A copy that has the derivatives if this one does.
+
+        What more it computes goes with it.
         """
         copy = replace(self)
         if "derivatives" in vars(self):
@@ -150,8 +152,13 @@ def rated_torque(session: SessionContext, joint: int) -> float:
 
 
 def joined(session: SessionContext, signal: str, joint: int) -> Float[Array, " T"]:
-    """A joint's signal over all runs: one of the motion's (`q`, `dq`, `ddq`) or of the run's own
-    (`link`, `total`).
+    """A joint's signal over all runs, one after the other.
+
+    Args:
+        session: The runs.
+        signal: Name of one of the motion's (`q`, `dq`, `ddq`, `tau`) or of the run's own (`rigid`,
+            `link`, `total`, …).
+        joint: Index of the joint.
     """
     signals = []
     for run in session.runs:
@@ -171,8 +178,9 @@ def least_rest_speed(session: SessionContext, joint: int) -> float:
 
 
 def friction_level(session: SessionContext, joint: int) -> tuple[float, float]:
-    """Coulomb [N m] and viscous [N m s/rad] friction of a joint as the baseline has them, or
-    typical ones.
+    """Coulomb [N m] and viscous [N m s/rad] friction of a joint as the baseline has them.
+
+    Typical shares of the rated torque where it has none; neither is zero.
     """
     gram = np.zeros((2, 2))
     right = np.zeros(2)
@@ -188,7 +196,7 @@ def friction_level(session: SessionContext, joint: int) -> tuple[float, float]:
 
 
 def coulomb_level(session: SessionContext, joint: int) -> float:
-    """Coulomb friction of a joint [N m], as `friction_level`."""
+    """Coulomb friction of a joint as `friction_level` has it, never zero [N m]."""
     return friction_level(session, joint)[0]
 
 
@@ -198,7 +206,7 @@ def slides(session: SessionContext, joint: int) -> bool:
 
 
 def hardly_moves(session: SessionContext, joint: int) -> str | None:
-    """The reason why friction can't show, if the joint hardly moves."""
+    """Why friction can't show at a joint that hardly moves, in words; None where it moves."""
     low, high = travel(session, joint)
     name = session.joint_names[joint]
     if high - low < LEAST_TRAVEL:
@@ -256,7 +264,7 @@ def _stays_near_a_pose(session: SessionContext) -> str | None:
 
 
 def travel(session: SessionContext, joint: int) -> tuple[float, float]:
-    """Lowest and highest position of a joint [rad]."""
+    """Lowest and highest position of a joint over all runs [rad or m]."""
     q = joined(session, "q", joint)
     return float(q.min()), float(q.max())
 
@@ -272,7 +280,7 @@ def typical_load(session: SessionContext, joint: int) -> float:
 
 
 def root_mean_square(columns: Sequence[Float[Array, "T ..."]]) -> float:
-    """Root mean square over all runs and entries."""
+    """Root mean square over all entries of all runs; 0 without any."""
     count = sum(values.size for values in columns)
     return float(np.sqrt(sum(float(np.sum(values**2)) for values in columns) / max(count, 1)))
 
@@ -280,7 +288,9 @@ def root_mean_square(columns: Sequence[Float[Array, "T ..."]]) -> float:
 def sampled_states(
     session: SessionContext,
 ) -> tuple[Float[Array, "t n"], Float[Array, "t n"], Float[Array, "t n"]]:
-    """Some states (q, dq, ddq), evenly over the session."""
+    """Some states evenly over the session: q, dq and ddq, in the order of time [rad, rad/s,
+    rad/s²].
+    """
     total = sum(len(run.motion.time) for run in session.runs)
     step = max(1, total // LIMIT.sampled_states)
     # a long session's runs are made anew when asked for, and let go one by one
@@ -294,8 +304,12 @@ def sampled_states(
 
 
 def high_passed(values: Float[Array, " T"], interval: float, corner: float) -> Float[Array, " T"]:
-    """What of a signal lies above a corner frequency [Hz]: the signal less its moving average of
-    one period.
+    """What of a signal lies above a corner: the signal less its moving average of one period.
+
+    Args:
+        values: The signal.
+        interval: Sampling interval [s].
+        corner: The corner [Hz].
     """
     width = min(len(values), max(1, round(1.0 / (corner * interval))))
     sums = np.cumsum(np.concatenate([[0.0], values]))
@@ -307,13 +321,22 @@ def high_passed(values: Float[Array, " T"], interval: float, corner: float) -> F
 
 
 def wave(angle: Float[Array, " T"], cycles: float) -> Float[Array, "T 2"]:
-    """Cosine and sine of an angle's multiple: the columns of a wave of any phase."""
+    """Cosine and sine of an angle's multiple, the columns of a wave of any phase.
+
+    Args:
+        angle: The angle [rad].
+        cycles: Waves a turn.
+    """
     return np.stack([np.cos(cycles * angle), np.sin(cycles * angle)], axis=1)
 
 
 def is_near(point: float, estimate: float, least: float) -> bool:
-    """Whether a parameter that was found is about the one at which its law was made linear; all
-    near zero are.
+    """Whether a parameter that was found is about the one at which its law was made linear.
+
+    Args:
+        point: Where the law was made linear; not zero.
+        estimate: What was found.
+        least: Points up to this size are near to all smaller estimates, zero included.
     """
     ratio = estimate / point
     return (abs(point) <= least and ratio < LIMIT.near) or 1.0 / LIMIT.near < ratio < LIMIT.near
@@ -345,8 +368,16 @@ def arm_reach(arm: ArmModel) -> float:
 def joint_range(
     session: SessionContext, joint: int, seen: tuple[float, float]
 ) -> tuple[float, float]:
-    """Where a joint can go [rad]: its limits in the URDF, or where it has none a turn about what
-    was seen.
+    """Where a joint can go [rad or m].
+
+    Args:
+        session: The runs.
+        joint: Index of the joint.
+        seen: Lowest and highest position in the recordings.
+
+    Returns:
+        Its limits in the URDF; where it has none, or very wide ones, half a turn beyond what was
+        seen.
     """
     limits = session.runs[0].arm.known_limits
     low = float(limits.lower[joint])

@@ -67,8 +67,16 @@ class StatesEffect(Effect):
         return columns
 
     def at_state(self, shape: Mapping[str, float], dq: float, load: float = 0.0) -> Array:
-        """Its columns at an angle of zero, sliding as the speed says: what sentences evaluate,
-        shape (k,).
+        """The law's columns at a single state: angle zero, sliding as the sign of the speed says [N
+        m].
+
+        Args:
+            shape: Numbers of the law that are no coefficients, by name.
+            dq: Speed [rad/s].
+            load: Torque on the gear [N m].
+
+        Returns:
+            One torque for each coefficient of one, shape (k,).
         """
         direction = float(np.sign(dq))
         states = JointStates(

@@ -143,8 +143,10 @@ class JointCoupling(Effect):
         coefficients: Sequence[float],
         shape: Mapping[str, float],
     ) -> dict[str, float]:
-        """Friction of a sum or difference has no inertia; the other joint turns it with the viscous
-        part's sign.
+        """Parameters that its law needs: `mix` and `width_rad_s`.
+
+        `mix` is 1 or −1 for friction of a sum or difference, which has no inertia, and has the sign
+        of the viscous part; else 0.
         """
         mix = (
             float(np.sign(reported["viscous_Nms_rad"])) if reported["inertia_kgm2"] == 0.0 else 0.0

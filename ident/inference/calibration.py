@@ -42,11 +42,14 @@ LOG_THOUSAND = float(np.log(1000.0))
 
 
 def sizes_of(values: Mapping[str, float]) -> dict[str, float]:
-    """Size that each parameter's error may be a share of: its own, its vector's length, or a
-    radian.
+    """Size that each parameter's error may be a share of.
 
     Args:
-        values: Parameters by name.
+        values: Parameters by name; the components of one vector end alike but for their axis.
+
+    Returns:
+        By the same names: a scalar's absolute value, the length of the vector that a component
+        belongs to, and for the phase 1 rad.
     """
     squares: dict[str, float] = {}
     for name, value in values.items():
@@ -65,7 +68,10 @@ class Term:
     scale: float  # its standard deviation over the corpus
 
     def nats(self, value: float) -> float:
-        """What a value adds to the log odds of one as in the corpus [nats]."""
+        """What a feature's value adds to the log odds, against the mean value in the corpus [nats].
+
+        0 where the value is not finite.
+        """
         standard = (value - self.centre) / self.scale
         return self.weight * standard if np.isfinite(standard) else 0.0
 
@@ -78,11 +84,22 @@ class Odds:
     terms: Mapping[str, Term]
 
     def parts(self, features: Mapping[str, float]) -> dict[str, float]:
-        """What each feature adds to the log odds [nats]."""
+        """What each feature adds to the log odds, by its name [nats].
+
+        Args:
+            features: Values by name; those without a term are left out.
+
+        Raises:
+            KeyError: A feature that has a term is missing.
+        """
         return {name: term.nats(features[name]) for name, term in self.terms.items()}
 
     def probability(self, features: Mapping[str, float]) -> float:
-        """Probability of what has such features."""
+        """Probability, from 0 to 1, that the log odds of the intercept and all features make.
+
+        Args:
+            features: Values by name, as for `parts`.
+        """
         return float(expit(self.intercept + sum(self.parts(features).values())))
 
 
@@ -102,17 +119,23 @@ class Widths:
             half: Half the width that the recordings alone leave open.
             size: What the law's share is of (`sizes_of`).
             left: Torque that a smooth function still finds beside the law, as a share of the law's.
+
+        Returns:
+            Half of the wider 95 % interval, in the parameter's unit.
         """
         share = 0.0 if parameter in PLACES else float(np.hypot(self.share, self.of_left * left))
         return float(QUANTILE * np.hypot(self.factor * half / NORMAL_95, share * abs(size)))
 
 
 def left_of_kind(shape_left: float | Float[Array, " N"]) -> Float[Array, " N"]:
-    """Root mean square torque that a smooth function still finds beside a law, as a share of the
-    law's own.
+    """Root mean square torque that a smooth function still finds beside a law.
 
     Args:
-        shape_left: The feature of that name, minus infinity where nobody looked.
+        shape_left: The feature of that name, a logarithm of squares; minus infinity where nobody
+            looked.
+
+    Returns:
+        Shares of the law's own torque; 0 where nobody looked.
     """
     return np.exp(0.5 * np.asarray(shape_left, dtype=float))
 
@@ -127,6 +150,9 @@ class Temper:
     def at(self, log_rows: float) -> float:
         """The exponent with so many samples, by their logarithm: a short recording's evidence is
         less to be believed, nat for nat.
+
+        Args:
+            log_rows: Natural logarithm of the number of samples.
         """
         return float(self.of_thousand * (np.exp(log_rows) / 1000.0) ** self.growth)
 
@@ -141,7 +167,12 @@ class NameCalibration:
     widths: Widths | None  # None for intervals as the recordings alone have them
 
     def temper_of(self, features: Mapping[str, float]) -> float:
-        """Exponent of the evidence between rivals where an effect has such features."""
+        """Exponent of the evidence between rivals where an effect has such features.
+
+        Args:
+            features: By name; only `log_rows` counts, the logarithm of the number of samples (1000
+                samples where it is missing).
+        """
         growing = Temper(self.temper, self.growth)
         return growing.at(features.get("log_rows", LOG_THOUSAND))
 
@@ -174,7 +205,9 @@ def load_calibration(path: Path = FILE) -> Calibration:
 
 @cache
 def load_names(path: Path) -> NameCalibration:
-    """What names alone are told by, from a file of its own.
+    """The numbers that names alone are told by (no joint's gap), from a file of their own.
+
+    They don't depend on the number of samples: the growth is 0.
 
     Raises:
         InputError: There is no such file, or it can't be read.

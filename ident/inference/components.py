@@ -55,6 +55,9 @@ class Components:
     def usual(cls, sums: SessionSums) -> Components:
         """Those before anything is known: a usual URDF, friction that varies much, and no
         discrepancy.
+
+        Args:
+            sums: The session's; they give the number of joints and the settings.
         """
         n, blocks = sums.evidence.layout.n, len(sums.evidence.layout.flexible[0])
         wide = np.full(n, sums.evidence.settings.wide_spread)
@@ -70,7 +73,9 @@ class WeighedResidual:
     by_block: Float[Array, "n b"]  # whitened squares that each block of it explains
 
     def kind_of(self, joint: int) -> str | None:
-        """The block of a joint's discrepancy that explains most; None where none does."""
+        """Name of the block of a joint's discrepancy that explains most; None where none explains
+        anything.
+        """
         power = self.by_block[joint]
         return BLOCKS[int(np.argmax(power))] if power.any() else None
 
@@ -128,10 +133,10 @@ class ModelSums:
         self.gram[np.ix_(columns, columns)] += sums[np.ix_(named, named)]
 
     def with_discrepancy(self, changed: Mapping[int, Float[Array, " b"]]) -> ModelSums:
-        """The same with other variances of the discrepancies of some joints.
+        """A copy with other variances of the discrepancies of some joints.
 
         Args:
-            changed: For each of these joints the variances of its blocks.
+            changed: For each of these joints, by index, the variances of its blocks.
         """
         other = copy(self)
         variances = self.components.discrepancy.copy()
@@ -150,13 +155,13 @@ class ModelSums:
         return other
 
     def with_urdf(self, error: UrdfError) -> ModelSums:
-        """The same with another belief in the URDF."""
+        """A copy whose components have another belief in how far the URDF may be off."""
         other = copy(self)
         other.components = replace(self.components, urdf=error)
         return other
 
     def with_dispersion(self, dispersion: Float[Array, " n"]) -> ModelSums:
-        """The same with other dispersions of the joints' rows."""
+        """A copy with other dispersions of the joints' rows: factors of their noise variance."""
         other = copy(self)
         before = self.components.dispersion
         other.components = replace(self.components, dispersion=dispersion)
@@ -205,7 +210,11 @@ class ModelSums:
         return np.repeat(np.sqrt(variances), sizes)
 
     def prior(self, error: UrdfError | None = None) -> Prior:
-        """The URDF's tolerance, in the columns' scale."""
+        """The URDF's tolerance as a prior of the base parameters, in the columns' scale.
+
+        Args:
+            error: Scales of the URDF's error; those of the components if None.
+        """
         return Prior.believing(
             self.sums.evidence, self.baseline, self.components.urdf if error is None else error
         )
@@ -213,7 +222,16 @@ class ModelSums:
     def information(
         self, chosen: Sequence[Group], prior: Prior
     ) -> tuple[Int[Array, " z"], Float[Array, "z z"]]:
-        """Columns of the baseline and some effects, and the information on their coefficients."""
+        """Columns of the baseline and some effects, and the information on their coefficients.
+
+        Args:
+            chosen: The effects.
+            prior: What the URDF says of the baseline's base parameters.
+
+        Returns:
+            Indices of the z columns in `gram`, the baseline's first, then each effect's in the
+            given order; and their sums with the inverse prior variances added, shape (z, z).
+        """
         layout = self.sums.evidence.layout
         inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in chosen)])
         inside = inside.astype(int)
@@ -277,7 +295,9 @@ class ModelSums:
         return WeighedResidual(weights, mean_square, by_block)
 
     def smooth_share(self, chosen: Sequence[Group]) -> Float[Array, " n"]:
-        """Share of each joint's squares beside some effects that its discrepancy explains."""
+        """Share, from 0 to 1, of each joint's squares beside some effects that its discrepancy
+        explains.
+        """
         blocks = self.components.discrepancy.shape[1]
         none = {j: np.zeros(blocks) for j in range(len(self.whole))}
         before = self.with_discrepancy(none).residual(chosen).mean_square
@@ -313,6 +333,9 @@ class ModelSums:
         joint's discrepancy Z and the torque y of all joints, and D those of Z and y,
 
             D − Bᵀ A⁻¹ B,    B = [XᵀZ  Xᵀy],    D = [ZᵀZ  Zᵀy; yᵀZ  yᵀy].
+
+        Returns:
+            D − Bᵀ A⁻¹ B with the torque last, shape (k, k), without negative eigenvalues.
         """
         layout = self.sums.evidence.layout
         smooth = layout.flexible_places[joint]
@@ -351,6 +374,10 @@ def discrepancy_at(
         model: Sums, with variances at other joints as they are.
         joint, chosen: The joint, and the effects.
         warm: Whether to begin with the joint's present variances alone; else from several starts.
+
+    Returns:
+        The variances by block, all 0 where the joint has too few rows or none explains anything;
+        and the log evidence against no discrepancy.
     """
     groups = model.sums.evidence.layout.flexible[joint]
     before = model.components.discrepancy[joint]

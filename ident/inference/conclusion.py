@@ -44,17 +44,23 @@ class Named:
 
     @property
     def absorbed(self) -> bool:
-        """Whether tuned inertias hide it, so that it was scored with the URDF's."""
+        """Whether tuned inertias hide it, so that it was scored with the inertias of the URDF."""
         return self.described.view.fixed
 
     @property
     def affected_joints(self) -> list[int]:
-        """Its own joint, or those where it shows."""
+        """Indices of its own joint or, for an effect of the whole arm, of the joints where it
+        shows.
+        """
         return list(self.described.joints)
 
     @property
     def named_joints(self) -> list[int]:
-        """Its own joint, or of the whole arm those where it shows."""
+        """Indices of the joints to name it with.
+
+        The one joint of an effect whose scope is a joint, wherever it shows; else
+        `affected_joints`.
+        """
         own = self.group.effect.scope == "joint"
         return [self.group.joint] if own else self.affected_joints
 
@@ -94,7 +100,7 @@ class Conclusion:
 
     @property
     def groups(self) -> list[Group]:
-        """The names' columns in the fine grids' sums."""
+        """Columns of `names` in the fine grids' sums, in the same order."""
         return [name.group for name in self.names]
 
     @property
@@ -104,20 +110,24 @@ class Conclusion:
 
     @property
     def prior(self) -> Prior:
-        """What the URDF says of the base parameters."""
+        """What the URDF says of the base parameters, as `held_out` uses it."""
         return self.scorers.tuned.prior
 
     @property
     def held_out(self) -> HeldOut:
-        """Scores beside tuned inertias."""
+        """Cross-validation of models on left-out parts of the session, beside tuned inertias."""
         return self.scorers.tuned
 
     def gap_probability(self, repeated: Sequence[float] = ()) -> Float[np.ndarray, " n"]:
-        """For each joint the probability that a cause without a name is left there.
+        """For each joint the probability, from 0 to 1, that a cause without a name is left there.
 
         Args:
             repeated: For each joint the share of its residual squares that the same angles of other
-                runs predict: a function of the state, too, though no smooth one. None if empty.
+                runs predict: a function of the state, too, though no smooth one. If empty, nothing
+                is predicted at any joint.
+
+        Returns:
+            By joint; 0 for a joint without rows.
         """
         n = self.evidence.layout.n
         probability = np.zeros(n)
@@ -179,6 +189,10 @@ def tell(described: Sequence[Described], estimates: Sequence[Estimate], scorers:
     Args:
         described, estimates: The effects with their features, and with their probabilities.
         scorers: Cross-validated scores of models with some of them.
+
+    Returns:
+        The names in the order of the torque that they explain, the other effects, and the held-out
+        scores without effects and after each name.
     """
     sure, hidden = _consistent(described, estimates)
     estimates = list(estimates)

@@ -36,7 +36,13 @@ OUTSIDE = 0.025
 
 @dataclass(frozen=True)
 class Reason:
-    """What speaks for an effect, or against it."""
+    """What speaks for an effect, or against it.
+
+    Attributes:
+        feature: Its name.
+        weight: What it adds to the log odds [nats]; above 0 speaks for the effect.
+        words: How it is said; empty for the usual words of the feature.
+    """
 
     feature: str  # name of the feature
     weight: float  # what it adds to the log odds [nats]
@@ -44,14 +50,19 @@ class Reason:
 
     @property
     def what(self) -> str:
-        """The reason in words."""
+        """The reason in words: its own or, where it has none, those of its feature."""
         if self.words:
             return self.words
         speaks_for, speaks_against = FEATURE_WORDS[self.feature]
         return speaks_for if self.weight > 0.0 else speaks_against
 
     def to_dict(self) -> dict[str, Any]:
-        """Its entry in a record."""
+        """Its entry in a record.
+
+        Returns:
+            `for` (whether it speaks for the effect), `what` (the words) and `weight` (its absolute
+            weight in the log odds [nats]).
+        """
         return {"for": self.weight > 0.0, "what": self.what, "weight": abs(self.weight)}
 
 
@@ -72,7 +83,7 @@ class Estimate:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Probability of each effect of the class, its own first."""
+        """Probability of each effect that explains the same torque, by id, its own first."""
         own = {self.rivals[0]: self.probability}
         return own | {
             name: self.probability / self.odds[name]
@@ -82,7 +93,9 @@ class Estimate:
 
     @property
     def class_probability(self) -> float:
-        """Probability that an effect of the class, or the same at another joint, is the cause."""
+        """Probability, at most 1, that this effect, one of its rivals, or the same effect at
+        another joint is the cause.
+        """
         elsewhere = (self.probability / odds for odds in self.places.values())
         return min(sum((*self.shares.values(), *elsewhere)), 1.0)
 
@@ -176,6 +189,9 @@ def widened(
         given, free: An effect's parameters for the URDF as it is, and for one that may be off.
         widths: The fitted numbers; None for intervals as the recordings alone have them.
         left: Torque that a smooth function still finds beside the effect, as a share of its own.
+
+    Returns:
+        Intervals by the names of `given`, about its values.
     """
     sizes = sizes_of({name: interval.value for name, interval in given.items()})
     parameters = {}

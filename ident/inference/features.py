@@ -41,7 +41,10 @@ class HeldOutView:
     fixed: bool  # whether the inertias are the URDF's
 
     def closed(self, joints: Sequence[int]) -> float:
-        """Share of the joints' mean square that the effect closes."""
+        """Share of the joints' held-out mean square that the effect closes.
+
+        At most 1; below 0 where the effect makes it worse.
+        """
         old, new = self.before.squares[:, joints].sum(), self.after.squares[:, joints].sum()
         return float((old - new) / max(old, 1e-300))
 
@@ -52,14 +55,13 @@ class Described:
 
     Attributes:
         group: The effect at its point of the fine grid.
-        coarse: The same at its point of the coarse grid.
+        coarse: The same effect at its point of the coarse grid.
         solution: Sums of the set in which it is described.
         joints: Indices of the joints where it shows.
         view: Held-out scores without and with it.
         features: What speaks for and against it, by name.
         rivals: For other effects by id, and for the same effect at other joints, by how many nats
-        each explains less in
-            its place.
+            each explains less in its place.
     """
 
     group: Group
@@ -80,7 +82,12 @@ class Scorers:
 
     @classmethod
     def of(cls, reached: Inferred) -> Scorers:
-        """The scorers that go with a set's variance components."""
+        """Scorers with a set's variance components.
+
+        Args:
+            reached: The set. The scorer `tuned` has its URDF error; `fixed` believes in the URDF
+                more.
+        """
         evidence = evidence_of(reached.model)
         prior = reached.model.prior()
         factor = FIXED * reached.model.components.urdf.scale
@@ -145,7 +152,7 @@ def _describe_set(
 
 
 def residual_dispersion(model: ModelSums, joints: Sequence[int]) -> float:
-    """Largest dispersion of some joints."""
+    """Largest dispersion, a factor of the noise variance, of some joints given by index."""
     return float(model.components.dispersion[list(joints)].max())
 
 
@@ -162,8 +169,15 @@ def _held_out(scorers: Scorers, chosen: Sequence[Group], group: Group) -> HeldOu
 
 
 def shows_at(group: Group, view: HeldOutView, n: int) -> tuple[int, ...]:
-    """The effect's own joint, or of one of the whole arm those where it closes a third of the most
-    or more; n is the number of joints.
+    """Indices of the joints where an effect shows.
+
+    Its own joint; or of an effect of the whole arm those where it closes at least a third of what
+    it closes at the joint where that is most, and that joint at least.
+
+    Args:
+        group: The effect.
+        view: Held-out scores without and with it.
+        n: Number of joints.
     """
     if group.effect.rows == "own":
         return (group.joint,)
@@ -285,6 +299,9 @@ def power_at(
     Args:
         model, group, joints: The sums, the effect, and the joints.
         scaled: Its coefficients in the scale of its columns.
+
+    Returns:
+        The sum over the joints, in units of the noise variance.
     """
     power = 0.0
     for j in joints:
@@ -369,7 +386,7 @@ class Turns:
 
     @classmethod
     def of(cls, refined: Inference) -> Turns:
-        """Those of the simplest set on fine grids."""
+        """Turns along the simplest set's effects on fine grids, in the order in which they came."""
         keys = [group.key for group in refined.simplest.chosen]
         fine = next(reached for reached in refined.reached if reached.simplest)
         order = sorted(fine.chosen, key=lambda group: keys.index(group.key))
@@ -379,7 +396,10 @@ class Turns:
         return cls(scorer, tuple(order))
 
     def view(self, group: Group) -> HeldOutView:
-        """Scores before and after an effect came, or of one that did not if it came last."""
+        """Held-out scores just before and after an effect came.
+
+        An effect that is not of the simplest set comes after all of that set.
+        """
         keys = [other.key for other in self.order]
         step = keys.index(group.key) if group.key in keys else len(keys)
         before = self.order[:step]

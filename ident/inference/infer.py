@@ -49,18 +49,24 @@ class Inferred:
 
     @classmethod
     def of(cls, model: ModelSums, search: SetSearch, chosen: Sequence[Group]) -> Inferred:
-        """A set with its log evidence."""
+        """A set of effects with its log evidence.
+
+        Args:
+            model: Sums with the variance components.
+            search: The sums after this model's baseline.
+            chosen: The effects.
+        """
         nats = model.log_evidence(()) + search.nats(chosen)
         return cls(model, search, tuple(chosen), nats)
 
     @classmethod
     def of_simplest(cls, simplest: SimplestSet) -> Inferred:
-        """The simplest set, with its variances."""
+        """The simplest set, with the variance components of its model."""
         reached = cls.of(simplest.model, simplest.search, simplest.chosen)
         return replace(reached, simplest=True)
 
     def member(self, key: Key) -> Group | None:
-        """The set's effect of this key; None if there is none."""
+        """The set's effect of this key (effect id and place); None if there is none."""
         return next((group for group in self.chosen if group.key == key), None)
 
 
@@ -78,12 +84,12 @@ class Inference:
 
     @property
     def best(self) -> Inferred:
-        """The likeliest."""
+        """The likeliest of the sets that were reached."""
         return self.reached[0]
 
     @property
     def candidates(self) -> dict[Key, Inferred]:
-        """All effects that any start leads to, with the likeliest set that has each."""
+        """All effects that any start leads to, by key, with the likeliest set that has each."""
         likeliest: dict[Key, Inferred] = {}
         for reached in self.reached:
             for group in reached.chosen:
@@ -114,13 +120,21 @@ def infer(evidence: Evidence, baseline: Baseline, session: SessionContext) -> In
 
 
 def without_spread(components: Components, sums: SessionSums) -> Components:
-    """Components with friction that varies as little as it usually does."""
+    """Components whose friction varies from run to run as little as it usually does."""
     usual = sums.evidence.settings.usual_spread
     return replace(components, friction=np.full_like(components.friction, usual))
 
 
 def settle(model: ModelSums, start: Sequence[Group] = ()) -> Inferred:
-    """Sets and variances in turn, from a model's variances and a set on."""
+    """Finds sets and variance components in turn until the log evidence grows no more.
+
+    Args:
+        model: Sums with the variance components to begin with.
+        start: The set to begin with; none if empty.
+
+    Returns:
+        The set of greatest log evidence, with its components.
+    """
     chosen = list(start)
     best: Inferred | None = None
     for _ in range(MOST_ROUNDS):
@@ -152,7 +166,7 @@ def foretelling(reached: Inferred) -> Inferred:
 
 
 def evidence_of(model: ModelSums) -> Evidence:
-    """A model's sums with its friction spread and dispersion."""
+    """A model's sums of the session, with the model's friction spread and dispersion."""
     components = model.components
     spread = model.sums.evidence.with_run_spread(components.friction)
     return spread.with_dispersion(components.dispersion)

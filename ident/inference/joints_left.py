@@ -34,6 +34,12 @@ class JointLeft:
         """The features where what repeats by the angle explains a share of the squares.
 
         A share r of N squares of noise is worth −½ N log (1 − r) nats.
+
+        Args:
+            share: The share, from 0 to 1. One that is not above the smooth share changes nothing.
+
+        Returns:
+            A new dict; `smooth_share` and `log_smooth_nats_a_row` may be raised.
         """
         features = dict(self.features)
         if share > self.share:

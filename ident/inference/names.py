@@ -34,7 +34,14 @@ class Names:
 
     @classmethod
     def of(cls, evidence: Evidence, session: SessionContext) -> Names:
-        """The candidates of a session's sums."""
+        """The candidates of a session's sums, with prior deviations and prior log odds.
+
+        The prior odds of an effect are shared evenly by its places and its grid's points.
+
+        Args:
+            evidence: The sums; the candidates are its layout's groups.
+            session: The runs.
+        """
         groups = evidence.layout.groups
         power = np.zeros(evidence.layout.size + 1)
         for local, sums in zip(evidence.layout.local, evidence.free, strict=True):

@@ -44,6 +44,9 @@ class Profile:
     def inner_parameters(self) -> dict[str, Interval]:
         """Intervals of the grid's own parameters, of zero width for a parameter that has one value
         on the grid.
+
+        Returns:
+            By name, in the parameters' own units; empty where the effect has no grid.
         """
         found = {}
         for name, value in self.group.variant.inner.items():
@@ -88,8 +91,12 @@ class Profile:
 
 
 def unite(one: Interval, other: Interval, narrowing: float, name: str) -> Interval:
-    """An interval widened to hold another one that is shrunk about its value first; phases are
-    compared modulo 2π.
+    """An interval widened to hold another one that is shrunk about its value first.
+
+    Args:
+        one, other: The interval, and what it is to hold.
+        narrowing: Factor of the other's width, from 0 to 1.
+        name: The parameter's; values of `phase_rad` are compared modulo 2π.
     """
     shift = TURN * np.round((one.value - other.value) / TURN) if name == "phase_rad" else 0.0
     middle = other.value + shift
@@ -106,6 +113,14 @@ def profile_interval(
 
     Where the profile does not fall by the drop within the grid, the interval is open: it ends half
     a step beyond the grid.
+
+    Args:
+        x: Logarithms of the parameter's values on the grid, increasing.
+        falls: Log likelihood at each [nats].
+        drop: How far below its maximum the log likelihood is at the interval's ends [nats].
+
+    Returns:
+        Of the parameter itself; `open` tells which ends are.
     """
     top = int(np.argmax(falls))
     best, peak = x[top], falls[top]

@@ -20,6 +20,14 @@ def find_rivals(search: SetSearch, chosen: Sequence[Group], group: Group) -> dic
 
     A rival explains the same torque: beside it, the effect adds less than half of what it adds
     alone.
+
+    Args:
+        search: The candidates' sums.
+        chosen: The set that has the effect.
+        group: The effect.
+
+    Returns:
+        Nats by key (effect id and place); negative where a rival explains more.
     """
     others = rest_of(chosen, group)
     gains = search.gains(others)
@@ -40,7 +48,16 @@ def find_rivals(search: SetSearch, chosen: Sequence[Group], group: Group) -> dic
 
 
 def of_rivals(rivals: Mapping[Key, float], group: Group) -> dict[str, float]:
-    """How far behind the nearest other effect and the nearest other joint are."""
+    """How far behind the nearest other effect and the nearest other joint are.
+
+    Args:
+        rivals: What each rival explains less [nats], as `find_rivals` has it.
+        group: The effect.
+
+    Returns:
+        The features `rival_behind` and `place_behind`, signed logarithms (`signed_log`); as far as
+        any rival may be where there is none.
+    """
     other_effects = [deficit for key, deficit in rivals.items() if key[0] != group.effect.id]
     other_places = [deficit for key, deficit in rivals.items() if key[0] == group.effect.id]
     return {
@@ -50,9 +67,10 @@ def of_rivals(rivals: Mapping[Key, float], group: Group) -> dict[str, float]:
 
 
 def share_of_plain_law(search: SetSearch, chosen: Sequence[Group], group: Group) -> float:
-    """Share of an effect's evidence that is there without the terms that only bend its law.
+    """Share, from 0 to 1, of an effect's evidence that its law has without the terms that only bend
+    it.
 
-    A law that bends follows much that it does not describe.
+    A law that bends follows much that it does not describe. 1 where the law has no such terms.
     """
     if optional.is_plain(group.effect, group.variant):
         return 1.0

@@ -19,15 +19,15 @@ class Concluded(Protocol):
 
     @property
     def names(self) -> tuple[Named, ...]:
-        """Those that are likelier than not."""
+        """Chosen effects that are likelier than not."""
 
     @property
     def unlikely(self) -> tuple[Named, ...]:
-        """The others."""
+        """Chosen effects that are not likelier than not."""
 
     @property
     def calibration(self) -> NameCalibration:
-        """The fitted numbers."""
+        """The fitted numbers by which they were told."""
 
 
 def candidate_rows(
@@ -71,7 +71,11 @@ def _row(name: Named, plain: Estimate, joints: Sequence[str], named: bool) -> di
 
 
 def joint_rows(conclusion: Conclusion, joints: Sequence[str]) -> list[dict[str, Any]]:
-    """A row for each joint with rows: what is left there beside the names."""
+    """For each joint that has samples what is left there beside the names.
+
+    Returns:
+        Dicts of `joint` (its name) and `features` (values by name).
+    """
     return [
         {"joint": joints[left.joint], "features": dict(left.features)}
         for left in conclusion.joints.values()

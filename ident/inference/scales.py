@@ -6,10 +6,12 @@ import numpy as np
 
 
 def signed_log(nats: float) -> float:
-    """Logarithm of one and a number's size, with its sign."""
+    """sign(x) log(1 + |x|): a number of nats on a logarithmic scale that keeps its sign."""
     return float(np.sign(nats) * np.log1p(abs(nats)))
 
 
 def squashed(gain: float, error: float) -> float:
-    """A gain in its standard errors, on a scale where thirty are twice as much as three."""
+    """arsinh of a gain over its standard error: linear for small ratios, logarithmic for large
+    ones.
+    """
     return float(np.arcsinh(gain / max(error, 1e-12)))

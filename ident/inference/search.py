@@ -40,27 +40,33 @@ class Searchable(Protocol):
 
     @property
     def sums(self) -> Any:
-        """What holds the evidence."""
+        """The session's sums; its `evidence` has the layout of all columns."""
 
     @property
     def names(self) -> Names:
-        """The candidates."""
+        """The candidates with their priors."""
 
     @property
     def gram(self) -> Float[Array, "P P"]:
-        """Sums over all joints, the torque last."""
+        """Products of all columns, summed over samples and joints; the torque comes last."""
 
     @property
     def last(self) -> int:
-        """Number of the torque's column."""
+        """Index of the torque's column in `gram`."""
 
     def prior(self) -> Prior:
-        """What is known of the baseline."""
+        """Prior of the baseline's parameters."""
 
     def information(
         self, chosen: Sequence[Group], prior: Prior
     ) -> tuple[Int[Array, " z"], Float[Array, "z z"]]:
-        """Columns of the baseline and some effects, and the information on their coefficients."""
+        """Indices of the columns of the baseline and some effects, and their precision, prior
+        included.
+
+        Args:
+            chosen: The effects.
+            prior: Of the baseline's parameters.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +90,7 @@ class SetSearch:
 
     @classmethod
     def of(cls, model: Searchable) -> SetSearch:
-        """The sums after a model's baseline."""
+        """Sums of a model's candidates and torque, the baseline's coefficients integrated out."""
         layout = model.sums.evidence.layout
         tuned = layout.tuned
         _, information = model.information((), model.prior())
@@ -119,7 +125,10 @@ class SetSearch:
         return Batch(slots, columns, deviation)
 
     def nats(self, chosen: Sequence[Group]) -> float:
-        """Log evidence of a set of effects against none, log odds of its names included [nats]."""
+        """Log evidence of a set of effects against none, log odds of its names included [nats].
+
+        0 for the empty set.
+        """
         if not chosen:
             return 0.0
         nats, scaled = self._solve(chosen)
@@ -140,7 +149,10 @@ class SetSearch:
         return group.prior.beyond_normal(scaled / self.scale[group.columns - self.first])
 
     def coefficients(self, chosen: Sequence[Group]) -> dict[Group, Float[Array, " k"]]:
-        """Coefficients of a set's effects, in the columns' own units."""
+        """Coefficients of a set's effects, in the columns' own units.
+
+        By effect; empty for the empty set.
+        """
         if not chosen:
             return {}
         _, scaled = self._solve(chosen)
@@ -177,7 +189,11 @@ class SetSearch:
         return solve_set(sums, self.rest[columns, -1], deviation, signed)
 
     def beside(self, chosen: Sequence[Group]) -> Float[Array, "c c"]:
-        """Sums of all candidates and the torque after the baseline and a set of effects."""
+        """Sums of all candidates and the torque with the baseline and a set of effects integrated
+        out.
+
+        The torque comes last; columns in the scale of `rest`.
+        """
         if not chosen:
             return self.rest
         columns = np.concatenate([group.columns for group in chosen]) - self.first
@@ -278,7 +294,15 @@ class SetSearch:
         return optional.stands_for(group.effect, group.variant, estimate)
 
     def run(self, start: Sequence[Group] = ()) -> list[Group]:
-        """A set that no addition, swap or removal of one effect improves, from a start."""
+        """A set that no addition, swap or removal of one effect improves.
+
+        Args:
+            start: The set to begin with; none if empty.
+
+        Returns:
+            The set, empty where no effect improves on none. Its size is bounded by the number of
+            joints.
+        """
         chosen = self._swapped(self.without_idle(list(start)), set(range(self.joints)))
         while len(chosen) < MOST_NAMES * self.joints:
             addition = self.best(chosen)
@@ -293,7 +317,9 @@ class SetSearch:
         return chosen
 
     def without_idle(self, chosen: list[Group]) -> list[Group]:
-        """A set without the effects that add nothing to the others, the weakest first."""
+        """A set without the effects whose removal doesn't lower its log evidence, the weakest going
+        first.
+        """
         while chosen:
             whole = self.nats(chosen)
             without = [self.nats(rest_of(chosen, group)) for group in chosen]
@@ -334,7 +360,7 @@ class SetSearch:
 
 
 def rest_of(chosen: Sequence[Group], group: Group) -> list[Group]:
-    """A set without one of its effects."""
+    """A set without one of its effects, which is told by identity; the order stays."""
     return [other for other in chosen if other is not group]
 
 
@@ -350,6 +376,10 @@ def solve_set(
         sums, target: Sums of the columns, and of these times the torque.
         deviation: Standard deviation of each beforehand.
         signed: Which of them can't be negative.
+
+    Returns:
+        Log evidence, and the coefficients in the columns' scale; none of the signed ones is
+        negative.
     """
     inner = deviation[:, None] * sums * deviation
     inner[np.diag_indices(len(inner))] += 1.0

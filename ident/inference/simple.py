@@ -45,37 +45,49 @@ class SimplestSet:
     last: Mapping[Key, float]
 
     def step_of(self, key: Key) -> int | None:
-        """When a name came, from zero; None if it did not."""
+        """Index of the step at which the effect of a key came; None if it did not come."""
         keys = [group.key for group in self.chosen]
         return keys.index(key) if key in keys else None
 
     def steps_before(self, group: Group) -> int | None:
-        """How many effects of the same reach came before an effect; None if it did not come."""
+        """How many effects that act on the same rows came before an effect; None if it did not
+        come.
+        """
         step = self.step_of(group.key)
         if step is None:
             return None
         return sum(is_alike(other, group) for other in self.chosen[:step])
 
     def nats_in_turn(self, key: Key) -> float:
-        """What a name added when it came, or would add last [nats]."""
+        """What the effect of a key added when it came or, if it did not, would add last [nats];
+        else 0.
+        """
         step = self.step_of(key)
         return self.last.get(key, 0.0) if step is None else self.nats[step]
 
     def most_like(self, group: Group) -> float:
-        """The most that any effect of the same reach would add first of all [nats]."""
+        """The most that any effect that acts on the same rows would add first of all [nats]; at
+        least 0 where there is none.
+        """
         alike = [other for other in self.model.names.groups if is_alike(other, group)]
         return max((self.alone.get(other.key, 0.0) for other in alike), default=0.0)
 
 
 def is_alike(first: Group, second: Group) -> bool:
-    """Whether two effects have the same reach: one joint's rows, or those of all joints."""
+    """Whether two effects act on the same rows: those of the same joint alone, or of all joints."""
     if first.effect.rows != second.effect.rows:
         return False
     return first.effect.rows == "all" or first.joint == second.joint
 
 
 def explain_simply(model: ModelSums) -> SimplestSet:
-    """The simplest set that explains, from a model without discrepancies."""
+    """The simplest set that explains: the best effect is added until none adds anything.
+
+    After each step all that the set leaves at a joint counts as noise.
+
+    Args:
+        model: Sums without discrepancies.
+    """
     model = with_misfit(model, ())
     search = SetSearch.of(model)
     alone = best_by_name(search, ())
@@ -94,13 +106,16 @@ def explain_simply(model: ModelSums) -> SimplestSet:
 
 
 def with_misfit(model: ModelSums, chosen: Sequence[Group]) -> ModelSums:
-    """A model in which all that a set leaves at a joint is noise."""
+    """A model whose dispersion makes all that a set leaves at a joint noise."""
     left = model.residual(chosen).mean_square
     return model.with_dispersion(np.maximum(1.0, model.components.dispersion * left))
 
 
 def best_by_name(search: SetSearch, chosen: Sequence[Group]) -> dict[Key, float]:
-    """What each name adds to a set at its best point [nats]."""
+    """What each effect would add to a set at its best grid point, by key [nats].
+
+    Those that can't be added are left out.
+    """
     best: dict[Key, float] = {}
     for gain, group in zip(search.gains(chosen), search.names.groups, strict=True):
         if np.isfinite(gain):

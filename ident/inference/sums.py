@@ -29,7 +29,10 @@ class SessionSums:
 
     @cached_property
     def free(self) -> tuple[Float[Array, "p p"], ...]:
-        """For each joint its sums over all time, friction the same in all runs."""
+        """For each joint its sums over all time, friction's level being the same in all runs.
+
+        Square, the joint's own columns first and the torque last.
+        """
         whole = []
         for j, blocks in enumerate(self.evidence.free):
             sums = blocks.over()
@@ -61,7 +64,10 @@ class SessionSums:
 
 
 def without_negative_directions(sums: Float[Array, "p p"]) -> Float[Array, "p p"]:
-    """Symmetric sums with the negative eigenvalues of their correlations at zero."""
+    """Symmetric sums with the negative eigenvalues of their correlations set to zero.
+
+    Returned as they are where no eigenvalue is negative.
+    """
     power = np.diag(sums)
     root = np.where(power > 0.0, np.sqrt(np.maximum(power, 1e-300)), 1.0)
     correlation = sums / np.outer(root, root)

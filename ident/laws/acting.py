@@ -28,6 +28,12 @@ def read_log(effects: Sequence[Effect], torque: Array, interval: float) -> Array
     """What the log reads of a torque: gain, offset, then lateness, then flat tops [N m].
 
     The offset is that of the middle of the diagnosed session; its drift is left out.
+
+    Args:
+        effects: Name, index of the joint and parameters of each; those that are not of the log do
+            nothing.
+        torque: Torque of the joints over a run, shape (T, n) [N m].
+        interval: Sampling interval [s].
     """
     log = np.array(torque, dtype=float)
     for name, joint, p in _sensing(effects):
@@ -44,7 +50,13 @@ def read_log(effects: Sequence[Effect], torque: Array, interval: float) -> Array
 
 
 def undo_log(effects: Sequence[Effect], log: Array, interval: float) -> Array:
-    """The inverse: torque behind a log, but for what flat tops cut off [N m]."""
+    """Torque behind a log, the inverse of `read_log` but for what flat tops cut off [N m].
+
+    Args:
+        effects: As `read_log` takes them.
+        log: Readings of the joints over a run, shape (T, n) [N m].
+        interval: Sampling interval [s].
+    """
     torque = np.array(log, dtype=float)
     for name, joint, p in reversed(_sensing(effects)):
         if name == "torque_gain_error":
@@ -64,6 +76,14 @@ def _sensing(effects: Sequence[Effect]) -> list[Effect]:
 def shifted(values: Array, delay: float, interval: float) -> Array:
     """Signals late by a time, by the cubic through the four samples around each instant; ends are
     held.
+
+    Args:
+        values: Signals, shape (T, n).
+        delay: The time, negative for early [s].
+        interval: Sampling interval [s].
+
+    Raises:
+        ValueError: There is a delay but no interval.
     """
     if delay == 0.0:
         return values
@@ -85,7 +105,13 @@ def shifted(values: Array, delay: float, interval: float) -> Array:
 
 
 def changed_arm(effects: Sequence[Effect], m: MovingArm) -> Array:
-    """Rigid torque of the arm as it is, less that of the model [N m]."""
+    """Rigid torque of the arm as it is, less that of the model [N m].
+
+    Args:
+        effects: Name, index of the joint and parameters of payloads, errors of links, of gravity
+            and of encoders; others do nothing.
+        m: The run.
+    """
     q = m.q.copy()
     links = m.arm.links.copy()
     gravity = m.arm.gravity
@@ -102,7 +128,11 @@ def changed_arm(effects: Sequence[Effect], m: MovingArm) -> Array:
 
 
 def point_mass(centre: Array) -> Array:
-    """Ten inertial numbers of a unit point mass."""
+    """Ten inertial numbers of a unit point mass: 1, its centre, and its inertia about the origin.
+
+    Args:
+        centre: Where it is, shape (3,) [m].
+    """
     inertia = centre @ centre * np.eye(3) - np.outer(centre, centre)
     return np.concatenate([[1.0], centre, _six(inertia)])
 
@@ -138,6 +168,11 @@ def link_change(link: Array, p: dict[str, float]) -> Array:
     What the parameters leave open, the second moments, follows as in the diagnosis: they grow with
     the mass, and with the shift of the first moment as those of a body near the link's centre or
     that place.
+
+    Args:
+        link: Its ten numbers in the model.
+        p: `mass_change_kg`, `moment_change_x_kgm` and so on, and the place `x_m`, `y_m`, `z_m`
+            where there is one.
     """
     mass = link[0]
     centre = np.zeros(3)
@@ -198,7 +233,13 @@ KNOWN = frozenset({*LAWS, *BODIES, *SENSING})
 
 
 def acting_torque(effects: Sequence[Effect], motion: MovingArm) -> Array:
-    """Torque of the effects that act on the joints; those of the log alone add nothing [N m]."""
+    """Torque of the effects that act on the joints, shape (T, n) [N m].
+
+    Args:
+        effects: Name, index of the joint and parameters of each; those of the log alone add
+            nothing.
+        motion: The run.
+    """
     total = np.zeros_like(motion.q)
     for name, joint, p in effects:
         if name in LAWS:

@@ -94,7 +94,11 @@ class NamedLaw:
 
     @property
     def kind(self) -> LawKind:
-        """What the table knows of the law."""
+        """The law's row of the table.
+
+        Raises:
+            KeyError: The table has no such law.
+        """
         return KINDS[self.effect]
 
     @property
@@ -105,7 +109,7 @@ class NamedLaw:
 
     @property
     def bears_load(self) -> bool:
-        """Whether it depends on the load."""
+        """Whether it depends on the load of the gear."""
         return self.kind.bears_load
 
     @property
@@ -114,16 +118,21 @@ class NamedLaw:
         return all(abs(value) <= ZERO_SHARE * (high - low) for value, low, high in self.figures)
 
     def columns(self, states: JointStates) -> Float[Array, "T k"]:
-        """Its torque for coefficients of one [N m]."""
+        """Its torque for each coefficient of one, the others zero, side by side [N m]."""
         return evaluate(self.kind.columns, states, self.shape)
 
     def torque(self, states: JointStates) -> Float[Array, " T"]:
-        """Its torque [N m]."""
+        """Its torque with its coefficients, at T states of its joint [N m]."""
         coefficients = np.array([value for value, _, _ in self.figures])
         return np.asarray(self.columns(states) @ coefficients)
 
     def to_dict(self) -> dict[str, Any]:
-        """For model.toml."""
+        """Its record for model.toml.
+
+        Returns:
+            `effect` (id), `joint` (index from 0), `shape` (values by name) and `coefficients`, each
+            a list of value, low and high.
+        """
         return {
             "effect": self.effect,
             "joint": self.joint,
@@ -133,7 +142,11 @@ class NamedLaw:
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any], joints: int) -> NamedLaw:
-        """Reads it back.
+        """Reads a law from its record (`to_dict`).
+
+        Args:
+            record: The record.
+            joints: Number of the arm's joints.
 
         Raises:
             KeyError, TypeError, ValueError: It is damaged.
@@ -149,7 +162,11 @@ class NamedLaw:
         return cls(str(record["effect"]), joint, dict(record["shape"]), tuple(figures))
 
     def describe(self, joints: Sequence[str]) -> str:
-        """In words, with coefficients and intervals."""
+        """The law in words: joint, what it is, shape, and coefficients with 95 % intervals.
+
+        Args:
+            joints: Names of the joints.
+        """
         reported = ", ".join(self._figure_in_words(k) for k in range(len(self.figures)))
         bending = {name: value for name, value in self.shape.items() if name not in SCALING}
         shape = ", ".join(f"{name} {value:.3g}" for name, value in bending.items())
@@ -176,12 +193,25 @@ def states_of(
     load: Float[Array, "T n"],
     slip: Float[Array, "T n"],
 ) -> JointStates:
-    """One joint's states."""
+    """One joint's states, as laws of friction take them.
+
+    Args:
+        joint: Its index.
+        q, dq: Positions and velocities of all joints [rad, rad/s].
+        load: Torque that each gear transmits [N m].
+        slip: Direction of sliding in [-1, 1].
+    """
     return JointStates(q[:, joint], dq[:, joint], load[:, joint], slip[:, joint])
 
 
 def evaluate(columns: Columns, states: JointStates, shape: Shape) -> Float[Array, "T k"]:
-    """A law's columns side by side [N m]."""
+    """A law's columns side by side: its torque for each coefficient of one [N m].
+
+    Args:
+        columns: The law.
+        states: One joint's T states.
+        shape: Its numbers that are no coefficients, by name.
+    """
     return np.stack(columns(states, shape), axis=1)
 
 
@@ -192,7 +222,15 @@ def named_torque(
     load: Float[Array, "T n"],
     transition_speed: Float[Array, " n"],
 ) -> Float[Array, "T n"]:
-    """Torque of all laws [N m]."""
+    """Torque of all laws together, joint by joint [N m].
+
+    Args:
+        laws: The laws.
+        q, dq: Positions and velocities [rad, rad/s].
+        load: Torque that each gear transmits [N m].
+        transition_speed: Speed over which each joint's friction changes its sign; a plain sign
+            where it is 0 [rad/s].
+    """
     out = np.zeros(dq.shape)
     slip = direction(dq, transition_speed)
     for law in laws:
@@ -206,8 +244,14 @@ def named_columns(
     dq: Float[Array, "T n"],
     load: Float[Array, "T n"],
 ) -> Float[Array, "T n s"]:
-    """Columns of all laws side by side, each at its own joint; the direction is a plain sign, as in
-    the losses' own.
+    """Columns of all laws side by side, each at its own joint and zero at the others [N m].
+
+    The direction of sliding is the plain sign of the speed, as in the losses' own columns.
+
+    Args:
+        laws: The laws; s is the sum of their coefficients.
+        q, dq: Positions and velocities [rad, rad/s].
+        load: Torque that each gear transmits [N m].
     """
     out = np.zeros((*dq.shape, sum(law.size for law in laws)))
     first = 0

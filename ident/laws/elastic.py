@@ -32,7 +32,14 @@ CONTACT_DAMPING_RATIO = 0.3
 
 
 def elasticity(m: MovingArm, j: int, p: dict[str, float]) -> Array:
-    """A spring and a damper between motor and link."""
+    """Torque that a spring and a damper between motor and link add at all joints, shape (T, n) [N
+    m].
+
+    Args:
+        m: The run.
+        j: Index of the joint.
+        p: `stiffness_Nm_rad` and `damping_Nms_rad`.
+    """
     stiffness = p["stiffness_Nm_rad"]
     damping = p["damping_Nms_rad"]
     unit = np.eye(m.q.shape[1])[j]
@@ -64,8 +71,15 @@ def _linear(slopes: Sequence[Array], deflection: Array) -> Array:
 
 
 def backlash(m: MovingArm, j: int, p: dict[str, float]) -> Array:
-    """With and without the play, behind it the gear in contact: its stiffness and damping, where
-    they are known.
+    """Torque that play in a gear adds at all joints, shape (T, n) [N m].
+
+    The gear is deflected with and without the play; behind it is the gear in contact, its stiffness
+    and damping, where they are known.
+
+    Args:
+        m: The run.
+        j: Index of the joint.
+        p: `gap_rad` (full width), and where they are known `stiffness_Nm_rad`, `damping_Nms_rad`.
     """
     slopes = _slopes(m, j)
     stiffness = p.get("stiffness_Nm_rad", CONTACT_STIFFNESS * float(m.arm.rated[j]))

@@ -42,27 +42,40 @@ class JointStates:
 
 
 def stribeck_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
-    """s exp(−(|v| / v_s)^δ)."""
+    """One column s exp(−(|v| / v_s)^δ).
+
+    The shape has v_s as `stribeck_velocity_rad_s` and δ as `exponent`.
+    """
     share = states.speed / shape["stribeck_velocity_rad_s"]
     return [states.slip * states.xp.exp(-(share ** shape["exponent"]))]
 
 
 def nonlinear_viscous_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
-    """s |v|^α; with a knee v_k straight below it, s |v| (v² + v_k²)^((α − 1) / 2)."""
+    """One column s |v|^α; with a knee v_k straight below it, s |v| (v² + v_k²)^((α − 1) / 2).
+
+    The shape has α as `exponent` and, where there is a knee, v_k as `knee_rad_s`.
+    """
     knee = shape.get("knee_rad_s", 0.0)
     return [states.slip * bent(states.speed, shape["exponent"], knee)]
 
 
 def bent(speed: Any, exponent: float, knee: float = 0.0) -> Any:
-    """A power of speeds, none of them negative; straight below a knee, where there is one."""
+    """A power of speeds, none of them negative.
+
+    Args:
+        speed: The speeds [rad/s].
+        exponent: The power above the knee.
+        knee: Speed below which it is straight [rad/s]; 0 for none.
+    """
     if not knee:
         return speed**exponent
     return speed * (speed * speed + knee * knee) ** (0.5 * exponent - 0.5)
 
 
 def load_dependent_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
-    """Driving and half of backdriving, the reverse; with four terms s τ_l² over a typical load and
-    v |τ_l| too.
+    """Columns of driving and half of backdriving, and of the reverse.
+
+    With four `terms` in the shape, s τ_l² over a typical load (`load_Nm`) and v |τ_l| too.
     """
     both = states.slip * states.burden
     gain = states.slip**2 * states.load
@@ -74,13 +87,13 @@ def load_dependent_friction(states: JointStates, shape: Mapping[str, float]) -> 
 
 
 def position_dependent_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
-    """s cos kq, s sin kq."""
+    """Two columns s cos kq, s sin kq; the shape has k, waves a turn, as `order`."""
     angle = shape["order"] * states.q
     return [states.slip * states.xp.cos(angle), states.slip * states.xp.sin(angle)]
 
 
 def asymmetric_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
-    """s² / 2, |v| / 2."""
+    """Two columns s² / 2, |v| / 2; no shape."""
     return [0.5 * states.slip**2, 0.5 * states.speed]
 
 

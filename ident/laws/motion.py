@@ -158,6 +158,11 @@ def stop(q: Array, size: float) -> Array:
 def follow(q: Array, size: float, out: Array) -> None:
     """States of a stop operator, sample by sample, into an array; plain loops, which can be
     compiled.
+
+    Args:
+        q: The path, shape (T,) [rad].
+        size: The operator's range [rad].
+        out: Gets the states, from −size to size, 0 at first, shape (T,) [rad].
     """
     state = 0.0
     out[0] = 0.0
@@ -202,12 +207,14 @@ class MovingArm:
         return rigid_torque(self.arm, self.q, self.dq, self.ddq)
 
     def warmth_of(self, j: int) -> Array:
-        """How warm a joint is."""
+        """How warm a joint is, from 0 (cold) to 1: one number, or one for each sample where
+        `warmth` has so many.
+        """
         warmth = np.asarray(self.warmth, dtype=float)
         return warmth[:, j] if warmth.ndim == 2 else warmth
 
     def at(self, j: int, torque: Array) -> Array:
-        """A torque on one joint, none on the others."""
+        """A torque on one joint and none on the others, shape (T, n) [N m]."""
         whole = np.zeros_like(self.q)
         whole[:, j] = torque
         return whole

@@ -70,6 +70,9 @@ def find_signal_band(
         rate: Sampling rate [Hz].
         levels: Noise of the joints' positions.
         settings: How much motion must outweigh noise, and where both are known.
+
+    Returns:
+        By joint; half the sampling rate where nothing is to be cut off.
     """
     known = settings.noise_known_to * rate
     length = min(len(ddq), max(16, round(settings.band_stretch_s * rate)))
@@ -155,6 +158,12 @@ def draw_errors(
 ) -> Float[Array, "T n"]:
     """Errors of one more measurement of a smoothed motion by the same encoders; a resolution of 0
     is none [rad].
+
+    Args:
+        q: The smoothed motion [rad].
+        levels: Noise of the joints' positions.
+        resolution: Step of each encoder [rad]; 0 for none.
+        rng: Generator of the draw.
     """
     std = np.sqrt(levels.position)
     coarse = resolution > ENCODER.least_step * std

@@ -56,8 +56,13 @@ def design_lowpass(order: int, cutoff: float, rate: float) -> Float[Array, "s 6"
 
 
 def resting_states(sections: Float[Array, "s 6"]) -> Float[Array, "s 2"]:
-    """States of the sections (transposed direct form II) that a constant input of one keeps as they
-    are.
+    """States of second-order sections that a constant input of one keeps as they are.
+
+    Args:
+        sections: b₀ b₁ b₂ 1 a₁ a₂ of each, as `design_lowpass` gives them.
+
+    Returns:
+        Both states of each section (transposed direct form II).
     """
     states = np.zeros((len(sections), 2))
     level = 1.0
@@ -86,6 +91,11 @@ def filter_together(
     sections: Float[Array, "s 6"], parts: Sequence[Float[Array, "T ..."]], padding: int
 ) -> Float[Array, "T k"]:
     """Filters several arrays along the first axis, without delay, as `filter_both_ways`.
+
+    Args:
+        sections: Second-order sections of the filter.
+        parts: Arrays of T samples each.
+        padding: Samples by which both ends are extended; fewer than T.
 
     Returns:
         All of their columns side by side.
@@ -142,8 +152,14 @@ class Lowpass:
     def design(
         cls, rate: float, cutoff: float | None = None, settings: MotionSettings = USUAL_MOTION
     ) -> Lowpass:
-        """The filter for a rate; at least `settings.oversampling` samples a period of the corner
-        are kept.
+        """The filter for a sampling rate.
+
+        At least `settings.oversampling` samples a period of the corner are kept.
+
+        Args:
+            rate: Sampling rate [Hz].
+            cutoff: Corner [Hz]; that of the settings, as far as the rate allows, if None.
+            settings: Usual corner, its largest share of the rate, and samples that are kept.
 
         Raises:
             RecordingError: The corner asked for is no frequency of a motion, or too high for the
@@ -163,7 +179,11 @@ class Lowpass:
         return self.together([values]).reshape(-1, *np.shape(values)[1:])
 
     def together(self, parts: Sequence[Float[Array, "T ..."]]) -> Float[Array, "t k"]:
-        """Filters several signals along the first axis and decimates them, columns side by side."""
+        """Filters several signals along the first axis and decimates them.
+
+        Returns:
+            All of their columns side by side, every `factor`-th sample.
+        """
         padding = min(len(parts[0]) - 1, int(3 * self.rate / self.cutoff))
         sections = design_lowpass(FILTER_ORDER, self.cutoff, self.rate)
         return filter_together(sections, parts, padding)[:: self.factor]

@@ -14,14 +14,16 @@ def smooth_by_filterpy(
     states: Float[Array, "T 3"],
     middle: Float[Array, " 3"],
 ) -> None:
-    """The same as `filter_joint` and `smooth_joint` of `ident.motion.kalman`.
+    """Smooths one joint of one run by filterpy.
+
+    The results are those of `filter_joint` and `smooth_joint` of `ident.motion.kalman`.
 
     Args:
         z: Measured positions [rad].
         dt: Sampling intervals [s].
         noise: As `filter_joint` takes it.
-        states: Gets the smoothed states.
-        middle: Gets the variances in the middle of the run.
+        states: Gets the smoothed states: position, velocity, acceleration [rad, rad/s, rad/s²].
+        middle: Gets their variances in the middle of the run.
     """
     from filterpy.kalman import KalmanFilter  # slow to load, and only the reference needs it
 

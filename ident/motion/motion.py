@@ -76,7 +76,7 @@ class Motion:
         return 1.0 / self.lowpass.rate
 
     def filtered(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
-        """Any signal of this run through the common filter."""
+        """A signal of this run, of T samples, low-passed and decimated to t samples."""
         return self.lowpass(values)
 
     @cached_property
@@ -86,7 +86,7 @@ class Motion:
 
     @property
     def coarse(self) -> slice:
-        """The samples that the filter keeps."""
+        """Slice that takes the samples that the filter keeps from all T samples."""
         return slice(None, None, self.lowpass.factor)
 
     @property
@@ -149,8 +149,9 @@ class Motion:
 
     @property
     def noisier(self) -> Motion:
-        """The same run with one more draw of the encoder noise in its states; the same, where no
-        noise was drawn.
+        """A copy with one more draw of the encoder noise in its states.
+
+        The run itself where no noise was drawn.
         """
         if self.state_noise is None:
             return self
@@ -158,13 +159,19 @@ class Motion:
         return replace(self, q=self.q + q, dq=self.dq + dq, ddq=self.ddq + ddq)
 
     def below(self, corner: float) -> Motion:
-        """The same run with a common filter of at most this corner [Hz]."""
+        """The run with a common filter of at most this corner [Hz]; itself where it has one
+        already.
+        """
         if corner >= self.lowpass.cutoff:
             return self
         return replace(self, lowpass=Lowpass.design(self.lowpass.rate, corner, self.settings))
 
     def select(self, joints: tuple[str, ...]) -> Motion:
-        """The same run of some joints only."""
+        """A copy with some joints only, in the given order.
+
+        Raises:
+            ValueError: A joint is not there.
+        """
         columns = [self.joints.index(name) for name in joints]
         cut: dict[str, Any] = {}
         for name in BY_COLUMN:
@@ -179,7 +186,13 @@ class Motion:
 
 
 def last_turns(heading: Float[Array, "t n"]) -> Int[Array, "t n"]:
-    """Sample at which each joint last turned, started or stopped; the first one before that."""
+    """For each sample the index of that at which each joint last turned, started or stopped.
+
+    0 before any of these.
+
+    Args:
+        heading: Sign of each joint's motion: 1, 0 or -1.
+    """
     turned = np.diff(heading, axis=0, prepend=heading[:1]) != 0.0
     return np.asarray(np.maximum.accumulate(turned * np.arange(len(heading))[:, None]))
 
@@ -212,7 +225,12 @@ def torque_band(motion: Motion, inertia: Float[Array, " n"], corner: float) -> f
 
 
 def session_noise(session: Session, settings: MotionSettings = USUAL_MOTION) -> NoiseLevels:
-    """Noise levels of a session's joints, by maximum likelihood over all its runs."""
+    """Noise levels of a session's joints, by maximum likelihood over all its runs.
+
+    Args:
+        session: The recordings.
+        settings: Between which corners of the smoother it is searched.
+    """
     times = [run.time for run in session.runs]
     positions = [run.position for run in session.runs]
     return fit_noise_levels(times, positions, settings)
@@ -226,8 +244,18 @@ def prepare_run(
     settings: MotionSettings = USUAL_MOTION,
     rng: np.random.Generator | None = None,
 ) -> Motion:
-    """Smooths one run and lays it on an even grid; with `rng`, a draw of encoder noise is taken
-    along.
+    """Smooths one run and lays it on an even grid.
+
+    Args:
+        run: The recording.
+        levels: Noise of its joints.
+        payload: The known body at the flange; none if None.
+        cutoff: Corner of the common filter [Hz]; as `Lowpass.design` chooses it if None.
+        settings: How a recording becomes a motion.
+        rng: Of a draw of encoder noise that is taken along (`state_noise`); none if None.
+
+    Raises:
+        RecordingError: The corner is no frequency of a motion, or too high for the rate.
     """
     states = smooth(run.time, run.position, levels, settings.smoother)
     rate = 1.0 / run.sample_interval
@@ -301,8 +329,15 @@ def prepare_each(
     settings: MotionSettings = USUAL_MOTION,
     rng: np.random.Generator | None = None,
 ) -> Iterator[Motion]:
-    """The same one after the other, for whoever needn't have them all at once; none where no run is
-    long enough.
+    """The runs of a session that are long enough, as motions, one after the other.
+
+    For whoever needn't have them all at once, as `prepare` has. None where no run is long enough.
+
+    Args:
+        session: The recordings.
+        cutoff: Corner of the common filter [Hz]; as `Lowpass.design` chooses it if None.
+        settings: How a recording becomes a motion.
+        rng: Of draws of encoder noise that are taken along; none if None.
     """
     least = settings.least_duration_s
     samples = settings.least_samples
@@ -315,7 +350,12 @@ def prepare_each(
 
 
 def no_motion(where: str | Path, settings: MotionSettings = USUAL_MOTION) -> RecordingError:
-    """The error of recordings whose runs are all too short."""
+    """The error (to be raised by the caller) of recordings whose runs are all too short.
+
+    Args:
+        where: The recordings.
+        settings: How long a run has to be.
+    """
     return RecordingError(
         str(where), f"no run lasts {settings.least_duration_s:g} s", "record longer motions"
     )

@@ -102,6 +102,9 @@ def fit_noise_levels(
         times: Sample times of each run [s].
         positions: Measured positions of each run [rad].
         settings: Between which corners it is searched.
+
+    Returns:
+        Levels s of the jerk and r of the position for each joint.
     """
     # The middle of each run, so that together they hold no more samples than change anything.
     share = min(1.0, LIKELIHOOD_SAMPLES / max(1, sum(map(len, times))))
@@ -195,6 +198,9 @@ def smooth(
         levels: Noise of the joints, from `fit_noise_levels`.
         method: `fast`, or `filterpy`, the reference: the same numbers at some hundred times the
             time.
+
+    Returns:
+        States at the same times, and their standard deviations in the middle of the run.
     """
     sampling = _Sampling.of(np.asarray(time, dtype=float))
     dt = sampling.intervals

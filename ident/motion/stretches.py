@@ -43,7 +43,7 @@ class Held:
 
     @property
     def in_part(self) -> bool:
-        """Whether there are more samples than are held."""
+        """Whether the session has more samples than are held."""
         return sum(len(motion.time) for motion in self.motions) < self.samples
 
 
@@ -61,6 +61,9 @@ def hold(motions: Iterable[Motion], most: int | None = None) -> Held:
     Args:
         motions: The motions of a session, in their order.
         most: Samples that are held; `HELD_SAMPLES` if None.
+
+    Returns:
+        The motions; stretches that follow another of the same run are marked `continues`.
     """
     most = HELD_SAMPLES if most is None else most
     rng = np.random.default_rng(CHOICE_SEED)
@@ -105,12 +108,20 @@ def _sample(stretches: list[_Stretch], most: int) -> list[_Stretch]:
 
 
 def within_band(motions: Sequence[Motion], inertia: Float[Array, " n"]) -> tuple[Motion, ...]:
-    """The same motions, their common filter's corner no higher than what is known of the motion
-    bears on torques.
+    """Motions whose common filter's corner is no higher than what is known of the motion bears on
+    torques.
 
     Where torque is looked at beyond the band that states follow, speeds and accelerations that are
     half kept stand against torques that are whole: where that is more than a little (`torque_band`)
     it looks like elasticity, whose torque grows towards its resonance.
+
+    Args:
+        motions: All runs of a session.
+        inertia: What each joint moves [kg m²].
+
+    Returns:
+        The motions in their order, all with one corner at the most; as they are where no band is
+        known.
     """
     banded = [motion for motion in motions if motion.band is not None]
     corner = np.inf  # where nobody knows a band
@@ -130,6 +141,10 @@ def choose_runs(count: int, every: int) -> list[int]:
     Recordings often go through a few kinds of motion in turn. Runs at even distances, or at places
     that shift by an even step, may all be of the same few kinds; runs at random places are of all
     kinds in proportion.
+
+    Args:
+        count: Number of runs.
+        every: Length of a stretch, in runs.
     """
     starts = np.arange(0, count, every)
     places = np.random.default_rng(CHOICE_SEED).integers(np.minimum(every, count - starts))
@@ -142,8 +157,10 @@ def runs_recorded(motions: Sequence[Motion]) -> int:
 
 
 def cut(motion: Motion, most: int) -> Iterator[Motion]:
-    """A run in pieces of about equal length, each of at most so many samples; a short one
-    as it is.
+    """A run in pieces of about equal length, each of at most `most` samples.
+
+    A short run comes as it is; pieces are named `<run> (1 of 3)` and so on, and all but the first
+    are marked `continues`.
     """
     count = -(-len(motion.time) // most)
     if count <= 1:

@@ -18,10 +18,13 @@ from ident.safe_read import read_arrays
 
 
 def open_arrays(path: Path, always: bool = False) -> NamedColumns:
-    """Native columns, or arrays `position`, `velocity`, `effort`, … of all joints with `joints`; or
+    """The columns of an archive of arrays, read when they are asked for.
+
+    Native columns, or arrays `position`, `velocity`, `effort`, … of all joints with `joints`; or
     any names.
 
     Args:
+        path: The archive.
         always: Whether an array `position` without `joints` is as good as one under any other name.
 
     Raises:
@@ -78,6 +81,9 @@ def spread_arrays(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
     The samples' number is the length that most arrays have along some axis, the longer one
     counting. Arrays of native names stay as they are.
+
+    Returns:
+        By name; the columns of a table are `<name>.0`, `<name>.1`, …
     """
     if not any(values.ndim == 2 for values in arrays.values()):
         return dict(arrays)

@@ -37,7 +37,12 @@ Columns = dict[str, Float[Array, " T"]]
 
 
 def open_bag(path: Path, settings: SessionFile | None, topic: str) -> NamedColumns:
-    """The joint states of a bag, or the topics that `[columns]` names; all topics without settings.
+    """The columns of a bag: its joint states, or the topics that `[columns]` names.
+
+    Args:
+        path: The bag.
+        settings: What session.toml says; all topics if None.
+        topic: That of the joint states.
 
     Raises:
         RecordingError: Not a bag, a damaged one, or no joint states with torque on the topic.
@@ -115,7 +120,13 @@ class Stream:
     names: tuple[str, ...] = ()
 
     def take(self, message: Record, receipt: int, row: Any) -> None:
-        """One more message, with the row that it is."""
+        """One more message.
+
+        Args:
+            message: Its content; a header's stamp counts, 0 without one.
+            receipt: Time of receipt [ns].
+            row: The row that it is.
+        """
         header = message.get("header")
         stamp = header.get("stamp", {}) if isinstance(header, dict) else {}
         self.stamps.append(int(stamp.get("sec", 0)) * 1_000_000_000 + int(stamp.get("nanosec", 0)))
@@ -132,6 +143,9 @@ class Stream:
     def of_joints(self, joints: Sequence[str], path: Path) -> Columns:
         """The messages as columns of joints, their time among them [s]; fields that they leave
         empty are left out.
+
+        Raises:
+            RecordingError: A joint is named twice.
         """
         if len(set(joints)) < len(joints):
             twice = next(joint for joint in joints if list(joints).count(joint) > 1)
@@ -265,6 +279,13 @@ def load_topics(path: Path, wanted: set[str] | None = None) -> dict[str, Columns
     """Time and numbers of some topics, or of all whose messages can be read.
 
     Only messages with the fields of a topic's first one count.
+
+    Args:
+        path: The bag.
+        wanted: Names of the topics; all if None.
+
+    Returns:
+        By topic its columns: `time` [s] of the headers or of receipt, and the topic's fields.
 
     Raises:
         RecordingError: Not a bag, or a damaged one.

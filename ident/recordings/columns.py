@@ -127,7 +127,9 @@ class NamedColumns:
 
     @property
     def has_names(self) -> bool:
-        """Whether the file names its columns."""
+        """Whether the file names its columns, rather than they being numbered from 1 for want of
+        names.
+        """
         return self.names != tuple(str(i + 1) for i in range(len(self.names)))
 
 
@@ -138,7 +140,7 @@ def is_native(name: str) -> bool:
 
 
 def joint_of(column: str) -> str:
-    """`joint_1/position` -> `joint_1`."""
+    """The joint of a native column: `joint_1/position` -> `joint_1`; "" for `time`."""
     return column.rpartition("/")[0]
 
 
@@ -202,8 +204,8 @@ def _find(foreign: str, names: Sequence[str], session_file: SessionFile, where: 
 
 
 def listed(names: Sequence[str]) -> str:
-    """The first twelve of some names and how many there are; numbers in a row by the first and the
-    last.
+    """Names for a message: at most twelve and how many there are, or the first and the last of
+    numbers in a row.
     """
     if len(names) > 2 and _in_a_row(names):
         return f"{names[0]} to {names[-1]}"
@@ -220,7 +222,14 @@ def _in_a_row(names: Sequence[str]) -> bool:
 
 
 def unequal(lengths: Mapping[str, int]) -> tuple[str, str]:
-    """What is wrong with columns of different lengths, and the remedy."""
+    """Words for columns of different lengths.
+
+    Args:
+        lengths: Samples of each column; two of them differ.
+
+    Returns:
+        What is wrong, and the remedy.
+    """
     first, *rest = lengths
     other = next(name for name in rest if lengths[name] != lengths[first])
     return (
@@ -239,6 +248,12 @@ def take_run(
 
     Raises:
         RecordingError: No joint at all, a missing column, or settings of a joint that is not there.
+
+    Args:
+        name: Name of the run.
+        columns: The file's columns.
+        session_file: Which columns are used, and what makes native units of them.
+        source: The file, for messages.
     """
     cells, seen = columns.read(native_names(columns.names, session_file, source))
     sound = _without_gaps_in_temperature(cells)
@@ -377,9 +392,9 @@ def _channels(
 
 
 def stack(columns: Sequence[Float[Array, " T"]], rows: int = 4096) -> Float[Array, "T n"]:
-    """Columns side by side, read-only.
+    """Columns of equal length side by side, shape (T, n); a read-only copy.
 
-    Block by block, so that each line of the cache is written once.
+    Block by block of `rows` samples, so that each line of the cache is written once.
     """
     table = np.empty((len(columns[0]), len(columns)))
     for start in range(0, len(table), rows):

@@ -61,7 +61,7 @@ REMEDY = "give the folder of a LeRobot data set, with meta/ and data/ in it"
 
 
 def data_files(path: Path) -> list[Path]:
-    """The Parquet files of a data set, in order.
+    """The Parquet files below data/ of a data set, sorted by path.
 
     Raises:
         RecordingError: There are none.
@@ -164,7 +164,14 @@ def require_shares(calibration: Path, path: Path, far: float) -> None:
 
 
 def share_units(calibration: Path, settings: SessionFile) -> dict[str, float]:
-    """What makes radians of the shares of each joint that positions are mapped to [rad].
+    """What makes radians of the shares of each joint that positions are mapped to.
+
+    Args:
+        calibration: LeRobot's calibration of the arm.
+        settings: Their `columns` say which motor is which joint.
+
+    Returns:
+        By joint the angle of a share of one, where a whole range is 200 (of a gripper 100) [rad].
 
     Raises:
         RecordingError: The file is no calibration, or lacks a joint.
@@ -211,8 +218,14 @@ def read_calibration(path: Path) -> dict[str, float]:
 
 
 def longest_episode(path: Path) -> tuple[dict[str, Float[Array, " T"]], float | None]:
-    """All columns of numbers of the longest episode in the first file, and the rate that the data
-    set states [Hz].
+    """The longest episode in the first file of a data set.
+
+    Returns:
+        All its columns of numbers by name, and the rate that the data set states [Hz] (None where
+        it states none that can be used).
+
+    Raises:
+        RecordingError: No data files, no features, or positions that are shares of a range.
     """
     info = load_info(path)
     file = data_files(path)[0]
@@ -257,7 +270,9 @@ def _labels(feature: object) -> list[str]:
 
 
 def joint_name(label: str) -> str:
-    """The joint that a label speaks of."""
+    """The joint that a label speaks of: without such endings as `.pos`, and without `main_` or
+    `follower_` before it.
+    """
     for ending in ENDINGS:
         label = label.removesuffix(ending)
     return label.removeprefix("main_").removeprefix("follower_")

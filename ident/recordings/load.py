@@ -78,9 +78,11 @@ def load_parts(
 ) -> Iterator[Session]:
     """Recordings as one session or, where they are long, as several of consecutive runs.
 
-    Each is read when it is asked for.
+    Each is read when it is asked for. A part ends with the run that fills so many samples.
 
-    A part ends with the run that fills so many samples.
+    Args:
+        path, topic, session_file, with_effort: As `load_session` takes them.
+        most: Samples that fill a part.
 
     Raises:
         RecordingError: As `load_session`, when the part's turn comes.
@@ -140,6 +142,11 @@ def load_recording(
 ) -> Recording:
     """Reads one run from a file or a bag folder.
 
+    Args:
+        path: The file or folder; its name without the suffix becomes the run's.
+        session_file: What a session.toml says; nothing if None. None is looked for beside the file.
+        topic: Topic of the joint states, for bags.
+
     Raises:
         RecordingError: The file can't be used.
     """
@@ -151,8 +158,12 @@ def load_recording(
 
 
 def open_run(path: Path, settings: SessionFile | None, topic: str = TOPIC) -> NamedColumns:
-    """The columns of one run, whatever the format of its file; no settings where the columns are
-    still to be found out.
+    """The columns of one run, whatever the format of its file.
+
+    Args:
+        path: The file or bag folder.
+        settings: What session.toml says; None where the columns are still to be found out.
+        topic: Topic of the joint states, for bags.
 
     Raises:
         RecordingError: The file can't be used.
@@ -219,6 +230,13 @@ def is_run(entry: Path, suffixes: Sequence[str] = SUFFIXES) -> bool:
 
 def find_runs(path: Path, settings: SessionFile) -> tuple[list[Path], list[TelemetryIssue]]:
     """The runs of a session in file-name order; of one run in several formats, one is taken.
+
+    Args:
+        path: A folder, or a single file, which is the only run.
+        settings: What session.toml says.
+
+    Returns:
+        The files, and a note for each run that is there in several formats.
 
     Raises:
         RecordingError: There are none.
@@ -324,6 +342,10 @@ def gather_sources(
 
     A list of paths or sessions is so many sessions; tables and recordings that follow each other
     are the runs of one.
+
+    Args:
+        source: A path, session, recording or table in memory, or a sequence of these.
+        settings: What a session.toml says, for tables in memory.
 
     Raises:
         RecordingError: Something that holds no recording; nothing at all.

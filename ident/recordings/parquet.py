@@ -275,7 +275,15 @@ def is_text(kind: pa.DataType) -> bool:
 def load_columns(
     path: Path, labels: Mapping[str, Sequence[str]] | None = None
 ) -> dict[str, Column]:
-    """All columns of numbers of a file, lists spread out under their labels, if they have any.
+    """All columns of numbers of a file.
+
+    Args:
+        path: The file.
+        labels: For columns of lists, the names of a list's places; numbers from 0 where there are
+            none or too few.
+
+    Returns:
+        By name; the places of a list are `<name>.<label>`.
 
     Raises:
         RecordingError: Not a Parquet file, or lists of different lengths.
@@ -312,7 +320,16 @@ def _not_whole(error: Exception) -> tuple[str, str]:
 def spread_list(
     name: str, column: pa.ChunkedArray, labels: Sequence[str] = ()
 ) -> dict[str, Column]:
-    """A column of lists as columns of numbers; any other column as it is."""
+    """A column of lists as columns of numbers `<name>.<label>`; any other column as it is.
+
+    Args:
+        name: The column's name.
+        column: The column.
+        labels: Names of a list's places; numbers from 0 where they are not as many as the places.
+
+    Returns:
+        By name. Lists of anything but numbers, or very long ones, stay one column.
+    """
     kind = column.type
     length = 0
     if pa.types.is_fixed_size_list(kind):

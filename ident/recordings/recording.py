@@ -100,20 +100,24 @@ class Recording:
 
     @property
     def duration(self) -> float:
-        """Time from the first to the last sample [s]."""
+        """Time from the first to the last sample [s]; 0 without samples."""
         return float(self.time[-1] - self.time[0]) if len(self) else 0.0
 
     @cached_property
     def sample_interval(self) -> float:
-        """Median sampling interval [s]."""
+        """Median sampling interval [s]; NaN of fewer than two samples."""
         return float(np.median(np.diff(self.time)))
 
     def channels(self) -> dict[str, Float[Array, "T n"]]:
-        """The per-joint channels that are there."""
+        """The per-joint channels that are there, by the names of their fields."""
         return {name: getattr(self, name) for name in CHANNELS if getattr(self, name) is not None}
 
     def replace(self, **changes: Any) -> Recording:
-        """A copy with some fields changed."""
+        """A copy with some fields changed, checked anew.
+
+        Args:
+            **changes: New values by the names of the fields.
+        """
         return replace(self, **changes)
 
     def at(self, rows: slice | Array, name: str | None = None) -> Recording:
@@ -122,7 +126,11 @@ class Recording:
         return replace(self, name=name or self.name, time=self.time[rows], **cut)
 
     def select(self, joints: Sequence[str]) -> Recording:
-        """A copy with the given joints, in the given order."""
+        """A copy with the given joints, in the given order.
+
+        Raises:
+            ValueError: A joint is not there.
+        """
         columns = [self.joints.index(joint) for joint in joints]
         cut: dict[str, Any] = {key: values[:, columns] for key, values in self.channels().items()}
         return replace(self, joints=tuple(joints), **cut)
@@ -177,7 +185,11 @@ class Session:
         return self.notes + tuple(issue for run in self.runs for issue in run.issues)
 
     def replace(self, **changes: Any) -> Session:
-        """The same session with other fields; it is checked anew."""
+        """A copy with some fields changed.
+
+        Args:
+            **changes: New values by the names of the fields.
+        """
         return replace(self, **changes)
 
 

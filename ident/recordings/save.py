@@ -54,13 +54,20 @@ def write_session(session: Session, folder: str | Path) -> None:
     """Writes a folder of Parquet runs and their session.toml, whole or not at all.
 
     Drive gains and effort signs are not written: they are in the effort already.
+
+    Args:
+        session: The recordings.
+        folder: Where to write them; each run is `<name>.parquet`.
     """
     with atomic_folder(folder, SESSION_KIND) as temporary:
         fill_session(session, temporary)
 
 
 def fill_session(session: Session, folder: Path) -> None:
-    """Writes the files of a session into a folder that is there."""
+    """Writes the files of a session into a folder that is there.
+
+    Each run as `<name>.parquet`, and session.toml where there is anything to say in it.
+    """
     for run in session.runs:
         write_recording(run, folder / f"{run.name}.parquet")
     settings: dict[str, Any] = dict(session.metadata)

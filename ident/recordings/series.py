@@ -85,7 +85,7 @@ class Series:
         return cls(joints, table[chosen], scale) if len(chosen) >= LEAST else None
 
     def found_in(self, run: SearchedRun) -> int:
-        """How many of the moments a run holds."""
+        """How many of the moments a run holds; 0 where it has other joints."""
         if run.joints != self.joints:
             return 0
         distance, _ = run.tree(self.scale).query(
@@ -98,7 +98,12 @@ class Series:
         return self.found_in(run) >= max(LEAST, len(self.moments) / (SHARE * len(self.joints)))
 
     def to_dict(self) -> JsonRecord:
-        """As a model's record holds it: numbers as text, for they are for no reader."""
+        """Its entry in a model's record.
+
+        Returns:
+            `joints` (the names), and `moments`: scale and moments as base64 of 32-bit numbers, for
+            they are for no reader.
+        """
         numbers = np.vstack([self.scale, self.moments]).astype("<f4")
         return {
             "joints": list(self.joints),
@@ -136,7 +141,7 @@ class SearchedRun:
         return np.asarray(table[_sound(table)])
 
     def tree(self, scale: Float[Array, " k"]) -> KDTree:
-        """Its moments in units of a scale, to be searched."""
+        """The run's moments divided by a scale, as a tree to be searched; kept for each scale."""
         from scipy.spatial import KDTree
 
         key = scale.tobytes()

@@ -80,13 +80,23 @@ class SessionFile:
 
     @property
     def where(self) -> str:
-        """The file's name for messages."""
+        """The file for messages: its path, or `session.toml` where there is none."""
         return str(self.path) if self.path else NAME
 
 
 def settings_of(path: Path, session_file: str | Path | None = None) -> SessionFile:
-    """The settings of a folder or a single file: of the session.toml that belongs to it, if no
-    other is given.
+    """The settings of a folder or a single file.
+
+    Args:
+        path: The recordings.
+        session_file: The file of the settings; if None, the session.toml in the folder, or
+            `<stem>.toml` or session.toml beside a file.
+
+    Returns:
+        The settings of a session without a session.toml where there is none.
+
+    Raises:
+        RecordingError: As `load_session_file`.
     """
     places = [path / NAME] if path.is_dir() else [path.with_suffix(".toml"), path.parent / NAME]
     files = (

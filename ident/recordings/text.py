@@ -43,6 +43,12 @@ def read_damaged(
 
     Raises:
         RecordingError: No row, or hardly any, can be read.
+
+    Args:
+        path: The file, for messages.
+        data: Its content.
+        layout: How it is written.
+        chosen: Index of each column that is read, and its native name.
     """
     lines = bytes(data).split(b"\n")
     separator = layout.separator.encode()
@@ -161,8 +167,9 @@ def split_cells(line: str, separator: str) -> list[str]:
 
 
 def text_lines(data: bytes) -> list[str]:
-    """The lines of a table as its readers count them: other control characters, and bytes, stay in
-    their line.
+    """The lines of a table as its readers count them.
+
+    Control characters other than line ends stay in their line; bytes that are no UTF-8 are escaped.
     """
     return re.split("\r\n|\n|\r", data.decode("utf-8-sig", errors="backslashreplace"))
 
@@ -254,7 +261,9 @@ def ends_within_cell(path: Path, layout: TextLayout) -> bool:
 
 
 def open_text(path: Path) -> NamedColumns:
-    """The columns of a text table.
+    """The columns of a text table, read when they are asked for.
+
+    Columns without a header are named by their numbers, from 1.
 
     Raises:
         RecordingError: The file is empty; when columns are read, that it has no rows.
@@ -294,6 +303,9 @@ def open_text(path: Path) -> NamedColumns:
 def constant_texts(path: Path) -> dict[str, str]:
     """The text of each column that holds one and the same in all of the first rows, such as a
     joint's name.
+
+    Returns:
+        By the column's name; columns of numbers are left out.
 
     Raises:
         RecordingError: The file is empty.

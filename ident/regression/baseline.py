@@ -44,7 +44,7 @@ class UrdfError:
     usual: frozenset[int] = frozenset()
 
     def divided(self, factor: float) -> UrdfError:
-        """Both smaller by a factor."""
+        """A copy whose scale and distance of centres are divided by a factor."""
         return UrdfError(self.scale / factor, self.com_m / factor, self.usual)
 
 
@@ -75,8 +75,12 @@ class Baseline:
     def prior_of(
         self, error: UrdfError, wrong_link: int | None = None, factor: float = 1.0
     ) -> Float[Array, "r r"]:
-        """Information on the base parameters' change in a URDF that is so far off, and at one link
-        more by a factor.
+        """Information on the base parameters' change in a URDF that is so far off.
+
+        Args:
+            error: How far its inertias are believed to be off.
+            wrong_link: Index of a link that is off by more; none if None.
+            factor: By how many times more.
         """
         shifted = self._shift_by_centres(error.com_m)
         std = np.hypot(error.scale * self.number_std, shifted)

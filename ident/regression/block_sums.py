@@ -62,10 +62,14 @@ class SymmetricSums:
         return len(self.half)
 
     def with_rows(self, rows: Float[Array, "k p"], place: Int[Array, " k"]) -> SymmetricSums:
-        """The same with further rows in some of the blocks; of sums that have none yet.
+        """A copy with further rows in some of the blocks; of sums that have none yet.
 
         Rows that are more numbers than the sums are added to a copy of these, where these have all
         their columns.
+
+        Args:
+            rows: The rows.
+            place: Index of the block of each.
         """
         rows = rows / np.sqrt(self.factor)
         numbers = len(self) * half_size(len(self.nonzero))
@@ -79,11 +83,14 @@ class SymmetricSums:
         return replace(self, half=stored(halves, numbers, room))
 
     def divided(self, factor: float) -> SymmetricSums:
-        """The same, counted in units that are larger; nothing is copied."""
+        """Sums of columns that count in units so much larger that the sums shrink by a factor.
+
+        Nothing is copied.
+        """
         return replace(self, factor=self.factor / factor)
 
     def weighted(self, weights: Float[Array, " K"]) -> SymmetricSums:
-        """The same with a weight for every block; of sums that have no further rows."""
+        """A copy with each block's sums times a weight; of sums that have no further rows."""
         return replace(
             self, half=[weight * half for weight, half in zip(weights, self.half, strict=True)]
         )
@@ -108,7 +115,7 @@ class SymmetricSums:
         return np.asarray(self.factor * sums)
 
     def over(self, blocks: Sequence[int] | Int[Array, " b"] | None = None) -> Float[Array, "p p"]:
-        """Sums over some blocks, or all."""
+        """Sums over some blocks, given by index, or over all if None."""
         members = range(len(self)) if blocks is None else blocks
         half = np.zeros(half_size(len(self.nonzero)))
         for block in members:  # none of them is copied
@@ -133,7 +140,7 @@ class SymmetricSums:
         )
 
     def times(self, weights: Float[Array, " p"]) -> Float[Array, "K p"]:
-        """Sums of each block times weights of the columns."""
+        """Each block's sums times a vector of weights of the columns."""
         packed_weights = weights[self.nonzero]
         products = np.zeros((len(self), self.size))
         if len(packed_weights):
@@ -155,14 +162,20 @@ class SymmetricSums:
 def stored(
     halves: Iterable[Float[Array, " h"]], numbers: int, room: SpooledArrays | None
 ) -> Halves:
-    """One joint's sums in memory, or, where they are many numbers and there is room on disk, in its
-    file.
+    """One joint's packed sums, block by block.
+
+    Args:
+        halves: The sums of each block, packed.
+        numbers: How many numbers they are together.
+        room: Where many numbers go on disk; in memory if None.
     """
     return list(halves) if room is None or numbers <= HELD_NUMBERS else SpooledArrays(halves, room)
 
 
 def half_size(columns: int) -> int:
-    """How many sums of so many columns there are below the diagonal and on it."""
+    """Number of entries of a symmetric matrix of so many columns on the diagonal and to one
+    side.
+    """
     return columns * (columns + 1) // 2
 
 
@@ -175,7 +188,14 @@ def pack(whole: Float[Array, "p p"]) -> Float[Array, " h"]:
 
 
 def add_half(sums: Halves, block: int, whole: Float[Array, "p p"]) -> None:
-    """Adds a matrix to a block's sums, which may be of its first columns alone."""
+    """Adds a matrix to a block's packed sums, in place.
+
+    Args:
+        sums: Packed sums of all blocks; those of the block may be of the matrix's first columns
+            alone.
+        block: Index of the block.
+        whole: The symmetric matrix.
+    """
     half = pack(whole)
     before = sums[block]
     half[: len(before)] += before

@@ -34,8 +34,9 @@ class HeldOutScore:
         return np.sqrt(self.squares.sum(axis=0) / np.where(weights > 0.0, weights, 1.0))
 
     def fall_from(self, other: HeldOutScore) -> Float[Array, " n"]:
-        """Share by which each joint's root mean square falls from another model's [1]; 0 of a joint
-        without samples.
+        """Share by which each joint's root mean square falls from another model's.
+
+        At most 1, negative where it rises, 0 of a joint without samples.
         """
         old = other.rms
         return np.where(old > 0.0, 1.0 - self.rms / np.maximum(old, 1e-12), 0.0)
@@ -49,6 +50,9 @@ class HeldOutScore:
             other: What the other model leaves.
             joints: Whose rows count; all if None. What is open at other joints says nothing of an
                 effect of one's own.
+
+        Returns:
+            Both in nats.
         """
         chosen = slice(None) if joints is None else list(joints)
         return _over_folds(0.5 * (other.misfit - self.misfit)[:, chosen].sum(axis=1))
@@ -62,6 +66,9 @@ class HeldOutScore:
         Args:
             other: What the other model leaves.
             joints: Whose rows count.
+
+        Returns:
+            The fall, a number of joints, and its standard error.
         """
         chosen = list(joints)
         unit = np.maximum(other.squares[:, chosen].sum(axis=0), 1e-300)
@@ -94,12 +101,22 @@ class ColumnSums:
 
     @classmethod
     def of(cls, evidence: Evidence, joint: int, places: Int[Array, " c"]) -> ColumnSums:
-        """Those of a session."""
+        """Sums of some columns of a joint's rows, fold by fold.
+
+        Args:
+            evidence: Sums of the session.
+            joint: Index of the joint.
+            places: Where the columns stand in its rows.
+        """
         without, of_fold = evidence.fold_sums(joint, places)
         return cls(places, without, of_fold, evidence.plain[joint].part(places))
 
     def at(self, places: Int[Array, " d"]) -> ColumnSums:
-        """Those of some of the columns."""
+        """The sums of some of these columns.
+
+        Args:
+            places: Where they stand in the joint's rows; all are among `self.places`, which rise.
+        """
         spots = np.searchsorted(self.places, places)
         rows = spots[:, None]
         columns = spots
@@ -180,7 +197,7 @@ class HeldOut:
     shared: FoldColumns | None = field(default=None, kw_only=True)
 
     def believing(self, prior: Prior) -> HeldOut:
-        """Scores of the same session with another belief; the sums of both are one."""
+        """A scorer of the same session with another prior; both share their sums."""
         return HeldOut(self.evidence, prior, shared=self._columns)
 
     @cached_property
@@ -203,11 +220,14 @@ class HeldOut:
         return {}
 
     def weights(self, groups: Sequence[Group] = ()) -> FoldWeights:
-        """Residual weights of the baseline and some groups, solved without each fold in turn."""
+        """Residual weights of the baseline and some groups, solved without each fold in turn.
+
+        A residual is the product of a row, the torque last, with them.
+        """
         return self._of(groups)[0]
 
     def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
-        """Scores the baseline and some groups."""
+        """What the baseline and some groups leave of each fold, solved without it."""
         return self._of(groups)[1]
 
     def power(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:

@@ -26,15 +26,22 @@ NOISE_SEED = 0
 
 
 def decimation_factor(rate: float, cutoff: float, settings: MotionSettings = FOR_DIAGNOSIS) -> int:
-    """One of how many samples is needed by a filter of some corner; 1 where too few could be
-    spared.
+    """One of how many samples is needed by a filter.
+
+    Args:
+        rate: Sampling rate [Hz].
+        cutoff: The filter's corner [Hz].
+        settings: Its largest share of the rate, and the least factor that is worth it.
+
+    Returns:
+        1 where too few samples could be spared.
     """
     factor = int(rate * settings.cutoff_share / cutoff + 1e-6)
     return factor if factor >= settings.least_factor else 1
 
 
 def decimate(motion: Motion) -> Motion:
-    """The same run on a slower grid; a run that is slow already is handed back."""
+    """A run on a slower grid, as its common filter allows; itself where it is slow already."""
     rate = motion.lowpass.rate
     cutoff = motion.lowpass.cutoff
     settings = motion.settings
@@ -70,6 +77,11 @@ def prepare_slower(
     """All runs of a session that are long enough, as motions for the diagnosis.
 
     Each is decimated before the next is smoothed, and takes a draw of its encoder noise along.
+
+    Args:
+        session: The recordings.
+        cutoff: Corner of the common filter [Hz]; as the settings have it if None.
+        settings: How a recording becomes a motion.
     """
     rng = np.random.default_rng(NOISE_SEED)
     return map(decimate, prepare_each(session, cutoff, settings, rng))

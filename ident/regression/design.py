@@ -43,17 +43,21 @@ class Group:
 
     @cached_property
     def key(self) -> Key:
-        """Effect, joint and other joint: what is named, whatever the inner parameters."""
+        """What is named, whatever the inner parameters.
+
+        Effect's id, index of the joint (-1 for the whole arm), and that of the other joint (None
+        without one).
+        """
         joint = self.joint if self.effect.scope == "joint" else -1
         return (self.effect.id, joint, self.variant.other)
 
     @cached_property
     def signed(self) -> tuple[int, ...]:
-        """Those of its columns whose coefficients can't be negative."""
+        """Places, among its columns, of those whose coefficients can't be negative."""
         return optional.signed(self.effect, self.variant)
 
     def acts_on(self, n: int) -> list[int]:
-        """Those of an arm's n joints whose torque it changes."""
+        """Indices of those of an arm's n joints whose torque it changes."""
         return [self.joint] if self.effect.rows == "own" else list(range(n))
 
 
@@ -66,7 +70,14 @@ class NotTestable:
     reason: str
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
-        """Its record, by the names of the joints."""
+        """Its record for JSON.
+
+        Args:
+            joints: Names of the arm's joints.
+
+        Returns:
+            `effect` (id), `joints` (names; all of an effect of the whole arm) and `reason`.
+        """
         one_joint = self.effect.scope == "joint"
         return {
             "effect": self.effect.id,
@@ -138,7 +149,7 @@ class Layout:
 
     @cached_property
     def places(self) -> tuple[dict[int, int], ...]:
-        """For each joint, where each of its columns stands in its rows."""
+        """For each joint, by column of the layout, where the column stands in the joint's rows."""
         return tuple(_place_of_each(local) for local in self.local)
 
 
@@ -185,6 +196,10 @@ def find_grids(
         effects: The effects.
         session_of: The runs that an effect is looked for in.
         points: An effect's points at a joint.
+
+    Returns:
+        What can't be tested, with the reason; and (effect, joint, points) of all else. An effect
+        without points at a joint is in neither.
     """
     silent: list[NotTestable] = []
     grids: list[Grid] = []

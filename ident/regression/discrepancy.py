@@ -64,7 +64,8 @@ class Discrepancy(Effect):
         session's time, is one law by two names.
 
         Args:
-            effect, count: The effect, and the number of columns.
+            effect: The effect.
+            count: Number of the block's columns.
         """
         same = np.zeros(count, dtype=bool)
         alone = count // 3  # those that neither the direction nor a state multiplies come first
@@ -171,7 +172,12 @@ def _draw_features(
 
 
 def since_reversal(time: Array, q: Array, dq: Array) -> tuple[Array, Array]:
-    """Time [s] and travel [rad] since the last reversal of each sample."""
+    """Time [s] and travel [rad] of each sample since the joint last turned, started or stopped.
+
+    Args:
+        time: Of the samples [s].
+        q, dq: Position and velocity of one joint [rad, rad/s].
+    """
     last = last_turns(np.sign(dq)[:, None])[:, 0]
     return time - time[last], q - q[last]
 
@@ -197,6 +203,9 @@ def unusual_torque(
     Args:
         session: All runs.
         leftover: For each run what the tuned model leaves of the torque, filtered and decimated.
+
+    Returns:
+        For each run, of the shape of its leftover torque [N m].
     """
     steps = []
     for run, values in zip(session.runs, leftover, strict=True):

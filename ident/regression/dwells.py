@@ -86,7 +86,9 @@ class DwellRows:
 
 
 def find_holds(motion: Motion) -> tuple[tuple[Hold, ...], ...]:
-    """Each joint's holds in a run."""
+    """Each joint's holds in a run: stretches of filtered samples in which it rests, in their
+    order.
+    """
     moving = motion.moving
     heading = np.sign(motion.dq[motion.coarse])
     holds = []
@@ -122,6 +124,9 @@ def find_turns(motion: Motion) -> tuple[tuple[Hold, ...], ...]:
 
     Ends of a run are left out, and so is what the filter smears between a hold and the settled
     motion beside it.
+
+    Returns:
+        By joint, in their order, with sign 0 and marked `turn`.
     """
     turns = []
     for j, holds in enumerate(find_holds(motion)):
@@ -149,7 +154,7 @@ def _stretches(mask: Bool[Array, " t"]) -> list[tuple[int, int]]:
 
 
 def resting(motion: Motion) -> Bool[Array, "T n"]:
-    """Where each joint surely rests, at the rate before the filter."""
+    """Where each joint surely rests, at the motion's own rate (before the filter decimates)."""
     mask = np.zeros((len(motion.time), motion.n), dtype=bool)
     factor = motion.lowpass.factor
     for j, holds in enumerate(find_holds(motion)):
@@ -159,8 +164,8 @@ def resting(motion: Motion) -> Bool[Array, "T n"]:
 
 
 def rested(run: RunContext) -> RunContext:
-    """The same run without any sliding where joints rest: what dry friction is there no law of
-    motion shows.
+    """A copy without any sliding where joints rest: what dry friction is there no law of motion
+    shows.
     """
     still = resting(run.motion)
     return replace(
@@ -300,13 +305,14 @@ def _means(
 
 
 def join_runs(parts: Sequence[DwellRows], alike: int | None = None) -> DwellRows:
-    """One joint's rows of several runs, in their order; a hold that a run ends in and the next
-    begins in is one.
+    """One joint's rows of several runs, in their order.
+
+    A hold that a run ends in and the next begins in is one.
 
     Args:
         parts: The rows of each run; at least one.
         alike: How many of the first runs are of one and the same arm: no hold goes on from these to
-            the others.
+            the others. All if None.
     """
     hold = []
     number = 0

@@ -41,7 +41,7 @@ class FrictionSums:
 
     @property
     def columns(self) -> slice:
-        """The friction columns in a joint's rows."""
+        """Where a joint's two friction columns, viscous and Coulomb, stand in its rows."""
         return slice(self.rank + FRICTION.start, self.rank + FRICTION.stop)
 
     def taken(self, joint: int, spread: float) -> Float[Array, "p p"]:
@@ -74,7 +74,7 @@ class FrictionSums:
     def taken_of_blocks(
         self, joint: int, spread: float, weights: Float[Array, " p"], count: int
     ) -> Float[Array, "B p"]:
-        """The same of every block, times weights.
+        """What free friction levels take off each block's sums times weights (see `taken`).
 
         A stretch's rows X with a level of their own have the sums XᵀV⁻¹X, V⁻¹ = (I − F C Fᵀ)²; a
         block takes part in them with its rows of (I − F C Fᵀ) X, which are as independent as noise

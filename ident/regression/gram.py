@@ -74,7 +74,8 @@ class Evidence:
     flexible: tuple[Float[Array, "m p"], ...] = ()
 
     def with_dwells(self) -> Evidence:
-        """The same with each joint's holds in the whitened sums, and no longer beside them.
+        """A copy with each joint's holds in the whitened sums, and no longer beside them
+        (`dwells`).
 
         A row counts as one sample. Errors in N m are of motion; of a joint that hardly moves they
         are of its holds, too.
@@ -120,7 +121,7 @@ class Evidence:
         return replace(self, dwells=tuple(dwells))
 
     def with_run_spread(self, spread: Float[Array, " n"]) -> Evidence:
-        """The same sums where each joint's friction varies from run to run by another share.
+        """A copy in which each joint's friction varies from run to run by another share.
 
         Args:
             spread: Relative standard deviation of each joint's friction level.
@@ -128,14 +129,14 @@ class Evidence:
         return replace(self, spread=np.array(spread, dtype=float))
 
     def with_dispersion(self, dispersion: Float[Array, " n"]) -> Evidence:
-        """The same where each joint's rows have so many times the variance of whitened noise.
+        """A copy in which each joint's rows have so many times the variance of whitened noise.
 
         What nobody can explain at a joint is noise to all that is estimated: without it, a joint
         with a gap of many times its noise would decide the inertias that it shares with others, and
         drown what they show.
 
         Args:
-            dispersion: Of each joint, as a whole.
+            dispersion: Of each joint, as a whole, whatever it was before.
         """
         if np.array_equal(dispersion, self.dispersion):
             return self
@@ -159,7 +160,7 @@ class Evidence:
         )
 
     def weighted(self, weights: Float[Array, "B n"]) -> Evidence:
-        """The same where every block counts by a weight of its own at each joint.
+        """A copy in which every block counts by a weight of its own at each joint.
 
         Args:
             weights: Of each block and joint, shape (B, n).
@@ -179,7 +180,7 @@ class Evidence:
 
     @property
     def samples(self) -> Float[Array, " n"]:
-        """Whitened samples of each joint."""
+        """Number of whitened samples of each joint over all blocks."""
         return np.asarray(self.rows.sum(axis=0))
 
     @cached_property
@@ -210,7 +211,9 @@ class Evidence:
         return self.friction.part(of_fold, joint, spread, self.fold_of_block, places)
 
     def times(self, joint: int, weights: Float[Array, " p"]) -> Float[Array, "B p"]:
-        """Whitened sums of every block times weights of a joint's columns."""
+        """Each block's whitened sums times a vector of weights of a joint's columns, torque
+        last.
+        """
         product = self.free[joint].times(weights)
         spread = float(self.spread[joint])
         taken = self.friction.taken_of_blocks(joint, spread, weights, len(product))

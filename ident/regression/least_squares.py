@@ -55,7 +55,13 @@ class Prior:
     def of(
         cls, evidence: Evidence, base: Float[Array, "r r"], error: UrdfError = USUAL_URDF
     ) -> Prior:
-        """The prior in the evidence's column scale."""
+        """The prior in the evidence's column scale.
+
+        Args:
+            evidence: Sums, for scale and layout of the columns.
+            base: Information on the change of the base parameters.
+            error: How far the URDF was believed to be off for it.
+        """
         layout = evidence.layout
         scale = evidence.scale[: evidence.layout.rank]
         sizes = evidence.scale[layout.tuned - layout.further : layout.tuned] * np.array(
@@ -67,12 +73,18 @@ class Prior:
 
     @classmethod
     def believing(cls, evidence: Evidence, baseline: Baseline, error: UrdfError) -> Prior:
-        """The prior of a URDF that is so far off."""
+        """The prior of a URDF that is off by so much, in the evidence's column scale.
+
+        Args:
+            evidence: Sums, for scale and layout of the columns.
+            baseline: The tuned model.
+            error: How far the URDF is believed to be off.
+        """
         return cls.of(evidence, baseline.prior_of(error), error)
 
     def tightened(self, factor: float) -> Prior:
-        """The same with standard deviations divided by a factor: 100 is as good as the URDF
-        fixed.
+        """A copy with the URDF's standard deviations divided by a factor: 100 is as good as the
+        URDF fixed.
         """
         return Prior(self.base * factor**2, self.error.divided(factor), self.further)
 
@@ -108,11 +120,14 @@ class Projection:
 
     @property
     def misfit(self) -> float:
-        """Penalised sum of whitened squares that the model leaves."""
+        """Penalised sum of whitened squares that the model leaves, prior included."""
         return float(self._target[-1])
 
     def rest(self, columns: Int[Array, " k"]) -> Float[Array, "k k"]:
-        """Sums of some columns after the model, a part of the Schur complement."""
+        """Sums of some columns, given by index, with the model's projected out, shape (k, k).
+
+        A part of the Schur complement.
+        """
         places = self._at(columns)
         return np.asarray(
             self.total[places[:, None], places] - self.across[:, places].T @ self.slopes[:, places]
@@ -129,8 +144,13 @@ class Projection:
         return np.argmax(self.inside == columns[:, None], axis=1)
 
     def left_of(self, columns: Int[Array, " k"]) -> Float[Array, "P k"]:
-        """What the model leaves of some columns in a row is the row's product with these; where all
-        are seen.
+        """Weights that leave of some columns what the model can't absorb: a row's product with
+        them.
+
+        Where all columns are seen.
+
+        Args:
+            columns: Their indices in the layout.
         """
         weights = np.zeros((len(self.total), len(columns)))
         weights[self.inside] = -self.slopes[:, columns]
@@ -139,7 +159,9 @@ class Projection:
 
     @cached_property
     def weights(self) -> Float[Array, " P"]:
-        """What the model leaves of the torque in a row is the row's product with these."""
+        """Weights that leave of the torque what the model can't explain: a row's product with
+        them.
+        """
         return self.left_of(np.array([len(self.total) - 1]))[:, 0]
 
     @cached_property
@@ -156,7 +178,7 @@ class Projection:
         return np.asarray(self._power - np.einsum("zp,zp->p", self.across, self.slopes))
 
     def visibility(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:
-        """Share of each column's power that the model can't absorb; nothing of a column without
+        """Share, from 0 to 1, of each column's power that the model can't absorb; 0 without
         power.
         """
         places = self._at(columns)
@@ -179,18 +201,24 @@ class Projection:
         return np.asarray(self._left <= self.settings.least_over_noise * self.noise)
 
     def seen(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
-        """Of which columns the model, and their encoder noise, leave anything to be seen."""
+        """Which columns can be seen: the model and their encoder noise leave anything of them."""
         return self._every_seen[self._at(columns)]
 
     def buried(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
-        """Of which columns the model leaves no more than some of the encoder noise in what it
-        leaves.
+        """Which columns are lost in noise: what the model leaves of them is little beside encoder
+        noise.
         """
         return self._every_buried[self._at(columns)]
 
     def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
-        """Scaled coefficients of further columns; those marked are not negative, those that can't
-        be seen are zero.
+        """Scaled coefficients of further columns after the model.
+
+        Args:
+            columns: Their indices.
+            signed: Which of the coefficients are not negative.
+
+        Returns:
+            Those that can't be seen are zero.
         """
         return self._fall(columns, np.flatnonzero(signed).tolist())[1]
 
@@ -231,6 +259,10 @@ def solve_signed(
     with more of them: all together at first, then the last one alone, which ends.
 
     Source: Kim and Park 2011 (block principal pivoting); Murty 1974 (the last one alone).
+
+    Args:
+        matrix, target: Sums of the columns, and of these times the torque.
+        signed: Which unknowns are not negative.
     """
     free = np.ones(len(target), dtype=bool)
     solution = factorise(matrix).solve(target)
@@ -309,8 +341,11 @@ def _factorise(
 
 
 def signs_of(tuned: int, groups: Sequence[Group]) -> Int[Array, " s"]:
-    """Which columns of a model of the baseline and some groups have a coefficient that can't be
-    negative.
+    """Places, in a model of the baseline and some groups, of coefficients that can't be negative.
+
+    Args:
+        tuned: Number of columns of the baseline, which come first.
+        groups: The groups, in the model's order.
     """
     starts = np.cumsum([tuned, *(len(group.columns) for group in groups)])
     pairs = zip(starts[:-1].tolist(), groups, strict=True)
@@ -361,6 +396,11 @@ def ridge_of(
 
     Encoder noise was taken off the sums. A column of which nothing is left was nothing else: its
     coefficient, which may come out as anything, is fixed at zero.
+
+    Args:
+        gram: Whitened sums.
+        evidence: Where they come from.
+        columns: Indices of the columns.
     """
     power = np.diag(gram)[columns]
     noise = evidence.noise_power[columns]

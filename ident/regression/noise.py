@@ -57,7 +57,12 @@ class Whitening:
 
 
 def whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Float[Array, "t p"]:
-    """What a prediction-error filter leaves of each column, from rest."""
+    """What a prediction-error filter leaves of each column, as if all before were zero.
+
+    Args:
+        table: Columns over time.
+        coefficients: The filter (1, −a₁, …, −a_p).
+    """
     return np.asarray(_whiten(np.ascontiguousarray(table), np.ascontiguousarray(coefficients)))
 
 
@@ -83,6 +88,13 @@ def shorter_filters(
 
     Durbin's recursion backwards: with the reflection κ = a_m, a_i ← (a_i − κ a_{m−i}) / (1 − κ²),
     σ² ← σ² / (1 − κ²).
+
+    Args:
+        coefficients: The filter (1, −a₁, …, −a_p).
+        innovation: Standard deviation of what it leaves.
+
+    Returns:
+        By order from 0 up, of 1 to p + 1 coefficients.
     """
     filtering = np.array(coefficients, dtype=float)
     variance = innovation**2
@@ -124,6 +136,11 @@ def estimate_noise(
     """AR noise of each joint from what all its candidates together leave.
 
     Never from what the baseline leaves: that would take the effect for noise and whiten it away.
+
+    Args:
+        layout: The columns.
+        held: Some runs' tables.
+        settings: Order of the noise's autoregression, and what counts as noise.
     """
     fits = [_noise_of_joint(j, held, settings) for j in range(layout.n)]
     coefficients, innovations, levels = zip(*fits, strict=True)
@@ -261,6 +278,9 @@ def prediction_error(covariance: Float[Array, " k"]) -> tuple[Float[Array, " k"]
     Sums over few samples with gaps between them need not be the autocovariance of anything: from
     the lag on at which they are not, they are left alone, and the filter stays stable. Source:
     Durbin 1960 (his recursion).
+
+    Args:
+        covariance: Autocovariance at the lags 0 to p; the first is above zero.
     """
     filtering = np.zeros(len(covariance))
     innovation = float(covariance[0])

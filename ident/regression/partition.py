@@ -76,7 +76,12 @@ class Partition:
         return np.repeat(np.arange(len(self.starts)), [len(starts) for starts in self.starts])
 
     def blocks_of(self, run: int, count: int) -> Int[Array, " t"]:
-        """Block of every filtered sample of a run."""
+        """Index of the block of each of a run's filtered samples.
+
+        Args:
+            run: Index of the run.
+            count: Number of its filtered samples.
+        """
         begun = np.searchsorted(self.starts[run], np.arange(count), side="right")
         return self.first_block[run] + begun - 1
 
@@ -97,7 +102,12 @@ def build_partition(
 def partition_motions(
     motions: Sequence[Motion], settings: RegressionSettings = USUAL_REGRESSION
 ) -> Partition:
-    """The same, of motions."""
+    """Cuts motions, as `build_partition` cuts the runs of a session.
+
+    Args:
+        motions: All runs, in their order.
+        settings: Lengths and numbers of blocks and folds.
+    """
     lengths = np.array([motion.filtered_length for motion in motions])
     steps = np.array([motion.interval * motion.lowpass.factor for motion in motions])
     continues = np.array([motion.continues for motion in motions])

@@ -62,8 +62,14 @@ def compute_rows(
     partition: Partition,
     through: Bool[Array, " n"] | None = None,
 ) -> Iterator[Rows]:
-    """Every run's tables, a chunk of runs in memory at a time; of some joints rows near reversals
-    count, too.
+    """Every run's tables, a chunk of runs in memory at a time.
+
+    Args:
+        session: The runs.
+        baseline: The tuned model.
+        layout: The columns.
+        partition: How time is cut, and of which runs encoder noise is drawn once more.
+        through: Joints of which rows near reversals count as well; none if None.
     """
     everything = range(len(session.runs))
     groups = [group for group in layout.groups if not group.borrows]
@@ -101,10 +107,18 @@ def compute_tables(
     runs: Sequence[int],
     noisier: bool = False,
 ) -> Iterator[tuple[int, RunContext, list[Float[Array, "t p"]]]]:
-    """Number, context and tables of some runs; columns of candidates that are not among the groups
-    stay zero.
+    """Tables of some runs.
 
-    With `noisier`, all is made of states with one more draw of the encoder noise in them.
+    Args:
+        session: The runs.
+        baseline: The tuned model.
+        layout: The columns.
+        groups: Candidates whose columns are filled in; those of all others stay zero.
+        runs: Indices of the runs.
+        noisier: Whether all is made of states with one more draw of the encoder noise in them.
+
+    Returns:
+        For each run its index, its context, and a table for each joint, torque last.
     """
 
     def of_chunk(
@@ -269,7 +283,12 @@ class _Batch:
 
 
 def column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:
-    """Root mean square of each column where it counts; the torque is not scaled."""
+    """Root mean square of each column where it counts; 1 for the torque and for columns of zeros.
+
+    Args:
+        layout: The columns.
+        held: Some runs' tables.
+    """
     squares = np.zeros(layout.size + 1)
     counts = np.zeros(layout.size + 1)
     for rows in held:
@@ -283,8 +302,15 @@ def column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:
 
 
 def waiting(layout: Layout, held: Sequence[Rows], rows: Rows) -> Rows:
-    """A run that is held until scale and noise are known: on disk where those before it fill the
-    memory.
+    """A run that is held until scale and noise are known.
+
+    Args:
+        layout: The columns.
+        held: The runs that are held before it.
+        rows: The run.
+
+    Returns:
+        The run itself, or a copy on disk where those before it fill the memory.
     """
     if sum(len(rows.counts) for rows in held) * layout.n**2 < WAITING_SIZE:
         return rows

@@ -41,7 +41,9 @@ LEAST_LEFT = 0.05
 
 
 def squares_left(evidence: Evidence, projection: Projection) -> Float[Array, "n B"]:
-    """What a model leaves of each joint's rows in each block, in squares of the noise."""
+    """Squares of what a model leaves of each joint's rows, summed over each block, in units of the
+    noise's variance.
+    """
     squares = []
     for j, local in enumerate(evidence.layout.local):
         weights = projection.weights[local]
@@ -50,8 +52,8 @@ def squares_left(evidence: Evidence, projection: Projection) -> Float[Array, "n 
 
 
 def block_sums_left(evidence: Evidence, projection: Projection) -> Float[Array, "B P"]:
-    """Sums over each block of every column, the torque last, times what a model leaves of
-    the rows.
+    """Scores of each block: every column, the torque last, times what a model leaves of the rows,
+    summed over the block.
     """
     sums = np.zeros((len(evidence.fold_of_block), evidence.layout.size + 1))
     for j, local in enumerate(evidence.layout.local):
@@ -73,7 +75,12 @@ def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array
 def floor_at_model_variance(
     sandwich: Float[Array, "z z"], spread: Float[Array, "z z"]
 ) -> Float[Array, "z z"]:
-    """A block sandwich covariance with variances that are not below the model's own, `spread`."""
+    """A block sandwich covariance, scaled so that no variance is below the model's own.
+
+    Args:
+        sandwich: The covariance by block scores.
+        spread: The model's own.
+    """
     of_model = np.diag(spread)
     between = np.diag(sandwich)
     # A column that is nearly zero in all blocks has no variance between them: the model's holds.

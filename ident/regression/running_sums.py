@@ -83,7 +83,7 @@ class RunningSums:
             self.flexible.append(np.zeros((len(smooth), len(local))))
 
     def add(self, rows: Rows) -> None:
-        """Adds a run: what was seen, less what of it is encoder noise."""
+        """Adds a run's rows: products of what was seen, less those of its draw of encoder noise."""
         # A block that several runs share is no stretch of time: there the run is one.
         shared = len(self.partition.starts) > self.settings.most_lone_runs
         for block in np.unique(rows.blocks):

@@ -17,7 +17,13 @@ from ident.robot.arm import ArmModel
 def build_session(
     baseline: Baseline, motions: Sequence[Motion], common_clock: bool
 ) -> SessionContext:
-    """What the effects know of the runs: modelled torques only, never the measured one."""
+    """What the effects know of the runs: modelled torques only, never the measured one.
+
+    Args:
+        baseline: The tuned model.
+        motions: All runs, in their order.
+        common_clock: Whether the clock continues from run to run.
+    """
     nominal = baseline.nominal
     runs = []
     for motion in motions:
@@ -53,7 +59,9 @@ def _run_of(baseline: Baseline, motion: Motion, arm: ArmModel) -> RunContext:
 
 
 def noisier_run(baseline: Baseline, run: RunContext) -> RunContext:
-    """The same run as seen with one more draw of the encoder noise in its states."""
+    """A run as seen with one more draw of the encoder noise in its states; the arm as it
+    carries.
+    """
     return _run_of(baseline, run.motion.noisier, run.arm)
 
 
@@ -64,6 +72,9 @@ def leftover_torque(session: SessionContext) -> Sequence[Float[Array, "t n"]]:
     Of a joint at rest it is what goes beyond its static friction: mostly zero. Near a stop or a
     turn, where friction may have either sign, it is what goes beyond twice as much, and NaN where
     nothing does: nobody knows.
+
+    Returns:
+        For each run, at its t filtered samples.
     """
     torques = []
     held = static_level(session)

@@ -42,7 +42,7 @@ class SpooledArrays(Sequence[Float[Array, "..."]]):
         return len(self._spots)
 
     def append(self, values: Float[Array, "..."]) -> None:
-        """Writes one more array."""
+        """Writes one more array at the end of the sequence."""
         self._spots.append((-1, (-1,), np.dtype(float)))
         self[len(self) - 1] = values
 

@@ -45,18 +45,18 @@ class CloseLook:
 
     @property
     def ranked(self) -> list[Scored]:
-        """The likeliest first."""
+        """The readings that were looked at, the likeliest (least cost) first."""
         return sorted(self._scored.values(), key=lambda scored: scored.cost)
 
     def look(self, hypothesis: Hypothesis) -> None:
-        """At a reading with what may be said of the masses beside it."""
+        """Scores a reading alone and with what may be said of the masses beside it; once only."""
         if hypothesis in self._scored:
             return
         for variant in variants(hypothesis, self.log, self.model):
             self.take(variant)
 
     def take(self, variant: Variant) -> None:
-        """What a reading costs whose torque is known."""
+        """Scores a reading whose torque is known, whether it was scored before or not."""
         hypothesis = variant.hypothesis
         columns = np.array(hypothesis.effort_order)
         beyond = self._beyond_limits(hypothesis)

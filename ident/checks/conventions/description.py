@@ -53,7 +53,7 @@ class Prices:
         self._known: dict[Hypothesis, float] = {}
 
     def of(self, hypothesis: Hypothesis) -> float:
-        """As `price` has it."""
+        """Cost of a reading's changes, as `price` has it; worked out once."""
         known = self._known.get(hypothesis)
         if known is None:
             known = price(hypothesis, self.usual_orders)
@@ -62,7 +62,13 @@ class Prices:
 
 
 def price(hypothesis: Hypothesis, usual_orders: Orders = ()) -> float:
-    """What the changes of a reading cost together, as a joint's logarithm of what it leaves."""
+    """Cost of all changes of a reading, in the unit of a joint's cost (logarithm of the share
+    left).
+
+    Args:
+        hypothesis: The reading.
+        usual_orders: Orders in which logs have all columns otherwise than the robot has its joints.
+    """
     return description_length(hypothesis, usual_orders) / float(DESCRIPTION.observations)
 
 
@@ -96,17 +102,22 @@ def description_length(hypothesis: Hypothesis, usual_orders: Orders = ()) -> flo
 
 
 def sizes_told_apart() -> float:
-    """Logarithm of how many sizes of a torque are told apart, over all that are tried."""
+    """Description length of a torque's size: log of how many sizes are told apart [nats]."""
     return math.log(2.0 * math.log(READING.most_size) / DESCRIPTION.size_spread)
 
 
 def scale_length(count: int) -> float:
-    """That one of so many joints has its effort in another unit [nats]."""
+    """Length of the description that one of `count` joints has another unit of effort [nats]."""
     return KIND + math.log(count) + sizes_told_apart()
 
 
 def gravity_length(gravity: str | tuple[float, float, float]) -> float:
-    """Where gravity lies [nats]."""
+    """Length of the description of where gravity lies [nats].
+
+    Args:
+        gravity: `AS_STATED` (0 nats), `COMPENSATED`, or a vector in the base's frame, which costs
+            less along an axis.
+    """
     if gravity == AS_STATED:
         return 0.0
     if gravity == COMPENSATED:
@@ -120,22 +131,35 @@ def gravity_length(gravity: str | tuple[float, float, float]) -> float:
 
 
 def sign_lengths(count: int) -> tuple[float, float]:
-    """That all torques have the other sign; that one of them has [nats]."""
+    """Lengths of two descriptions [nats]: all torques have the other sign; one of them has."""
     return KIND, KIND + math.log(count)
 
 
 def column_length(count: int) -> float:
-    """About what each column that stands elsewhere adds, two of them being exchanged [nats]."""
+    """Length that each column under another name adds, about half that of an exchange of two
+    [nats].
+
+    Args:
+        count: Number of joints.
+    """
     return 0.5 * (KIND + math.log(max(count * (count - 1) / 2, 1.0)))
 
 
 def size_price(log_size: np.ndarray) -> np.ndarray:
-    """What a joint's torque of another size costs: sizes scatter normally in their logarithm."""
+    """Cost of torques of another size, whose logarithms scatter normally.
+
+    Args:
+        log_size: Logarithms of the sizes over the model's.
+    """
     return np.asarray(0.5 * (log_size / DESCRIPTION.size_spread) ** 2 / DESCRIPTION.observations)
 
 
 def load_price(share: float) -> float:
-    """What a body costs by its mass, as a share of the moving links': rated loads scatter so."""
+    """Cost of a body by its mass, as rated loads scatter.
+
+    Args:
+        share: Its mass over that of the moving links.
+    """
     return float(
         0.5 * (math.log1p(share) / DESCRIPTION.load_spread) ** 2 / DESCRIPTION.observations
     )

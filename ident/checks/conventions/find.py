@@ -39,7 +39,7 @@ class Conventions:
     has_placeholders: bool = False  # whether the URDF's masses are surely guesses
 
     def led_by(self, reading: Scored) -> Conventions:
-        """The same with another reading in the best's place."""
+        """The findings with another reading as the best, and the best as the second."""
         if reading is self.best:
             return self
         return replace(self, best=reading, second=self.best)
@@ -72,8 +72,9 @@ def is_of_urdf(reading: Scored) -> bool:
 
 
 def log_of(session: Session) -> Log | None:
-    """The filtered states of a session, its joints in the robot's order; None where every run is
-    too short.
+    """The filtered states of a session, its joints in the robot's order.
+
+    None where every run is too short.
     """
     motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
     if not motions:
@@ -202,6 +203,13 @@ def likelier_mount(
     """The likeliest reading that changes gravity's direction and leaves the log as it says.
 
     None where log and URDF as they say are likelier.
+
+    Args:
+        found: What the search found.
+        least: Share of the torque that the reading must explain at least.
+
+    Returns:
+        The findings with this reading as the best.
     """
     for reading in (found.best, found.of_urdf):
         if reading is None or not is_of_urdf(reading):

@@ -64,7 +64,7 @@ class Hypothesis:
 
     @classmethod
     def as_it_is(cls, count: int) -> Hypothesis:
-        """The log and the URDF as they say."""
+        """The reading of a log of `count` joints that changes nothing."""
         own = tuple(range(count))
         ones = (1,) * count
         zeros = (0,) * count
@@ -72,12 +72,12 @@ class Hypothesis:
 
     @property
     def motion(self) -> tuple[Any, ...]:
-        """What of it the motion depends on."""
+        """The fields that motion depends on: order, direction, quarters, unit, gear and share."""
         return self.order, self.direction, self.quarters, self.unit, self.gear, self.share
 
     @property
     def changes(self) -> tuple[str, ...]:
-        """What it changes, a name a convention."""
+        """Names of the conventions that it changes; empty where it reads the log as it is."""
         own = tuple(range(len(self.order)))
         names = []
         names += ["order"] if self.order != own else []
@@ -116,7 +116,13 @@ class Hypothesis:
         return states_as([self], (np.empty((0, values.shape[1])), values), sliding)[1][0]
 
     def with_entry(self, name: str, joint: int, value: Any) -> Hypothesis:
-        """The same with one joint's entry of a field changed."""
+        """A copy with the joint's entry of one of its tuples replaced.
+
+        Args:
+            name: Name of the field.
+            joint: Index of the joint.
+            value: The new entry.
+        """
         values = list(getattr(self, name))
         values[joint] = value
         changes: dict[str, Any] = {name: tuple(values)}

@@ -124,7 +124,7 @@ class Products(NamedTuple):
 
 
 def products_of(reading: Reading) -> Products:
-    """The inner products of a reading's torques."""
+    """Mean inner products of a reading's torques over its samples, by joint."""
     parts = np.concatenate([reading.rigid[..., None], reading.body], axis=-1)
     samples = parts.shape[1]
     transposed = parts.transpose(0, 2, 1)
@@ -138,7 +138,12 @@ def products_of(reading: Reading) -> Products:
 
 
 def amounts(factor: float, body: Float[Array, " 4"] | None = None) -> Float[Array, " 5"]:
-    """How much of each part a torque has: a factor of all masses, and a body."""
+    """How much of each of `Products`' parts a torque has: a factor of all masses, and a body.
+
+    Args:
+        factor: Of the rigid torque.
+        body: Mass [kg] and first moment [kg m] of a body at the last link; none if None.
+    """
     return np.concatenate([[factor], np.zeros(BODY_PARAMETERS) if body is None else body])
 
 
@@ -198,6 +203,9 @@ def common_factor(products: Products) -> tuple[float, float]:
     for it [nats].
 
     A joint in another unit than the others is none of them.
+
+    Returns:
+        1 and 0 nats where too few joints tell a size.
     """
     logs, variance = sizes_beside(products, amounts(1.0))
     weight = _agreeing(logs, variance)
@@ -344,7 +352,7 @@ def _price_of_body(amount: Float[Array, " 5"], model: Model) -> float:
 
 
 def is_unusual(factor: float) -> bool:
-    """Whether URDFs and gains are off by less than a common factor."""
+    """Whether a factor of all masses is farther from one than URDFs and gains usually are."""
     return bool(abs(np.log(factor)) > np.log(LIMIT.usual_factor))
 
 

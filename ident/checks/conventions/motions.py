@@ -156,7 +156,7 @@ def _with_others(
 
 
 def motion_of(hypothesis: Hypothesis) -> Hypothesis:
-    """The reading of the motion alone."""
+    """A copy that reads the motion as before and the effort, gravity and masses as they are."""
     plain = Hypothesis.as_it_is(len(hypothesis.order))
     return replace(
         hypothesis,
@@ -171,7 +171,12 @@ def motion_of(hypothesis: Hypothesis) -> Hypothesis:
 
 
 def reordered(reading: Hypothesis, order: tuple[int, ...]) -> Hypothesis:
-    """The reading of the motion with columns in another order, each in the unit that it has."""
+    """A reading with columns in another order, each with its own unit and gear.
+
+    Args:
+        reading: Of the motion.
+        order: For each joint the column that is its.
+    """
     joint_of = {column: joint for joint, column in enumerate(reading.order)}
     unit = tuple(reading.unit[joint_of[column]] for column in order)
     gear = tuple(reading.gear[joint_of[column]] for column in order)

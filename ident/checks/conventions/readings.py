@@ -54,7 +54,7 @@ class Log:
     tau: Float[Array, "T n"]
 
     def thinned(self, count: int) -> Log:
-        """So many of the states at most, evenly."""
+        """Every k-th state, so that at most `count` are left."""
         step = max(1, -(-len(self.q) // count))
         return Log(self.q[::step], self.dq[::step], self.ddq[::step], self.tau[::step])
 
@@ -94,7 +94,7 @@ class Model:
 
     @cached_property
     def mass(self) -> float:
-        """Of the moving links [kg]."""
+        """Mass of all moving links [kg]."""
         return float(self.arm.inertial_parameters[::10].sum())
 
     @property
@@ -187,7 +187,7 @@ def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
 
 
 def own_columns(sums: Sums, columns: Array) -> Sums:
-    """The same of each joint's own column of effort alone.
+    """The sums with the one column of effort that is each joint's own in place of all of them.
 
     Args:
         sums: Of k readings of the motion.
@@ -320,7 +320,7 @@ def likeliest_gravity(
 
 
 def telling(log: Log) -> Bool[Array, " n"]:
-    """Columns of effort that change at all."""
+    """Which columns of effort change at all."""
     spread = log.tau.std(axis=0)
     return np.asarray(spread > 1e-6 * max(float(np.abs(log.tau).max()), 1e-300))
 
@@ -331,8 +331,7 @@ def moving(log: Log) -> Bool[Array, " n"]:
 
 
 def evidence_of_columns(log: Log) -> Float[Array, " n"]:
-    """What each column of effort is worth beside one whose joint moves.
-
-    Friction holds what stands.
+    """Weight of each column of effort: 1 where its joint moves, less where it stands (friction
+    holds it), 0 where the column never changes.
     """
     return np.where(telling(log), np.where(moving(log), 1.0, LIMIT.rest_weight**2), 0.0)

@@ -70,7 +70,10 @@ def _velocities_alike(session: Session) -> bool:
 
 
 def corrected_arm(arm: ArmModel, hypothesis: Hypothesis) -> ArmModel:
-    """The arm with the masses that a hypothesis asks for."""
+    """The arm with the masses, guessed links or body at its end that a hypothesis asks for.
+
+    The same object where it asks for none.
+    """
     if hypothesis.parameters is not None:
         return arm.with_inertial_parameters(np.array(hypothesis.parameters))
     parameters = np.array(arm.inertial_parameters) * hypothesis.mass_factor
@@ -81,7 +84,15 @@ def corrected_arm(arm: ArmModel, hypothesis: Hypothesis) -> ArmModel:
 
 
 def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
-    """A hypothesis for JSON: what it changes alone."""
+    """A hypothesis for JSON: only what it changes.
+
+    Args:
+        hypothesis: The reading.
+        joints: Names of the joints.
+
+    Returns:
+        By convention; a reading that changes nothing gives an empty dict.
+    """
     own = tuple(range(len(joints)))
     found: dict[str, Any] = {}
     if hypothesis.order != own:
@@ -237,7 +248,10 @@ def weighs_better(arm: ArmModel, factor: float) -> bool:
 
 
 def rivals(found: Conventions) -> list[Scored]:
-    """What the best reading is compared with: the second best, and log and URDF as they say."""
+    """Readings to compare the best with: the second best, and log and URDF as they say.
+
+    The latter only where the second, if there is one, changes anything itself.
+    """
     second = [] if found.second is None else [found.second]
     return second + [found.as_it_is] * all(each.hypothesis.changes for each in second)
 
@@ -280,7 +294,7 @@ class Reading:
 
 
 def as_it_is(session: Session, arm: ArmModel) -> Reading:
-    """A session read as it says."""
+    """A session read as it says: no changes, no issues."""
     return Reading(session, arm, arm, [], False, ())
 
 

@@ -40,7 +40,7 @@ class ScreenedMotion:
 
     @property
     def cost(self) -> float:
-        """With the likeliest torque."""
+        """Cost with the likeliest of its torques."""
         return self.beside + self.torques[0].cost
 
 
@@ -89,13 +89,21 @@ class Screening:
             self._waiting[key] = replace(screened, most=most)
 
     def likeliest(self, count: int) -> list[ScreenedMotion]:
-        """So many of the likeliest that were not handed out yet."""
+        """Up to `count` of the likeliest that were not handed out yet, the likeliest first."""
         known = [key for key, screened in self._waiting.items() if screened.cost <= screened.most]
         known.sort(key=lambda key: self._waiting[key].cost)
         return [self._waiting.pop(key) for key in known[:count]]
 
     def torques_of(self, motion: Hypothesis, model: Model) -> list[Hypothesis]:
-        """The likeliest readings of the torque of one motion, the robot being as it is given."""
+        """The likeliest readings of the torque of one motion for the robot as given.
+
+        Args:
+            motion: Reading of the motion.
+            model: The robot, with a body where it has one.
+
+        Returns:
+            Whole readings, the likeliest first.
+        """
         (screened,) = self._screened(read(self.log, model, [motion]), [motion])
         return [self.with_torque(motion, torque) for torque in screened.torques]
 
@@ -118,8 +126,13 @@ class Screening:
         )
 
     def turned(self, motion: Hypothesis, torque: Torque) -> Hypothesis | None:
-        """The reading with gravity where its torques have it, if that is apart from where it was
-        sought.
+        """A reading with gravity in the direction that its torques follow best.
+
+        None where gravity is not in the effort, or that direction lies near one that was tried.
+
+        Args:
+            motion: Reading of the motion.
+            torque: One of its torques.
         """
         hypothesis = self.with_torque(motion, torque)
         if hypothesis.gravity == COMPENSATED:

@@ -37,8 +37,13 @@ class Columns(NamedTuple):
     alive: Array  # whether the column changes at all: then it is evidence against one
 
     def weighed(self, costs: Array, columns: Array | slice = slice(None)) -> Array:
-        """Costs by column, last axis: of a joint that stands little speaks for a reading, all
-        against it.
+        """Costs by column (last axis), weighed by what the columns are worth.
+
+        Of a joint that stands, gains count little and losses in full.
+
+        Args:
+            costs: Logarithms of the shares that are left.
+            columns: Which column each is of; all in order by default.
         """
         return np.asarray(
             np.where(costs < 0.0, self.weights[columns] * costs, self.alive[columns] * costs)
@@ -99,7 +104,10 @@ class Torques:
         self.price_of_sign = np.array([0.0, single])
 
     def likeliest(self) -> Iterator[list[Torque]]:
-        """By reading of the motion; one of them has gravity as stated."""
+        """For each reading of the motion its likeliest torques, the likeliest first.
+
+        One of them at least has gravity as stated.
+        """
         costs, sizes = self._of_own_columns()
         signed = np.stack([costs, costs[..., ::-1]]) + self.price_of_sign
         totals = signed.min(axis=-1).sum(axis=-1) + self.unlikely

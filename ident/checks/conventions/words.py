@@ -39,7 +39,12 @@ def reading_in_words(hypothesis: Hypothesis, joints: Sequence[str]) -> str:
 
 
 def columns_in_words(hypothesis: Hypothesis, joints: Sequence[str]) -> list[str]:
-    """Each column that stands under another joint's name."""
+    """A phrase for each column that stands under another joint's name; empty without any.
+
+    Args:
+        hypothesis: The reading.
+        joints: Names of the joints.
+    """
     phrases = []
     for joint, column in enumerate(hypothesis.order):
         if column != joint:

@@ -27,8 +27,13 @@ def place_bodies(
     most.
 
     Args:
-        search, others: Sums of a first design, and changes beside the body.
-        session, effects: The runs, and all effects that may have changed.
+        search: Sums of a first design.
+        others: Changes that act beside the body.
+        session: The runs.
+        effects: All effects that may have changed.
+
+    Returns:
+        The effects in their order, those of bodies with their places.
     """
     places: dict[str, dict[int, Float[np.ndarray, " 3"]]] = {name: {} for name in BODIES}
     arm = session.runs[0].arm

@@ -57,9 +57,10 @@ OF_FRICTION = frozenset(effect.id for effect in CHANGES if effect.as_change.fric
 
 
 def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Variant]:
-    """An even choice of the points of an effect's grid.
+    """An even choice of the points of an effect's grid at a joint.
 
-    Of effects with a second joint, those of adjacent joints.
+    Of effects with a second joint, those of adjacent joints; all points of a short grid, of bodies,
+    and of effects that act in the later set alone.
     """
     grid = effect.variants(session, joint)
     if effect.partner:
@@ -83,6 +84,9 @@ def finer_grids(
     Args:
         changes: Changes at their points of the usual grid.
         session, later: The runs of both sets, and those of the later one.
+
+    Returns:
+        Effect, joint and points of each change that has a finer grid.
     """
     grids: list[Grid] = []
     for group in changes:

@@ -51,7 +51,7 @@ class AgainstRuns:
 
     @property
     def p_value(self) -> float:
-        """Of a single test by F."""
+        """Chance, by F, that one test without a change gives so large a size."""
         return float(fisher.sf(self.square / self.null.ratio, self.columns, self.null.freedom))
 
     def run_deviation(self, counts: tuple[int, int]) -> float:
@@ -65,7 +65,10 @@ class AgainstRuns:
 
 
 def later_scorers(likely: ChangeSet) -> Scorers:
-    """Scores of the later set; the URDF plays no part of its own in what both sets share."""
+    """Scorers of the later set's folds.
+
+    Tuned and fixed are one: the URDF plays no part of its own in what both sets share.
+    """
     design = likely.design
     held_out = LaterHeldOut(likely.evidence, design.prior, design.sides.later_folds)
     return Scorers(held_out, held_out)

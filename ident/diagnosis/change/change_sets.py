@@ -53,7 +53,7 @@ class ChangeModel:
 
     @property
     def sums(self) -> Any:
-        """What has the evidence, as a session's sums do."""
+        """An object whose `evidence` is this one's, as a session's sums have it."""
         return SimpleNamespace(evidence=self.evidence)
 
     def prior(self) -> Prior:
@@ -63,7 +63,12 @@ class ChangeModel:
     def information(
         self, chosen: Sequence[Group], prior: Prior
     ) -> tuple[Int[Array, " z"], Float[Array, "z z"]]:
-        """Columns of the baseline, and the information on their coefficients."""
+        """Columns of the baseline, and the information on their coefficients.
+
+        Args:
+            chosen: None of them: must be empty.
+            prior: Of the baseline.
+        """
         assert not chosen
         tuned = np.arange(self.evidence.layout.tuned)
         information = self.gram[np.ix_(tuned, tuned)].copy()
@@ -85,7 +90,7 @@ class ChangeSet:
 
     @property
     def odds(self) -> dict[Key, float]:
-        """Log odds of each change beforehand [nats]."""
+        """Log odds of each change beforehand, by its key [nats]."""
         return {group.key: odds for group, odds in self.search.names.log_odds.items()}
 
 
@@ -95,8 +100,10 @@ def choose_set(
     """The likeliest set of changes.
 
     Args:
-        design: Both sets of runs. excluded: Changes that these runs can't show. odds: Log odds of
-        changes beforehand that coarser grids gave them; those of this grid if None [nats].
+        design: Both sets of runs.
+        excluded: Keys of the changes that these runs can't show.
+        odds: Log odds of changes beforehand that coarser grids gave them; those of this grid if
+            None [nats].
     """
     names = _names(design, excluded, odds or {})
     daily = daily_friction(design)
@@ -144,8 +151,14 @@ def _names(design: PairedDesign, excluded: frozenset[Key], odds: Mapping[Key, fl
 
 
 def null_ratio(design: PairedDesign, chosen: Sequence[Group]) -> Float[Array, " n"]:
-    """Mean gain a column of the laws of each joint between permuted sets, beside some changes; at
-    least one.
+    """Mean gain a column of the laws of each joint between permuted sets, in units of the noise's.
+
+    Args:
+        design: Both sets of runs.
+        chosen: Changes beside which it is measured.
+
+    Returns:
+        By joint, at least 1; 1 for a joint without rows or laws of its own.
     """
     joints = design.joints_with_rows
     ratio = np.ones(design.sums.evidence.layout.n)

@@ -42,8 +42,10 @@ def daily_variance(run_deviation: float, runs: Counts, sessions: Counts) -> floa
 
 
 def daily_friction(design: PairedDesign) -> dict[Group, Float[Array, " 2"]]:
-    """For each joint a group of the columns of its friction, with the deviations of their scaled
-    coefficients.
+    """For each joint the columns of its friction, and how far they differ between days.
+
+    Returns:
+        By a group of these columns the standard deviations of their scaled coefficients.
     """
     evidence = design.sums.evidence
     # Few runs determine one joint's step badly: the median over the arm's joints is used.

@@ -67,7 +67,12 @@ class ForetoldJoint:
     forwards: bool
 
     def to_dict(self) -> JsonRecord:
-        """The record, with units in its keys."""
+        """Its record.
+
+        Returns:
+            `joint`, `error_Nm`, `usual_Nm`, `ratio` with `low` and `high`, `p_value`, and
+            `direction` (`later_by_earlier` or `earlier_by_later`).
+        """
         return {
             "joint": self.joint,
             "error_Nm": self.error,
@@ -312,11 +317,12 @@ def find_unforetold(
 ) -> tuple[ForetoldJoint, ...]:
     """The joints of which one set's model does not foretell the other.
 
-    None where a set has one part only.
-
     Args:
         design: Both sets of runs.
         changes: The likeliest set of changes, beside which permuted parts differ by chance alone.
+
+    Returns:
+        In the joints' order; empty where a set has one part only.
     """
     spread = design.sums.evidence.spread
     counts = design.sides.counts

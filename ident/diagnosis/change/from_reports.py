@@ -102,9 +102,15 @@ def as_compared(
     """An issue with its severity for a comparison.
 
     A fault that is the same before and after is no change.
-
     Torque that does not follow the model in either set may be due to a URDF of guessed masses;
     joints that stand still show torque beyond their static friction.
+
+    Args:
+        issue: One of either set.
+        before, after: Telemetry reports of each set.
+
+    Returns:
+        The same object, or a warning in place of a fatal issue.
     """
     if issue.severity != "fatal":
         return issue
@@ -126,10 +132,15 @@ def _is_fatal(kind: str, reports: Sequence[TelemetryReport]) -> bool:
 def as_explained(
     issue: TelemetryIssue, before: Sequence[TelemetryReport], comparison: ArmComparison
 ) -> TelemetryIssue:
-    """A torque that is off by a factor in the later set is no warning where a change of load or
-    gain is why.
+    """An issue with its severity beside what changed.
 
-    What the earlier set read stays one: the later reads so much of it, too.
+    A torque that is off by a factor in the later set is a note where a change of load or gain is
+    why. What the earlier set read stays a warning: the later reads so much of it, too.
+
+    Args:
+        issue: One of either set.
+        before: Telemetry reports of the earlier set.
+        comparison: What changed.
     """
     explained: set[str] = set()
     for change in comparison.changes:

@@ -44,7 +44,7 @@ BY_CURRENT = GainUncertainty(single=0.05, common=0.033)
 
 
 def gain_information(uncertainty: GainUncertainty, n: int) -> Float[Array, "n n"]:
-    """Inverse of the covariance of the gain errors of n joints."""
+    """Inverse of the covariance of the gain errors of n joints, shares of one."""
     covariance = uncertainty.single**2 * np.eye(n) + uncertainty.common**2 * np.ones((n, n))
     return np.asarray(np.linalg.inv(covariance))
 

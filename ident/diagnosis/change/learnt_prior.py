@@ -185,6 +185,9 @@ def measure_block_dispersion(evidence: Evidence, weights: Float[Array, " P"]) ->
     Args:
         evidence: Block sums.
         weights: Residual weights of a model: its residual of a row is their product.
+
+    Returns:
+        By joint, at least 1.
     """
     layout = evidence.layout
     inflation = np.ones(layout.n)

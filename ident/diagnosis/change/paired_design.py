@@ -85,7 +85,7 @@ class PairedDesign:
 
     @cached_property
     def moves_once(self) -> Bool[Array, " n"]:
-        """Joints that move in one run of either side at most, so that their between-run variance is
+        """Which joints move in one run of either side at most: their between-run variance is
         unknown.
         """
         samples = np.array([run.motion.moving.sum(axis=0) for run in self.session.runs])
@@ -96,7 +96,7 @@ class PairedDesign:
 
     @cached_property
     def permuted(self) -> PermutedSets:
-        """The runs permuted between the sets."""
+        """Sums of the runs permuted between the two sets, by the design's seed."""
         return PermutedSets.of(self.sums, self.sides, self.seed)
 
     @cached_property

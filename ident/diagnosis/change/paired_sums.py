@@ -68,6 +68,11 @@ def partition_sides(
     """Cuts the runs of both sets, which follow each other, into blocks and folds.
 
     Each set has its own block length, so that a short set has enough blocks for a test.
+
+    Args:
+        session: The runs of both sets.
+        later: Which runs are of the later set.
+        settings: Least length of a block and of a stretch of friction.
     """
     motions = [run.motion for run in session.runs]
     lengths = np.array([motion.filtered_length for motion in motions])

@@ -36,7 +36,7 @@ class Side:
     gravity_mps2: tuple[float, float, float] | None = None
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON: its fields, `gravity_mps2` None where it is not stated."""
         gravity = None if self.gravity_mps2 is None else list(self.gravity_mps2)
         lists = {"sessions": list(self.sessions), "payload_kg": list(self.payload_kg)}
         return {**vars(self), **lists, "gravity_mps2": gravity}
@@ -56,8 +56,9 @@ class ArmChange(ReportedEffect):
 
     @property
     def action(self) -> str:
-        """What a person at the cell can do about it, with the other joints where it may be, and a
-        load if it may be.
+        """What a person at the cell can do about it, with the other joints where it may be.
+
+        Says so where it may be a load instead.
         """
         elsewhere = [effect for effect, _ in self.elsewhere]
         if self.effect != CARRIED and CARRIED in elsewhere:
@@ -65,7 +66,14 @@ class ArmChange(ReportedEffect):
         return super().action
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON.
+
+        Returns:
+            What findings have, too (`shared_record`), `reasons`, `heldout` (errors of the later set
+            by joint name [N m], `gain_rms_Nm`, `shrink`) and `evidence` (`p_value`,
+            `log_score_gain` and its `log_score_error` [nats], `log_evidence` [nats], `run_spread`
+            as a share).
+        """
         return {
             **self.shared_record(),
             "reasons": [reason.to_dict() for reason in self.estimate.reasons],

@@ -40,7 +40,7 @@ class RisenResidual:
     p_value: float  # corrected for the number of joints
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON: `joint`, `ratio` with `low` and `high`, and `p_value`."""
         return dict(vars(self))
 
 
@@ -58,6 +58,9 @@ def find_risen(
             noise; their number.
         label, later: Part of its set and set of each block.
         joints: Names of the joints.
+
+    Returns:
+        Empty where nothing rose, or too few joints or parts tell.
     """
     earlier_parts = np.unique(label[~later])
     later_parts = np.unique(label[later])

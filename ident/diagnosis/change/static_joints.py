@@ -40,7 +40,7 @@ class StaticJoint:
         return f"it {how} {self.when}; record runs that move it faster"
 
     def to_dict(self) -> dict[str, str]:
-        """Its record, for JSON."""
+        """Its record for JSON: `joint` (its name), `when`, and `reason` as a sentence."""
         return {"joint": self.name, "when": self.when, "reason": self.reason}
 
 
@@ -58,11 +58,11 @@ class SamplesUsed:
 
     @property
     def left_out(self) -> float:
-        """Share of the samples that are not used."""
+        """Share of the samples, from 0 to 1, that are not used."""
         return max(0.0, 1.0 - self.in_motion - self.at_rest - self.turning)
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON: its fields, `left_out` (a share) and `why`."""
         return {**vars(self), "left_out": self.left_out, "why": LEFT_OUT}
 
 
@@ -101,7 +101,7 @@ def _samples(stretches: Sequence[Hold]) -> int:
 def find_static_joints(
     before: Sequence[Motion], after: Sequence[Motion]
 ) -> tuple[StaticJoint, ...]:
-    """Joints that hardly move in one of two sets of runs."""
+    """Joints that hardly move in one of two sets of runs, or in both."""
     sides = (before, after)
     still = np.array([_moving_samples(side) < LEAST_MOVING for side in sides])
     static = []

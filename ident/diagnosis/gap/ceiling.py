@@ -29,7 +29,9 @@ class Ceiling:
 
     @property
     def ratio(self) -> float:
-        """Share of the residual that the better function leaves; 1 where there is none."""
+        """Residual beside the better function over that without it, root mean squares; 1 where
+        there is none.
+        """
         return self.rms / self.before if self.before > 0.0 else 1.0
 
 
@@ -55,6 +57,9 @@ def share_repeated(
 
     Args:
         series, joint, settings: Residuals of all runs, index of the joint, and how it is tested.
+
+    Returns:
+        From 0 to 1; 0 where too little is there to test, or chance would do as much.
     """
     lefts = []
     angles = []

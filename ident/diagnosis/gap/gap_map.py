@@ -64,18 +64,22 @@ class Place:
 
     @property
     def density(self) -> float:
-        """Share of the gap over share of the time."""
+        """Share of the gap over share of the time; 1 is the joint's average."""
         return self.share_of_gap / max(self.share_of_time, 1e-9)
 
     def to_dict(self) -> JsonRecord:
-        """Its record, for JSON."""
+        """Its record for JSON: its fields by their names."""
         return vars(self).copy()
 
 
 def says_where(axis: str, low: float) -> bool:
     """Whether a cell that begins at `low` can say where a gap lies.
 
-    In the slowest frequencies every gap does.
+    All but that of the slowest frequencies: every gap lies there.
+
+    Args:
+        axis: Name of the axis.
+        low: Where the cell begins, in the axis's unit.
     """
     return axis != "frequency" or low > 0.0
 
@@ -124,7 +128,12 @@ def map_gap(
 
 
 def maps_record(places: Sequence[Place]) -> list[JsonRecord]:
-    """Record of the whole map: one entry for each joint and axis."""
+    """Record of the whole map: one entry for each joint and axis.
+
+    Returns:
+        Entries of `joint`, `axis`, `edges` (one more than cells), and for each cell `share_of_gap`,
+        `share_of_time`, `energy_J` (None where there is none) and `p_value`.
+    """
     strips: dict[tuple[str, str], list[Place]] = {}
     for place in places:
         strips.setdefault((place.joint, place.axis), []).append(place)
@@ -328,7 +337,12 @@ def reversal_age(item: RunResidual, joint: int) -> Float[Array, " t"]:
 
 
 def reach(item: RunResidual, rate: float) -> Float[Array, " t"]:
-    """Distance of the last link from the base [m]."""
+    """Distance of the last link from the base [m].
+
+    Args:
+        item: The run.
+        rate: How often it is worked out; interpolated between [Hz].
+    """
     every = max(1, round(1.0 / (rate * item.step)))
     count = len(item.time)
     samples = np.unique(np.append(np.arange(0, count, every), count - 1))

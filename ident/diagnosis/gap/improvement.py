@@ -57,7 +57,15 @@ class Improvement:
         return np.asarray(self.runs_after.mean(axis=0))
 
     def to_dict(self, joints: Sequence[str]) -> JsonRecord:
-        """Its entries of the record's `heldout`."""
+        """Its entries of the record's `heldout`, figures by joint name.
+
+        Args:
+            joints: Names of the arm's joints.
+
+        Returns:
+            `energy_error_before_J`, `energy_error_after_J`, their standard deviations over the runs
+            (`spreads`), and `forward` (the replay).
+        """
 
         def by_joint(values: Array) -> dict[str, float]:
             return dict(zip(joints, map(float, values), strict=True))
@@ -75,7 +83,7 @@ class Improvement:
 
 
 def spread_of_runs(energies: Float[Array, "R ..."]) -> Float[Array, "..."] | None:
-    """Standard deviation over runs; None for a single run."""
+    """Standard deviation over the runs (first axis); None for a single run."""
     return None if len(energies) < 2 else np.asarray(np.std(energies, axis=0))
 
 
@@ -86,7 +94,15 @@ def energy_spread(energies: Float[Array, "R k"]) -> float | None:
 
 
 def spreads(before: Any, after: Any) -> JsonRecord:
-    """The record's standard deviations of energy errors over runs, or why they are missing."""
+    """The record's standard deviations of energy errors over runs.
+
+    Args:
+        before, after: Without and with the effects; None for a single run.
+
+    Returns:
+        `energy_error_before_std_J`, `energy_error_after_std_J`, and where they are None
+        `energy_error_std_missing`, which says why.
+    """
     record = {"energy_error_before_std_J": before, "energy_error_after_std_J": after}
     if before is None:
         record["energy_error_std_missing"] = ONE_RUN
@@ -121,7 +137,12 @@ def measure_improvement(
 
 
 def run_energy(item: RunResidual, left: Float[Array, "t n"]) -> Float[Array, " n"]:
-    """Energy error of a run, joint by joint [J]: minus the work of the residual."""
+    """Energy error of a run, joint by joint [J]: minus the work of the residual.
+
+    Args:
+        item: The run.
+        left: Its residual torque [N m]; only where it is valid it counts.
+    """
     return -np.trapezoid(left * item.valid * item.speed, dx=item.step, axis=0)
 
 

@@ -64,6 +64,9 @@ def measure_excess_errors(
         tuned_away: Torque that only inertias beyond the URDF's tolerance explain [N m].
         names: What is reported of joints.
         threshold: Least error over noise of a gap at a joint of which nothing is reported.
+
+    Returns:
+        By joint name.
     """
     excess_errors: dict[str, ExcessError] = {}
     for j, joint in enumerate(joints):

@@ -42,7 +42,15 @@ class Replay:
     after: Float[Array, " n"]
 
     def to_dict(self, joints: Sequence[str]) -> JsonRecord:
-        """Its record, for the joints that moved freely."""
+        """Its record, for the joints that moved freely.
+
+        Args:
+            joints: Names of the arm's joints.
+
+        Returns:
+            `window_s`, `windows` (number by joint name), and `position_rms_rad` with `before` and
+            `after` the effects, by joint name.
+        """
         there = [(j, name) for j, name in enumerate(joints) if self.windows[j]]
         return {
             "window_s": self.window,
@@ -126,8 +134,10 @@ def integrate(
     """Deviation at the end of each window; joints that are not free stay at zero.
 
     Args:
-        mass, damping, stiffness: Along the k samples of each window.
-        force, free: Residual torque of m models [N m], and joints that may deviate.
+        mass: Mass matrices along the k samples of each window [kg m²].
+        damping, stiffness: Torque by velocity and by position there [N m s/rad, N m/rad].
+        force: Residual torque of m models [N m].
+        free: Joints that may deviate in each window.
         step: Time between samples [s].
     """
     both = free[:, None, :, None] & free[:, None, None, :]

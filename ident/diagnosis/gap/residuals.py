@@ -37,7 +37,7 @@ class RunResidual:
     valid: Bool[Array, "t n"]  # samples at which each joint moves steadily
 
     def without_friction_level(self, spread: Float[Array, " n"]) -> RunResidual:
-        """The residual whose `after` lacks the run's own level and drift of friction, wet and dry.
+        """A copy whose `after` lacks the run's own level and drift of friction, viscous and dry.
 
         Args:
             spread: Between-run standard deviation of each joint's friction, as a share.
@@ -158,7 +158,15 @@ def _residual_of(
 
 
 def block_labels(series: Sequence[RunResidual], length: float) -> list[Int[Array, " t"]]:
-    """A block number for every sample, counted over all runs; blocks of about `length` [s]."""
+    """A block number for every sample, counted over all runs.
+
+    Args:
+        series: The runs.
+        length: About how long a block is [s].
+
+    Returns:
+        For each run the numbers of its t filtered samples.
+    """
     labels = []
     first = 0
     for item in series:
