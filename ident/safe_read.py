@@ -14,11 +14,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, first_line
+
+if TYPE_CHECKING:
+    import numpy as np
 
 # Settings and results are some kilobytes, a diagnosis of hundreds of runs some megabytes [bytes].
 LARGEST_TEXT = 1 << 28
@@ -322,6 +323,8 @@ def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -
     Raises:
         InputError: As `require_regular`; or not such an archive.
     """
+    import numpy as np  # slow to load, and a command's help reads no arrays
+
     try:
         file = open_regular(path, remedy, error)
         with file, np.load(file, allow_pickle=False) as archive:

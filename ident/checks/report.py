@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import string
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -217,7 +216,7 @@ def require_same_mount(arm: ArmModel, first: Session, session: Session) -> None:
     if same and float(mounted @ stated) > 0.0:
         return
     source = "as its URDF has it" if first.gravity is None else "by its session.toml"
-    here, there = (json.dumps(np.round(values, 3).tolist()) for values in (stated, mounted))
+    here, there = (str(np.round(values, 3).tolist()) for values in (stated, mounted))
     what = f"gravity_mps2 = {here}, but {there} in {first.name}, {source}"
     remedy = (
         "sessions of one mount go together: write the same line into both; where the base was "
