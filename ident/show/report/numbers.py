@@ -33,6 +33,8 @@ MUCH_WIDER = 1.5
 MOST_NAMED = 3
 # Effects that are friction: of those alone damping and dry friction can't be told apart.
 FRICTION = {effect for effect, row in TABLE["effects"].items() if row.get("as_change", {}).get("friction")}
+# Effects that are bodies which can be taken off.
+LOADS = {effect for effect, row in TABLE["effects"].items() if "taken_off" in row.get("as_change", {})}
 # What stands in place of damping or dry friction that only a named law of friction beside it tells.
 IN_LAW = "in the named law"
 # What words and marks of the table mean, each where one of its cells has it.
@@ -124,9 +126,9 @@ def describe_marks(record: Mapping[str, Any]) -> list[str]:
     cells = [number for row in table_of(record) for number in row["cells"].values()]
     meanings = [MEANS_FROM_ZERO] * any(number.from_zero for number in cells)
     meanings += [MEANS_IN_LAW] * any(number.in_law for number in cells)
-    effects = {found["effect"] for found in record.get("findings", ())}
+    has_load = any(finding["effect"] in LOADS for finding in record.get("findings", ()))
     has_rotor = any(number.key == "armature_kgm2" for number in cells)
-    return meanings + [MEANS_OF_LOAD] * ("payload" in effects and has_rotor)
+    return meanings + [MEANS_OF_LOAD] * (has_load and has_rotor)
 
 
 def lies_outside(figure: Figure, unstated: float | None = None) -> bool:
