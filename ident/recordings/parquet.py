@@ -72,23 +72,19 @@ def require_in_proportion(stream: BinaryIO) -> None:
         ValueError: It unpacks to more; or the footer or a page's header is damaged.
         OSError: The file can't be read.
     """
-    footer = _read_footer(stream)
+    footer = read_footer(stream)
     size = os.fstat(stream.fileno()).st_size
-    require_unpacked(size, 8 * _count(footer))
+    require_unpacked(size, 8 * count_values(footer))
     require_unpacked(size, _unpacked_pages(stream, footer))
 
 
-def count_values(stream: BinaryIO) -> int:
-    """Numbers of all columns of an open file, those in lists each by itself.
+def read_footer(stream: BinaryIO) -> Fields:
+    """What stands at the end of an open file, by the numbers of its fields.
 
     Raises:
-        ValueError: The footer is damaged.
+        ValueError: It is damaged.
         OSError: The file can't be read.
     """
-    return _count(_read_footer(stream))
-
-
-def _read_footer(stream: BinaryIO) -> Fields:
     stream.seek(-8, 2)
     length = int.from_bytes(stream.read(4), "little")
     stream.seek(-8 - length, 2)
@@ -98,7 +94,12 @@ def _read_footer(stream: BinaryIO) -> Fields:
         raise ValueError(f"its footer is damaged ({type(error).__name__})") from None
 
 
-def _count(footer: Fields) -> int:
+def count_values(footer: Fields) -> int:
+    """Numbers of all columns, those in lists each by itself.
+
+    Raises:
+        ValueError: The footer is damaged.
+    """
     try:
         return sum(facts[VALUES] for facts in _all_facts(footer))
     except (IndexError, KeyError, TypeError) as error:
