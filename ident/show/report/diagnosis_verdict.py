@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ident.checks.report import MISREAD
-from ident.diagnosis.next_experiment import joints_shown
+from ident.diagnosis.next_experiment import LIKELY, joints_shown
 from ident.diagnosis.settings import USUAL_VERDICT
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import setup_for
@@ -57,8 +57,6 @@ AT_THE_END = {
     False: "take the hand or tool that is not mounted out of the URDF; if all of it is",
     True: "give what the arm carries at its end as [payload] of session.toml; if it carries nothing",
 }
-# A name below is less likely than not.
-LIKELY = 0.5
 # A chance of one in five that something is left at a joint is worth saying.
 WORTH_SAYING = 0.2
 # Tied names that one sentence holds.

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.fitting.chosen import WORDS
 from ident.fitting.fit import FitResults
 from ident.fitting.identified_numbers import identified_numbers
 from ident.model.evaluation import RunTrace, trace_run
@@ -22,7 +23,15 @@ from ident.show.fit_lines import (
     foretold_of,
 )
 from ident.show.report.evaluation_figures import parameters_values
-from ident.show.report.numbers import STATED, lies_outside, plain, with_error, with_interval
+from ident.show.report.numbers import (
+    LOSSES,
+    READINGS,
+    STATED,
+    lies_outside,
+    plain,
+    with_error,
+    with_interval,
+)
 from ident.show.report.page import (
     Section,
     describe_origin,
@@ -33,21 +42,13 @@ from ident.show.report.page import (
 )
 from ident.show.report.traces import MOST_JOINTS, MOST_RUNS, RunTraces, Traces, section_values
 from ident.show.report.words import percent, sentence, significant, with_units
-from ident.units import DAMPING, INERTIA, TORQUE, unit_for
+from ident.units import TORQUE, unit_for
 
+OFFSET = "offset_Nm"
 # Numbers of a joint, by their keys in `identified`: name and unit.
-NUMBERS = {
-    "viscous_Nms_rad": ("damping", DAMPING),
-    "coulomb_Nm": ("dry friction", TORQUE),
-    "armature_kgm2": ("rotor", INERTIA),
-    "offset_Nm": ("torque offset", TORQUE),
-}
-# Kinds of link inertias in words.
-KINDS = {
-    "nominal": "the URDF's",
-    "base": "as the recordings have them, whatever body that would be",
-    "consistent": "near the URDF's, of bodies that can exist",
-}
+NUMBERS = {**LOSSES, OFFSET: READINGS[OFFSET]}
+# Kinds of link inertias in words; a table has the room to say what one of them means.
+KINDS = {**WORDS, "base": "as the recordings have them, whatever body that would be"}
 FIRST = "Try it on recordings that it has not seen: `ident evaluate MODEL SESSION…`."
 CURVES = (
     "Torque as it was measured, of your URDF as a simulator loads it, and of the fitted model. "
@@ -147,7 +148,7 @@ def number_cell(key: str, figure: Mapping[str, Any] | None, slides: bool) -> dic
     """
     if figure is None or figure["value"] is None:
         return None
-    signed = key == "offset_Nm"
+    signed = key == OFFSET
     return {
         "nominal": plain(figure["nominal"]),
         "value": with_error(figure) if signed else with_interval(figure),
