@@ -244,11 +244,8 @@ def test_a_pipe_in_a_files_place_is_not_waited_for(tmp_path: Path, monkeypatch: 
         read_bytes(path, "")
 
 
-def test_a_mesh_that_changes_while_it_is_read_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Law: Coal reads a mesh by its name: the mesh that was looked through, or it is told."""
-    path = tmp_path / "a.obj"
-    path.write_text(obj())
-    read_mesh(path, np.ones(3), False)
+def change_after_the_look(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From now on a mesh becomes another one as soon as it was looked through."""
     looked = meshes.require_mesh
 
     def look(*arguments: Any) -> bytes:
@@ -257,6 +254,14 @@ def test_a_mesh_that_changes_while_it_is_read_is_told(tmp_path: Path, monkeypatc
         return data
 
     monkeypatch.setattr(meshes, "require_mesh", look)
+
+
+def test_a_mesh_that_changes_while_it_is_read_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: Coal reads a mesh by its name: the mesh that was looked through, or it is told."""
+    path = tmp_path / "a.obj"
+    path.write_text(obj())
+    read_mesh(path, np.ones(3), False)
+    change_after_the_look(path, monkeypatch)
     with pytest.raises(InputError, match="changed while it was read"):
         read_mesh(path, np.ones(3), False)
 
@@ -274,14 +279,7 @@ def test_an_arms_mesh_that_changes_while_it_is_read_is_told(tmp_path: Path, monk
         return pinocchio_model.read_geometry(arm.model, text, "collision", source, "arm")
 
     read()
-    looked = meshes.require_mesh
-
-    def look(*arguments: Any) -> bytes:
-        data = looked(*arguments)
-        replace_by(path, obj().encode())
-        return data
-
-    monkeypatch.setattr(meshes, "require_mesh", look)
+    change_after_the_look(path, monkeypatch)
     with pytest.raises(InputError, match="changed while it was read"):
         read()
 
