@@ -25,8 +25,10 @@ FEATURES = (
     "log_smooth_nats",
     "log_smooth_nats_a_row",
     "smooth_share",
+    "foretold_share",
     "log_dispersion",
     "log_left_over_noise",
+    "log_smooth_over_friction",
 )
 RIDGES = np.geomspace(1e-3, 1.0, 7)
 SEEN_FROM = 1.0  # visible size, in floors of the noise, from which a cause can be asked for

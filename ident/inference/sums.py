@@ -37,8 +37,9 @@ class SessionSums:
         for j, blocks in enumerate(self.evidence.free):
             sums = blocks.over()
             smooth = self.evidence.layout.flexible_places[j]
-            sums[smooth] = self.evidence.flexible[j]
-            sums[:, smooth] = self.evidence.flexible[j].T
+            flexible = self.evidence.flexible[j].sum(axis=0)
+            sums[smooth] = flexible
+            sums[:, smooth] = flexible.T
             whole.append(sums)
         return tuple(whole)
 
