@@ -323,9 +323,7 @@ class ModelSums:
                 shares[j] = self._foretold(j, used, own) / squares
         return np.minimum(shares, 1.0)
 
-    def _foretold(
-        self, joint: int, used: Int[Array, " u"], weights: Float[Array, " p"]
-    ) -> float:
+    def _foretold(self, joint: int, used: Int[Array, " u"], weights: Float[Array, " p"]) -> float:
         """Whitened squares by which a joint's discrepancy lowers those of folds that it was not
         fitted to.
 

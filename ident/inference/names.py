@@ -13,15 +13,59 @@ Source: Kass and Wasserman 1995 (unit information prior).
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float, Int
 from ident.effects.base import SessionContext
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
+
+LOG_TWO = float(np.log(2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Candidates of equally many columns."""
+
+    slots: list[int]  # their numbers among all candidates
+    columns: Int[Array, "m w"]  # their columns in R
+    deviation: Float[Array, "m w"]  # of each scaled coefficient beforehand
+    signed: Bool[Array, "m w"]  # coefficients that can't be negative
+    known: Float[Array, " m"]  # log odds of the name, and log 2 for each of these [nats]
+    sized: Bool[Array, " m"]  # whether more is known of the size than a deviation
+
+    @classmethod
+    def of(cls, names: Names, slots: list[int]) -> Batch:
+        """Some candidates of equally many columns, by their numbers."""
+        groups = [names.groups[k] for k in slots]
+        columns = np.stack([group.columns - names.first for group in groups])
+        places = np.arange(columns.shape[1])
+        signed = np.stack([np.isin(places, group.signed) for group in groups])
+        odds = np.array([names.log_odds[group] for group in groups])
+        return cls(
+            slots,
+            columns,
+            np.stack([names.deviation[group] for group in groups]),
+            signed,
+            known=odds + LOG_TWO * signed.sum(axis=1),
+            sized=np.array([group.prior is not None for group in groups]),
+        )
+
+    def part(self, taken: Sequence[bool]) -> Batch:
+        """Those of the candidates that are taken, of all candidates by number."""
+        inside = np.array([k for k, slot in enumerate(self.slots) if taken[slot]], dtype=int)
+        return Batch(
+            [self.slots[k] for k in inside],
+            self.columns[inside],
+            self.deviation[inside],
+            self.signed[inside],
+            self.known[inside],
+            self.sized[inside],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +75,8 @@ class Names:
     groups: tuple[Group, ...]  # all candidates
     deviation: Mapping[Group, Float[Array, " k"]]  # of each scaled coefficient beforehand
     log_odds: Mapping[Group, float]  # of each candidate beforehand [nats]
+    first: int  # number of the first column after the baseline's
+    joints: int  # number of joints
 
     @classmethod
     def of(cls, evidence: Evidence, session: SessionContext) -> Names:
@@ -53,7 +99,23 @@ class Names:
             deviation[group] = _deviation(group, evidence, session, power)
             count = len(places) * places[group.effect.id] * points[group.key]
             log_odds[group] = -float(np.log(count * group.effect.screens))
-        return cls(groups, deviation, log_odds)
+        layout = evidence.layout
+        return cls(groups, deviation, log_odds, layout.tuned, layout.n)
+
+    @cached_property
+    def batches(self) -> dict[int | None, list[Batch]]:
+        """Candidates by number of columns: for each joint those that act there; for None all."""
+        widths = [len(group.columns) for group in self.groups]
+        of_width = {
+            width: Batch.of(self, [k for k, own in enumerate(widths) if own == width])
+            for width in dict.fromkeys(widths)
+        }
+        batches: dict[int | None, list[Batch]] = {None: list(of_width.values())}
+        for joint in range(self.joints):
+            near = [group.effect.rows == "all" or group.joint == joint for group in self.groups]
+            parts = [batch.part(near) for batch in of_width.values()]
+            batches[joint] = [part for part in parts if part.slots]
+        return batches
 
 
 def _deviation(

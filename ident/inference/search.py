@@ -10,9 +10,10 @@ densities at the estimate is added (Tierney and Kadane 1986).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from heapq import heapify, heappop, heappush
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,7 +22,7 @@ from scipy.linalg import cho_solve, solve_triangular
 from ident.arrays import Array, Float, Int
 from ident.effects import optional
 from ident.inference.evidence import factorise
-from ident.inference.names import Names
+from ident.inference.names import LOG_TWO, Names
 from ident.regression.design import Group, Key
 from ident.regression.least_squares import Prior, solve_signed
 
@@ -32,7 +33,6 @@ SWAP_ROUNDS = 3
 MOST_CHECKED = 30
 # Names a joint has at most: a limit on work, never reached by arms with one URDF.
 MOST_NAMES = 4
-LOG_TWO = float(np.log(2.0))
 
 
 class Searchable(Protocol):
@@ -70,12 +70,67 @@ class Searchable(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Batch:
-    """Candidates of equally many columns."""
+class FreeGains:
+    """What candidates add to a set with all coefficients free.
 
-    slots: list[int]  # their numbers among all candidates
-    columns: Int[Array, "m w"]  # their columns in R
-    deviation: Float[Array, "m w"]  # of each scaled coefficient beforehand
+    Attributes:
+        nats: Log evidence of each, without its name's odds; −∞ where rounding leaves none [nats].
+        sizes: Their coefficients in the columns' scale.
+    """
+
+    nats: Float[Array, " m"]
+    sizes: Float[Array, "m w"]
+
+
+@dataclass(frozen=True, eq=False)
+class SumsAfter:
+    """A candidate's sums after a set.
+
+    Attributes:
+        sums: Of its columns.
+        target: Of these times the torque.
+        deviation: Standard deviation of each coefficient beforehand.
+    """
+
+    sums: Float[Array, "w w"]
+    target: Float[Array, " w"]
+    deviation: Float[Array, " w"]
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """The most that candidates may add to a set, and what they add where that is less.
+
+    Attributes:
+        search: The candidates.
+        most: Of each [nats].
+        bent: Of those whose signed coefficients would be negative, by number, their sums after the
+            set (see `SetSearch.gain_within`).
+    """
+
+    search: SetSearch
+    most: Float[Array, " g"]
+    bent: Mapping[int, SumsAfter]
+
+    def exactly(self, k: int) -> float:
+        """What one of the bent candidates adds [nats]."""
+        return self.search.gain_within(self.search.names.groups[k], self.bent[k])
+
+    def from_most(self) -> Iterator[int]:
+        """Numbers of the candidates that add anything, that which adds most first.
+
+        What a candidate adds exactly is worked out once no other may add more.
+        """
+        waiting = [(-most, k, k in self.bent) for k, most in enumerate(self.most) if most > 0.0]
+        heapify(waiting)
+        while waiting:
+            _, k, is_bound = heappop(waiting)
+            if not is_bound:
+                yield k
+                continue
+            gain = self.exactly(k)
+            if gain > 0.0:
+                heappush(waiting, (-gain, k, False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,29 +155,6 @@ class SetSearch:
         rest = model.gram[tuned:, tuned:] - half.T @ half
         scale = np.append(model.sums.evidence.scale[tuned : model.last], 1.0)
         return cls(model.names, layout.n, tuned, rest, scale)
-
-    @cached_property
-    def _batches(self) -> dict[int | None, list[Batch]]:
-        """Candidates by number of columns: for each joint those that act there; for None all."""
-        groups = self.names.groups
-        batches: dict[int | None, list[Batch]] = {}
-        for joint in (None, *range(self.joints)):
-            near = [
-                k
-                for k, group in enumerate(groups)
-                if joint is None or group.effect.rows == "all" or group.joint == joint
-            ]
-            by_width: dict[int, list[int]] = {}
-            for k in near:
-                by_width.setdefault(len(groups[k].columns), []).append(k)
-            batches[joint] = [self._batch(slots) for slots in by_width.values()]
-        return batches
-
-    def _batch(self, slots: list[int]) -> Batch:
-        groups = [self.names.groups[k] for k in slots]
-        columns = np.stack([group.columns - self.first for group in groups])
-        deviation = np.stack([self.names.deviation[group] for group in groups])
-        return Batch(slots, columns, deviation)
 
     def nats(self, chosen: Sequence[Group]) -> float:
         """Log evidence of a set of effects against none, log odds of its names included [nats].
@@ -178,7 +210,19 @@ class SetSearch:
         scale = deviation[own] / self.scale[columns[own]]
         return np.asarray(scale[:, None] * part * scale)
 
+    @cached_property
+    def _solved(self) -> dict[tuple[Group, ...], tuple[float, Float[Array, " k"]]]:
+        """Sets that were solved so far: most are asked for more than once."""
+        return {}
+
     def _solve(self, chosen: Sequence[Group]) -> tuple[float, Float[Array, " k"]]:
+        """Log evidence of a set, without its names' odds, and its scaled coefficients."""
+        key = tuple(chosen)
+        if key not in self._solved:
+            self._solved[key] = self._solve_anew(key)
+        return self._solved[key]
+
+    def _solve_anew(self, chosen: Sequence[Group]) -> tuple[float, Float[Array, " k"]]:
         columns = np.concatenate([group.columns for group in chosen]) - self.first
         deviation = np.concatenate([self.names.deviation[group] for group in chosen])
         starts = np.cumsum([0, *(len(group.columns) for group in chosen)])
@@ -210,6 +254,16 @@ class SetSearch:
             chosen: The set.
             joint: Where candidates have to act; anywhere if None.
         """
+        bounds = self._bounds(chosen, joint)
+        for k in bounds.bent:
+            bounds.most[k] = bounds.exactly(k)
+        return bounds.most
+
+    def _bounds(self, chosen: Sequence[Group], joint: int | None) -> Bounds:
+        """The most that each candidate may add to a set (see `gains`).
+
+        Coefficients that can't be negative are free here, which can only add more.
+        """
         half = np.zeros((0, len(self.rest)))
         if chosen:
             columns = np.concatenate([group.columns for group in chosen]) - self.first
@@ -220,50 +274,42 @@ class SetSearch:
             factor = factorise(inner)
             half = solve_triangular(factor, self.rest[columns], lower=True, check_finite=False)
         target = self.rest[:, -1] - half.T @ half[:, -1]
-        gains = np.full(len(self.names.groups), -np.inf)
-        for batch in self._batches[joint]:
-            columns = batch.columns
-            taken = np.einsum("kmi,kmj->mij", half[:, columns], half[:, columns])
-            sums = self.rest[columns[:, :, None], columns[:, None, :]] - taken
-            own = self._gains_of(batch.slots, sums, target[columns], batch.deviation)
-            gains[batch.slots] = own
         keys = {group.key for group in chosen}
-        gains[[k for k, group in enumerate(self.names.groups) if group.key in keys]] = -np.inf
-        return gains
+        most = np.full(len(self.names.groups), -np.inf)
+        bent: dict[int, SumsAfter] = {}
+        for batch in self.names.batches[joint]:
+            columns = batch.columns
+            beside = np.ascontiguousarray(half[:, columns].transpose(1, 2, 0))
+            taken = beside @ beside.transpose(0, 2, 1)
+            sums = self.rest[columns[:, :, None], columns[:, None, :]] - taken
+            free = _free_gains(sums, target[columns], batch.deviation)
+            gains = free.nats + batch.known
+            below = (batch.signed & (free.sizes < 0.0)).any(axis=1) & (gains > 0.0)
+            for k in np.flatnonzero(batch.sized & np.isfinite(gains) & ~below):
+                gains[k] += self._for_size(self.names.groups[batch.slots[k]], free.sizes[k])
+            for k in np.flatnonzero(below):
+                after = SumsAfter(sums[k], target[columns[k]], batch.deviation[k])
+                if batch.sized[k]:  # what more is known of the size may add to it
+                    gains[k] = self.gain_within(self.names.groups[batch.slots[k]], after)
+                else:
+                    bent[batch.slots[k]] = after
+            most[batch.slots] = gains
+        for slot, group in enumerate(self.names.groups):
+            if group.key in keys:
+                most[slot] = -np.inf
+                bent.pop(slot, None)
+        return Bounds(self, most, bent)
 
-    def _gains_of(
-        self,
-        slots: Sequence[int],
-        sums: Float[Array, "m w w"],
-        target: Float[Array, "m w"],
-        deviation: Float[Array, "m w"],
-    ) -> Float[Array, " m"]:
-        """Gains of candidates of equally many columns."""
-        width = target.shape[1]
-        inner = deviation[:, :, None] * sums * deviation[:, None, :]
-        inner = 0.5 * (inner + inner.transpose(0, 2, 1)) + np.eye(width)
-        scaled = deviation * target
-        sign, log_determinant = np.linalg.slogdet(inner)
-        sound = (sign > 0) & np.isfinite(log_determinant)
-        # With one added to every eigenvalue none is below one, but for rounding.
-        sound &= np.linalg.eigvalsh(inner)[:, 0] > 0.5
-        inner[~sound] = np.eye(width)
-        along = np.linalg.solve(inner, scaled[:, :, None])[:, :, 0]
-        gains = 0.5 * (np.sum(scaled * along, axis=1) - log_determinant)
-        gains[~sound] = -np.inf
-        for k, slot in enumerate(slots):
-            group = self.names.groups[slot]
-            gains[k] += self.names.log_odds[group]
-            signed = [c for c in group.signed if c < width]
-            size = deviation[k] * along[k]
-            if signed:
-                gains[k] += LOG_TWO * len(signed)
-                if (along[k, signed] < 0.0).any() and gains[k] > 0.0:
-                    bound = np.isin(np.arange(width), signed)
-                    nats, size = solve_set(sums[k], target[k], deviation[k], bound)
-                    gains[k] = nats + self.names.log_odds[group]
-            gains[k] += self._for_size(group, size)
-        return gains
+    def gain_within(self, group: Group, after: SumsAfter) -> float:
+        """What a candidate adds with its signed coefficients at zero or above [nats].
+
+        Args:
+            group: The candidate.
+            after: Its sums after a set.
+        """
+        signed = np.isin(np.arange(len(after.target)), group.signed)
+        nats, size = solve_set(after.sums, after.target, after.deviation, signed)
+        return nats + self.names.log_odds[group] + self._for_size(group, size)
 
     def best(
         self, chosen: Sequence[Group], keys: set[Key] | None = None, joint: int | None = None
@@ -276,9 +322,9 @@ class SetSearch:
             keys: Names that are candidates; all if None.
             joint: Where candidates have to act; anywhere if None.
         """
-        gains, checked = self.gains(chosen, joint), 0
-        for k in np.argsort(-gains):
-            if gains[k] <= 0.0 or checked == MOST_CHECKED:
+        checked = 0
+        for k in self._bounds(chosen, joint).from_most():
+            if checked == MOST_CHECKED:
                 return None
             group = self.names.groups[k]
             if keys is not None and group.key not in keys:
@@ -362,6 +408,29 @@ class SetSearch:
 def rest_of(chosen: Sequence[Group], group: Group) -> list[Group]:
     """A set without one of its effects, which is told by identity; the order stays."""
     return [other for other in chosen if other is not group]
+
+
+def _free_gains(
+    sums: Float[Array, "m w w"], target: Float[Array, "m w"], deviation: Float[Array, "m w"]
+) -> FreeGains:
+    """What candidates of equally many columns add to a set with all coefficients free.
+
+    Args:
+        sums, target: Sums of each one's columns and these times the torque, after the set.
+        deviation: Standard deviation of each coefficient beforehand.
+    """
+    inner = deviation[:, :, None] * sums * deviation[:, None, :]
+    inner = 0.5 * (inner + inner.transpose(0, 2, 1)) + np.eye(target.shape[1])
+    # With one added to every eigenvalue none is below one, but for rounding.
+    sound = np.linalg.eigvalsh(inner)[:, 0] > 0.5 if len(inner) else np.zeros(0, dtype=bool)
+    inner[~sound] = np.eye(target.shape[1])
+    factor = np.linalg.cholesky(inner)
+    scaled = deviation * target
+    along = np.linalg.solve(inner, scaled[:, :, None])[:, :, 0]
+    log_root = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+    nats = 0.5 * np.sum(scaled * along, axis=1) - log_root
+    nats[~sound] = -np.inf
+    return FreeGains(nats, deviation * along)
 
 
 def solve_set(

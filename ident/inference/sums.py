@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cholesky
+from scipy.linalg import cholesky, eigh
 
 from ident.arrays import Array, Float
 from ident.regression.gram import Evidence
@@ -75,7 +75,8 @@ def without_negative_directions(sums: Float[Array, "p p"]) -> Float[Array, "p p"
     try:
         cholesky(correlation + ROUNDING * np.eye(len(sums)), lower=True, check_finite=False)
     except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
-        positive = (vectors * np.maximum(values, 0.0)) @ vectors.T
+        correlation = 0.5 * (correlation + correlation.T)
+        values, vectors = eigh(correlation, subset_by_value=(-np.inf, -ROUNDING))
+        positive = correlation - (vectors * values) @ vectors.T
         return np.asarray(positive * np.outer(root, root))
     return sums
