@@ -4,6 +4,7 @@ file's.
     python -m ident.benchmark.corpus real DIR --seed 1 [--cases 220] [--real RECORDINGS]
     [--kept-back]
     python -m ident.benchmark.corpus worlds DIR --seed 1 [--cases 120] [--worlds all]
+    [--mix outside=1 healthy=1]
     python -m ident.benchmark.corpus index DIR [--other FOLDER …]
 
 `DIR/real`, `DIR/kept` and `DIR/worlds` hold a session folder a case (`cases`), each with its
@@ -26,7 +27,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from ident.benchmark.corpus_worlds import make_world_cases, plan_world_cases
+from ident.benchmark.corpus_worlds import MIX, make_world_cases, plan_world_cases
 from ident.benchmark.scoring import KNOWN
 from ident.errors import InputError
 from ident.files import write_record
@@ -261,6 +262,14 @@ def _say(line: str) -> None:
     sys.stdout.flush()
 
 
+def _share_of_kind(text: str) -> tuple[str, float]:
+    """A kind of case and its share, written `kind=share`."""
+    kind, _, share = text.partition("=")
+    if kind not in MIX:
+        raise argparse.ArgumentTypeError(f"unknown kind {kind!r}; one of: {', '.join(MIX)}")
+    return kind, float(share)
+
+
 def count_kinds(entries: Iterable[Entry]) -> str:
     """How many sessions there are, by group and kind, in words."""
     counts = Counter((entry.group, entry.kind) for entry in entries)
@@ -281,6 +290,7 @@ def main() -> None:
     )
     parser.add_argument("--kept-back", action="store_true")
     parser.add_argument("--worlds", default="all")
+    parser.add_argument("--mix", type=_share_of_kind, nargs="*", default=list(MIX.items()))
     parser.add_argument("--other", type=Path, nargs="*", default=[])
     given = parser.parse_args()
     if given.job == "real":
@@ -288,7 +298,11 @@ def main() -> None:
         make_real(given.folder, given.real, cases, given.seed, given.kept_back, _say)
     elif given.job == "worlds":
         tasks = plan_world_cases(
-            given.folder / "worlds", given.cases or 120, given.seed, given.worlds
+            given.folder / "worlds",
+            given.cases or 120,
+            given.seed,
+            given.worlds,
+            dict(given.mix),
         )
         make_world_cases(tasks, _say)
     else:

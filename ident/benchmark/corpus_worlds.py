@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -48,9 +48,19 @@ class WorldCase:
     out: Path  # folder of `cases` and `answers`
 
 
-def plan_world_cases(out: Path, cases: int, seed: int, worlds: str = "all") -> list[WorldCase]:
-    """The cases of a corpus of drawn worlds, their kinds mixed: a part of them is of all kinds."""
-    slots = plan_slots(cases, MIX, seed)
+def plan_world_cases(
+    out: Path, cases: int, seed: int, worlds: str = "all", mix: Mapping[str, float] = MIX
+) -> list[WorldCase]:
+    """The cases of a corpus of drawn worlds, their kinds mixed: a part of them is of all kinds.
+
+    Args:
+        out: Folder of `cases` and `answers`.
+        cases: How many.
+        seed: Of what is drawn.
+        worlds: Names of the worlds, or `all`.
+        mix: Kinds of case and their shares.
+    """
+    slots = plan_slots(cases, mix, seed)
     order = np.random.default_rng([seed, 9]).permutation(len(slots))
     ranges = find_worlds(worlds)
     return [
