@@ -88,7 +88,7 @@ def _labelled(
     for row in joints:
         here = [truth for truth in entry.truth if _may_stand(truth, row["joint"])]
         missed = [truth for truth in here if not _is_said(truth, named)]
-        if any(_size(truth) >= SEEN_FROM for truth in missed):
+        if any(_size_at(truth, row["joint"]) >= SEEN_FROM for truth in missed):
             rows.append((row["features"], True))
         elif entry.group not in ("real", "kept") and not missed and not _anywhere(entry):
             rows.append((row["features"], False))
@@ -105,8 +105,12 @@ def _is_said(truth: Truth, names: Sequence[Name]) -> bool:
     return any(matching(name, [truth]) is not None for name in names)
 
 
-def _size(truth: Truth) -> float:
-    """The size that was asked for; of one that was not, a visible one."""
+def _size_at(truth: Truth, joint: str) -> float:
+    """What a cause shows at a joint; the size that was asked for where that is not known, and of
+    one that was not asked for a visible one.
+    """
+    if truth.visible:
+        return truth.visible.get(joint, 0.0)
     return truth.asked if truth.asked is not None else SEEN_FROM
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from math import prod
+from mmap import ACCESS_READ, ALLOCATIONGRANULARITY, mmap
 from tempfile import TemporaryFile, gettempdir
 from typing import IO, Any
 
@@ -74,5 +76,17 @@ class SpooledArrays(Sequence[Float[Array, "..."]]):
         offset, shape, kind = self._spots[number]
         if 0 in shape:
             return np.zeros(shape, dtype=kind)
-        array = np.asarray(np.memmap(self._file, dtype=kind, mode="r", offset=offset, shape=shape))
+        array = self._mapped(offset, shape, kind)
         return array if self.change is None else self.change(number, array)
+
+    def _mapped(self, offset: int, shape: tuple[int, ...], kind: np.dtype[Any]) -> Array:
+        """A read-only view of a part of the file; its pages go with the last view of them."""
+        before = offset % ALLOCATIONGRANULARITY
+        count = prod(shape)
+        pages = mmap(
+            self._file.fileno(),
+            before + count * kind.itemsize,
+            access=ACCESS_READ,
+            offset=offset - before,
+        )
+        return np.frombuffer(pages, dtype=kind, count=count, offset=before).reshape(shape)
