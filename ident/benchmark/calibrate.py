@@ -4,11 +4,13 @@ never saw.
     python -m ident.benchmark.calibrate store RESULTS TABLE --index INDEX
     python -m ident.benchmark.calibrate fit TABLE --results RESULTS --index INDEX --out
     calibration.toml [--features a,b,…] [--signs SIGNS.toml]
+    python -m ident.benchmark.calibrate gaps INDEX RESULTS [INDEX RESULTS …] --out calibration.toml
 
 `store` reads one JSON a session into a table (`corpus_table`). `fit` writes the calibration, and
 beside the table the probabilities that each row gets from a fit without its own unit
 (`held_out.parquet`): a unit is a real arm, a drawn world, or an arm of another simulator, and it is
-left out whole. The ridge is that of the best held-out log score. `SIGNS.toml` holds `increasing =
+left out whole. `gaps` fits only what tells causes without a name anew, in a file that is there. The
+ridge is that of the best held-out log score. `SIGNS.toml` holds `increasing =
 […]` and `decreasing = […]`: features that by their meaning speak for or against.
 """
 
@@ -33,7 +35,7 @@ from ident.benchmark.calibration_file import SCHEMA, summary_lines, write_calibr
 from ident.benchmark.corpus import Entry, read_index
 from ident.benchmark.corpus_run import result_path
 from ident.benchmark.corpus_table import CANDIDATE, REAL, Table, load_table, use_index
-from ident.benchmark.gap_odds import GapFit, JointRows, fit_gaps
+from ident.benchmark.gap_odds import GapFit, JointRows, fit_gaps, joined
 from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG
 from ident.benchmark.law_shares import Miss, Widths, fit_widths
 from ident.benchmark.leave_out import (
@@ -329,22 +331,11 @@ def calibration_record(table: Table, fitted: FittedNames, origin: JsonTable) -> 
 
 def further_record(further: Further) -> JsonRecord:
     """What `calibration.toml` holds beside the odds of names."""
-    gaps = further.gaps
     record: JsonRecord = {
         "temper": further.temper.of_thousand,
         "temper_growth": further.temper.growth,
         "even_nats": further.even_nats,
-        "gap": {
-            "intercept": gaps.model.intercept,
-            "ridge": gaps.ridge,
-            "feature": _terms(gaps.model),
-            "held_out": {
-                "told": round(gaps.told, 4),
-                "false": round(gaps.false, 4),
-                "open": gaps.counts[0],
-                "closed": gaps.counts[1],
-            },
-        },
+        "gap": gap_record(further.gaps),
     }
     if further.widths is not None:
         widths = further.widths
@@ -355,6 +346,53 @@ def further_record(further: Further) -> JsonRecord:
             "coverage_held_out": round(widths.coverage, 4),
             "count": widths.count,
         }
+    return record
+
+
+def gap_record(gaps: GapFit) -> JsonRecord:
+    """What `calibration.toml` holds of causes without a name."""
+    return {
+        "intercept": gaps.model.intercept,
+        "ridge": gaps.ridge,
+        "feature": _terms(gaps.model),
+        "held_out": {
+            "told": round(gaps.told, 4),
+            "false": round(gaps.false, 4),
+            "open": gaps.counts[0],
+            "closed": gaps.counts[1],
+        },
+    }
+
+
+def write_gaps(corpora: Sequence[tuple[Path, Path]], out: Path, origin: JsonTable) -> JsonRecord:
+    """Fits a calibration's odds of causes without a name anew; all else in its file stays.
+
+    Args:
+        corpora: Index and folder of results of each.
+        out: The calibration's file.
+        origin: What is written down of where the odds come from.
+
+    Returns:
+        The file's new record.
+
+    Raises:
+        InputError: There is no such file, or no result.
+    """
+    record = dict(read_toml(out, "fit one: python -m ident.benchmark.calibrate fit"))
+    rows = []
+    sessions = 0
+    for index, folder in corpora:
+        entries = {entry.case: entry for entry in read_index(index)}
+        results = read_results(folder, entries)
+        if not results:
+            raise InputError(folder, "holds no result of its index", "diagnose the corpus first")
+        sessions += len(results)
+        rows.append(JointRows.of(results, entries))
+    record["gap"] = {
+        **gap_record(fit_gaps(joined(rows))),
+        "origin": {**origin, "sessions": sessions},
+    }
+    write_calibration(out, record)
     return record
 
 
@@ -436,7 +474,20 @@ def main() -> None:
     fitting.add_argument(
         "--commit", default="", help="of the engine whose rows these are; the current one"
     )
+    unnamed = jobs.add_parser("gaps")
+    unnamed.add_argument("corpora", type=Path, nargs="+", help="index and results of each corpus")
+    unnamed.add_argument("--out", type=Path, required=True)
+    unnamed.add_argument("--seeds", type=int, nargs="*", default=[], help="to be written down")
     given = parser.parse_args()
+    if given.job == "gaps":
+        if len(given.corpora) % 2:
+            unnamed.error("give the index and the results of each corpus")
+        corpora = list(zip(given.corpora[::2], given.corpora[1::2], strict=True))
+        when = datetime.now(UTC).strftime("%Y-%m-%d")
+        origin = {"seeds": given.seeds, "commit": current_commit(), "date": when}
+        record = write_gaps(corpora, given.out, origin)
+        sys.stdout.write("\n".join(summary_lines(record)) + "\n")
+        return
     if given.job == "store":
         sessions, rows = use_index(given.index, given.results, given.table)
         sys.stdout.write(f"{sessions} sessions, {rows} rows\n")

@@ -25,10 +25,8 @@ FEATURES = (
     "log_smooth_nats",
     "log_smooth_nats_a_row",
     "smooth_share",
-    "foretold_share",
     "log_dispersion",
     "log_left_over_noise",
-    "log_smooth_over_friction",
 )
 RIDGES = np.geomspace(1e-3, 1.0, 7)
 SEEN_FROM = 1.0  # visible size, in floors of the noise, from which a cause can be asked for
@@ -117,6 +115,15 @@ def _size_at(truth: Truth, joint: str) -> float:
 def _anywhere(entry: Entry) -> bool:
     """Whether something is wrong of which nobody knows the joint."""
     return any(not (truth.may_stand_at or truth.joints) for truth in entry.truth)
+
+
+def joined(corpora: Sequence[JointRows]) -> JointRows:
+    """The rows of several corpora; what is left out whole is left out of all of them."""
+    return JointRows(
+        np.concatenate([rows.features for rows in corpora]),
+        np.concatenate([rows.open for rows in corpora]),
+        np.concatenate([rows.units for rows in corpora]),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -304,47 +304,6 @@ class ModelSums:
         after = self.residual(chosen).mean_square
         return np.clip(1.0 - after / np.maximum(before, 1e-300), 0.0, 1.0)
 
-    def foretold_share(self, chosen: Sequence[Group]) -> Float[Array, " n"]:
-        """Share, at most 1, of each joint's squares beside some effects that its discrepancy
-        explains of folds that it was not fitted to.
-
-        Slow noise repeats in no other run, however smooth a function of the state follows it in its
-        own; below 0 where such a function foretells the wrong torque.
-        """
-        blocks = self.components.discrepancy.shape[1]
-        none = {j: np.zeros(blocks) for j in range(len(self.whole))}
-        before = self.with_discrepancy(none).residual(chosen)
-        shares = np.zeros(len(self.whole))
-        for j, local in enumerate(self.sums.evidence.layout.local):
-            used = np.flatnonzero(self._deviations(j, self.components.discrepancy[j]))
-            own = before.weights[local]
-            squares = float(own @ self.sums.free[j] @ own) / self.components.dispersion[j]
-            if len(used) and squares > 0.0:
-                shares[j] = self._foretold(j, used, own) / squares
-        return np.minimum(shares, 1.0)
-
-    def _foretold(self, joint: int, used: Int[Array, " u"], weights: Float[Array, " p"]) -> float:
-        """Whitened squares by which a joint's discrepancy lowers those of folds that it was not
-        fitted to.
-
-        Args:
-            joint: The joint.
-            used: Which of its discrepancy's columns have a variance.
-            weights: A row's product with these is what the model leaves of it.
-        """
-        evidence = self.sums.evidence
-        places = evidence.layout.flexible_places[joint][used]
-        deviation = self._deviations(joint, self.components.discrepancy[joint])[used]
-        flexible = evidence.flexible[joint][:, used] / self.components.dispersion[joint]
-        sums = deviation[:, None] * flexible[:, :, places] * deviation
-        target = deviation * (flexible @ weights)
-        fell = 0.0
-        for own_sums, own_target in zip(sums, target, strict=True):
-            others = sums.sum(axis=0) - own_sums + np.eye(len(used))
-            fitted = np.linalg.solve(others, target.sum(axis=0) - own_target)
-            fell += float(fitted @ (2.0 * own_target - own_sums @ fitted))
-        return fell
-
     def _follow(self, joint: int, weights: Float[Array, " p"]) -> Float[Array, " m"]:
         """Weights of a joint's discrepancy where the other columns have theirs."""
         deviation = self._deviations(joint, self.components.discrepancy[joint])

@@ -10,15 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.arrays import Array, Float
-from ident.inference.components import ModelSums, discrepancy_at
+from ident.inference.components import discrepancy_at
 from ident.inference.infer import Inferred
 from ident.inference.scales import signed_log
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
-
-# Share of a joint's squares below which all that is left is alike.
-LEAST_SHARE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +68,6 @@ def describe_joints(fine: Inferred, names: Sequence[Group], tuned: HeldOut) -> l
     }
     beside = model.with_discrepancy({j: variances for j, (variances, _) in smooth.items()})
     residual, smooth_share = beside.residual(names), beside.smooth_share(names)
-    foretold = beside.foretold_share(names)
     score, alone = tuned.score(names), tuned.score()
     left = []
     for j in with_rows:
@@ -84,7 +79,6 @@ def describe_joints(fine: Inferred, names: Sequence[Group], tuned: HeldOut) -> l
             "log_smooth_nats": signed_log(nats),
             "log_smooth_nats_a_row": float(np.log1p(1e3 * nats / evidence.samples[j])),
             "smooth_share": float(smooth_share[j]),
-            "foretold_share": float(np.clip(foretold[j], 0.0, 1.0)),
             "log_dispersion": float(np.log(dispersion)),
             "log_left_over_noise": float(np.log(max(float(score.rms[j]), 1e-12) / level)),
             "log_before_over_noise": float(np.log(max(float(alone.rms[j]), 1e-12) / level)),
@@ -92,29 +86,6 @@ def describe_joints(fine: Inferred, names: Sequence[Group], tuned: HeldOut) -> l
             "names_here": float(len(here)),
             "names_a_joint": len(names) / evidence.layout.n,
             "log_rows": float(np.log(evidence.samples[j])),
-            "log_smooth_over_friction": _over_friction(model, j, residual.by_block[j]),
         }
         left.append(JointLeft(j, features, residual.kind_of(j)))
     return left
-
-
-def _over_friction(model: ModelSums, joint: int, by_block: Float[Array, " b"]) -> float:
-    """How large what a smooth function finds is beside the joint's friction.
-
-    Friction varies by some percent on any arm: on one that is measured without much noise a smooth
-    function finds that, too.
-
-    Args:
-        model, joint: The sums, and the joint's index.
-        by_block: Whitened squares that each block of its discrepancy explains.
-
-    Returns:
-        Logarithm of the ratio of root mean squares.
-    """
-    sums = model.sums.free[joint] / model.components.dispersion[joint]
-    friction = model.sums.evidence.friction
-    level = friction.level[joint]
-    of_friction = float(level @ sums[friction.columns, friction.columns] @ level)
-    least = LEAST_SHARE * max(float(sums[-1, -1]), 1e-300)
-    share = float(by_block.sum()) / max(of_friction, least)
-    return 0.5 * float(np.log(max(share, LEAST_SHARE)))

@@ -37,9 +37,8 @@ class SessionSums:
         for j, blocks in enumerate(self.evidence.free):
             sums = blocks.over()
             smooth = self.evidence.layout.flexible_places[j]
-            flexible = self.evidence.flexible[j].sum(axis=0)
-            sums[smooth] = flexible
-            sums[:, smooth] = flexible.T
+            sums[smooth] = self.evidence.flexible[j]
+            sums[:, smooth] = self.evidence.flexible[j].T
             whole.append(sums)
         return tuple(whole)
 

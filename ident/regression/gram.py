@@ -69,9 +69,9 @@ class Evidence:
     settings: RegressionSettings = USUAL_REGRESSION  # what the regression counts with
     # For each joint what its holds say; in none of the sums until `with_dwells` adds them.
     dwells: tuple[DwellRows, ...] = ()
-    # For each joint the whitened sums of its discrepancy's columns with all columns of its rows, by
-    # fold, friction the same in all runs; they are zero in all other sums.
-    flexible: tuple[Float[Array, "F m p"], ...] = ()
+    # For each joint the whitened sums of its discrepancy's columns with all columns of its rows,
+    # over all time, friction the same in all runs; they are zero in the sums of blocks and folds.
+    flexible: tuple[Float[Array, "m p"], ...] = ()
 
     def with_dwells(self) -> Evidence:
         """A copy with each joint's holds in the whitened sums, and no longer beside them
@@ -90,11 +90,7 @@ class Evidence:
             smooth = self.layout.flexible_places[j]
             weighted = np.asarray(held.weighted, dtype=float)
             if flexible:
-                fold = self.fold_of_block[held.block]
-                flexible[j] = flexible[j].copy()
-                for k in np.unique(fold):
-                    inside = weighted[fold == k]
-                    flexible[j][k] += inside[:, smooth].T @ inside
+                flexible[j] = flexible[j] + weighted[:, smooth].T @ weighted
             weighted[:, smooth] = 0.0
             white[j] = white[j].with_rows(weighted, held.block)
             if still[j]:

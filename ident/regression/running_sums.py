@@ -80,7 +80,7 @@ class RunningSums:
         self.friction: list[list[Array]] = [[] for _ in range(layout.n)]
         self.flexible = []
         for smooth, local in zip(layout.flexible_places, layout.local, strict=True):
-            self.flexible.append(np.zeros((folds, len(smooth), len(local))))
+            self.flexible.append(np.zeros((len(smooth), len(local))))
 
     def add(self, rows: Rows) -> None:
         """Adds a run's rows: products of what was seen, less those of its draw of encoder noise."""
@@ -124,11 +124,9 @@ class RunningSums:
         columns = table.columns
         smooth = table.smooth
         local = self.layout.local[j]
-        for fold, stretch in _stretches(self.partition.folds[blocks]):
-            bent = _where(table.bent[stretch], table.counts[stretch])
-            seen = _where(table.signals[0][stretch], table.counts[stretch])
-            self.flexible[j][fold][:, columns] += bent.T @ seen
-            self.flexible[j][fold][:, smooth] += bent.T @ bent
+        bent = _where(table.bent, table.counts)
+        self.flexible[j][:, columns] += bent.T @ _where(table.signals[0], table.counts)
+        self.flexible[j][:, smooth] += bent.T @ bent
         power = np.zeros(len(columns))
         sums = np.zeros((len(columns), len(columns)))
         first = FRICTION.stop - FRICTION.start
