@@ -38,7 +38,7 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.compiled import compiled
 from ident.errors import ModelError
 from ident.files import atomic_write
-from ident.model.boosted import DEPTH, Trees, fit_trees, join_trees
+from ident.model.boosted import DEPTH, BinnedInputs, Trees, grow_trees, join_trees
 from ident.model.folds import FOLDS
 from ident.model.joint_nets import joint_features
 from ident.model.linearisation import stop_operator
@@ -104,6 +104,19 @@ def memory_inputs(
         joint: Number of the joint.
         interval: Time from row to row [s].
     """
+    own = _inputs_of_joint(q, dq, ddq, load, joint, interval)
+    return np.concatenate([own, q, dq, ddq, load], axis=1)
+
+
+def _inputs_of_joint(
+    q: Float[Array, "T n"],
+    dq: Float[Array, "T n"],
+    ddq: Float[Array, "T n"],
+    load: Float[Array, "T n"],
+    joint: int,
+    interval: float,
+) -> Float[Array, "T f"]:
+    """A joint's own inputs: arguments as of `memory_inputs`."""
     angle = np.ascontiguousarray(q[:, joint])
     pace = dq[:, joint]
     torque = load[:, joint]
@@ -115,7 +128,7 @@ def memory_inputs(
         of_joint.append(lagged(np.abs(pace), interval, time)[:, None])
         of_joint.append(lagged(torque, interval, time)[:, None] - torque[:, None])
         of_joint.append(angle[:, None] - lagged(angle, interval, time)[:, None])
-    return np.concatenate([*of_joint, q, dq, ddq, load], axis=1)
+    return np.concatenate(of_joint, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +244,7 @@ def own_inputs() -> int:
 class _Rows:
     """What a session leaves of every joint's torque, thinned."""
 
-    inputs: tuple[Float[Array, "T f"], ...]  # of each joint
+    inputs: tuple[BinnedInputs, ...]  # of each joint
     left: Float[Array, "T n"]  # [N m]
     moving: Bool[Array, "T n"]
     travel: Float[Array, "T n"]  # from row to row [rad]
@@ -254,37 +267,31 @@ def fit_memory(
         seed: Of the trees.
     """
     states = [_states(motion, arm) for motion in motions]
-    step = motions[0].interval * motions[0].lowpass.factor
     count = sum(len(values) for values in left)
     rows = _thinned(motions, states, left, -(-count // MOST_ROWS))
     by_block = np.zeros(rows.left.shape)
     by_run = np.zeros(rows.left.shape)
     chosen = []
-    for joint, x in enumerate(rows.inputs):
-        folds = rows.blocks % FOLDS
-        seen = (rows.left[:, joint], rows.moving[:, joint])
-        by_block[:, joint], kind = _foretell(x, *seen, folds, seed)
+    for joint in range(arm.n):
+        by_block[:, joint], kind = _foretell(rows, joint, rows.blocks % FOLDS, seed)
         chosen.append(kind)
     witnesses = (rows.left, rows.moving, rows.travel, rows.blocks, rows.run)
     for joint, verdict in enumerate(shrink_bounded(by_block, *witnesses)):
         if verdict.kept:
-            seen = (rows.left[:, joint], rows.moving[:, joint])
             folds = rows.run % FOLDS
-            x = rows.inputs[joint]
-            by_run[:, joint] = _foretell_kind(x, *seen, folds, seed, chosen[joint])
+            by_run[:, joint] = _foretell_kind(rows, joint, folds, seed, chosen[joint])
     gate = shrink_between(by_block, by_run, *witnesses)
-    every = -(-count // FITTED_ROWS)
-    y = np.concatenate([values[::every] for values in left])
-    moving = np.concatenate([motion.moving[::every] for motion in motions])
+    whole = _thinned(motions, states, left, -(-count // FITTED_ROWS))
     trees: list[Trees | None] = []
     for joint, verdict in enumerate(gate):
         if not verdict.kept:
             trees.append(None)
             continue
-        moves = moving[:, joint]
-        x = _joint_inputs(states, joint, step, every)
-        whole = _fit_kind(x[moves], y[moves, joint], chosen[joint], seed)
-        trees.append(whole.scaled(verdict.weight))
+        seen = np.flatnonzero(whole.moving[:, joint])
+        of_joint, _ = _fit_kind(
+            whole.inputs[joint], whole.left[:, joint], seen, chosen[joint], seed
+        )
+        trees.append(of_joint.scaled(verdict.weight))
     return JointMemory(_of_one_size(trees), gate)
 
 
@@ -308,10 +315,18 @@ def _thinned(
     lengths = [len(values[::every]) for values in left]
     recorded = np.cumsum([not motion.continues for motion in motions]) - 1
     pace = np.concatenate([dq[::every] for _, dq, _, _ in states])
+    of_all = [np.concatenate(run, axis=1)[::every] for run in states]
+    moving = np.concatenate([motion.moving[::every] for motion in motions])
+    shared = BinnedInputs.of(np.concatenate(of_all), moving.any(axis=1))
+    inputs = []
+    for joint in range(joints):
+        own = [_inputs_of_joint(*run, joint=joint, interval=step)[::every] for run in states]
+        of_joint = BinnedInputs.of(np.concatenate(own), moving[:, joint])
+        inputs.append(of_joint.beside(shared))
     return _Rows(
-        inputs=tuple(_joint_inputs(states, joint, step, every) for joint in range(joints)),
+        inputs=tuple(inputs),
         left=np.concatenate([values[::every] for values in left]),
-        moving=np.concatenate([motion.moving[::every] for motion in motions]),
+        moving=moving,
         travel=step * every * pace,
         run=np.repeat(recorded, lengths),
         blocks=cut_blocks(lengths),
@@ -330,14 +345,6 @@ def cut_blocks(lengths: Sequence[int]) -> Int[Array, " T"]:
         count = max(1, round(length * BLOCKS / max(1, sum(lengths))))
         parts.append(first + np.arange(length) * count // max(length, 1))
         first += count
-    return np.concatenate(parts)
-
-
-def _joint_inputs(
-    states: Sequence[tuple[Array, Array, Array, Array]], joint: int, step: float, every: int
-) -> Float[Array, "T f"]:
-    """Inputs of one joint along all runs, thinned."""
-    parts = [memory_inputs(*run, joint=joint, interval=step)[::every] for run in states]
     return np.concatenate(parts)
 
 
@@ -371,51 +378,46 @@ def fit_memory_of_arm(
 
 
 def _foretell(
-    x: Float[Array, "T f"],
-    y: Float[Array, " T"],
-    moving: Bool[Array, " T"],
-    folds: Int[Array, " T"],
-    seed: int,
+    rows: _Rows, joint: int, folds: Int[Array, " T"], seed: int
 ) -> tuple[Float[Array, " T"], int]:
     """What trees of the other parts say of each part, and whose inputs they are best given."""
-    by_joint = _foretell_kind(x, y, moving, folds, seed, OWN)
-    by_all = _foretell_kind(x, y, moving, folds, seed, ALL)
+    by_joint = _foretell_kind(rows, joint, folds, seed, OWN)
+    by_all = _foretell_kind(rows, joint, folds, seed, ALL)
     said = np.stack([by_joint, by_all, 0.5 * (by_joint + by_all)])
-    errors = np.sum(((y - said)[:, moving]) ** 2, axis=1)
+    errors = np.sum(((rows.left[:, joint] - said)[:, rows.moving[:, joint]]) ** 2, axis=1)
     best = int(np.argmin(errors))
     return said[best], best
 
 
 def _foretell_kind(
-    x: Float[Array, "T f"],
-    y: Float[Array, " T"],
-    moving: Bool[Array, " T"],
-    folds: Int[Array, " T"],
-    seed: int,
-    kind: int,
+    rows: _Rows, joint: int, folds: Int[Array, " T"], seed: int, kind: int
 ) -> Float[Array, " T"]:
-    """What trees of one kind, fitted to the other parts, say of each part.
+    """What trees of one kind, fitted to the other parts, say of each part of a joint.
 
     Zero where rows are too few.
     """
-    said = np.zeros(len(y))
+    moving = rows.moving[:, joint]
+    said = np.zeros(len(moving))
     if moving.sum() < FEWEST_ROWS:
         return said
     for fold in np.unique(folds):
         asked = folds == fold
-        rows = moving & ~asked
-        if rows.sum() >= FEWEST_ROWS:
-            trees = _fit_kind(x[rows], y[rows], kind, seed)
-            said[asked] = trees(x[asked])
+        seen = np.flatnonzero(moving & ~asked)
+        if len(seen) >= FEWEST_ROWS:
+            of_all = _fit_kind(rows.inputs[joint], rows.left[:, joint], seen, kind, seed)[1]
+            said[asked] = of_all[asked]
     return said
 
 
-def _fit_kind(x: Float[Array, "T f"], y: Float[Array, " T"], kind: int, seed: int) -> Trees:
-    """Trees of a joint's own inputs, of all, or half of both."""
+def _fit_kind(
+    inputs: BinnedInputs, y: Float[Array, " T"], seen: Int[Array, " k"], kind: int, seed: int
+) -> tuple[Trees, Float[Array, " T"]]:
+    """Trees of a joint's own inputs, of all, or half of both, and what they say of all rows."""
     if kind == ALL:
-        return fit_trees(x, y, seed)
-    by_joint = fit_trees(x[:, : own_inputs()], y, seed)
+        return grow_trees(inputs, y, seen, seed)
+    by_joint, said_by_joint = grow_trees(inputs.first(own_inputs()), y, seen, seed)
     if kind == OWN:
-        return by_joint
-    by_all = fit_trees(x, y, seed)
-    return join_trees(by_joint.scaled(0.5), by_all.scaled(0.5))
+        return by_joint, said_by_joint
+    by_all, said_by_all = grow_trees(inputs, y, seen, seed)
+    both = join_trees(by_joint.scaled(0.5), by_all.scaled(0.5))
+    return both, 0.5 * (said_by_joint + said_by_all)
