@@ -43,11 +43,8 @@ from ident.model.folds import FOLDS
 from ident.model.joint_nets import joint_features
 from ident.model.linearisation import stop_operator
 from ident.model.net_gate import JointGate, shrink_between, shrink_bounded
-from ident.model.residual_net import TRAINED_SAMPLES, Known
-from ident.motion.motion import Motion
-from ident.motion.stretches import hold
+from ident.model.residual_net import Unexplained
 from ident.records import JsonRecord, as_json
-from ident.robot.arm import ArmModel
 from ident.safe_read import read_bytes, read_json
 
 # Ranges of the stop operators [rad], and times over which averages are taken [s].
@@ -252,27 +249,19 @@ class _Rows:
     blocks: Int[Array, " T"]
 
 
-def fit_memory(
-    motions: Sequence[Motion],
-    arm: ArmModel,
-    left: Sequence[Float[Array, "t n"]],
-    seed: int,
-) -> JointMemory:
+def fit_memory(unexplained: Unexplained, seed: int) -> JointMemory:
     """Fits each joint's trees, as far as they help on blocks and runs that they did not see.
 
     Args:
-        motions: Training runs.
-        arm: The identified rigid arm.
-        left: Of each run, what analytic model and laws leave of its torque [N m].
+        unexplained: What analytic model and laws leave of the training runs.
         seed: Of the trees.
     """
-    states = [_states(motion, arm) for motion in motions]
-    count = sum(len(values) for values in left)
-    rows = _thinned(motions, states, left, -(-count // MOST_ROWS))
+    count = sum(len(values) for values in unexplained.left)
+    rows = _thinned(unexplained, -(-count // MOST_ROWS))
     by_block = np.zeros(rows.left.shape)
     by_run = np.zeros(rows.left.shape)
     chosen = []
-    for joint in range(arm.n):
+    for joint in range(rows.left.shape[1]):
         by_block[:, joint], kind = _foretell(rows, joint, rows.blocks % FOLDS, seed)
         chosen.append(kind)
     witnesses = (rows.left, rows.moving, rows.travel, rows.blocks, rows.run)
@@ -281,7 +270,7 @@ def fit_memory(
             folds = rows.run % FOLDS
             by_run[:, joint] = _foretell_kind(rows, joint, folds, seed, chosen[joint])
     gate = shrink_between(by_block, by_run, *witnesses)
-    whole = _thinned(motions, states, left, -(-count // FITTED_ROWS))
+    whole = _thinned(unexplained, -(-count // FITTED_ROWS))
     trees: list[Trees | None] = []
     for joint, verdict in enumerate(gate):
         if not verdict.kept:
@@ -295,29 +284,19 @@ def fit_memory(
     return JointMemory(_of_one_size(trees), gate)
 
 
-def _states(motion: Motion, arm: ArmModel) -> tuple[Array, Array, Array, Array]:
-    """Angle, speed, acceleration and rigid torque on the filtered grid."""
-    rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
-    channels = (motion.q, motion.dq, motion.ddq, rigid)
-    q, dq, ddq, load = (channel[motion.coarse] for channel in channels)
-    return q, dq, ddq, load
-
-
-def _thinned(
-    motions: Sequence[Motion],
-    states: Sequence[tuple[Array, Array, Array, Array]],
-    left: Sequence[Float[Array, "t n"]],
-    every: int,
-) -> _Rows:
+def _thinned(unexplained: Unexplained, every: int) -> _Rows:
     """One of so many rows of all runs."""
-    step = motions[0].interval * motions[0].lowpass.factor
+    motions = unexplained.motions
+    states = unexplained.states
+    left = unexplained.left
+    step = unexplained.interval
     joints = left[0].shape[1]
     lengths = [len(values[::every]) for values in left]
     recorded = np.cumsum([not motion.continues for motion in motions]) - 1
     pace = np.concatenate([dq[::every] for _, dq, _, _ in states])
     of_all = [np.concatenate(run, axis=1)[::every] for run in states]
     moving = np.concatenate([motion.moving[::every] for motion in motions])
-    shared = BinnedInputs.of(np.concatenate(of_all), moving.any(axis=1))
+    shared = BinnedInputs.of(np.concatenate(of_all), np.any(moving, axis=1))
     inputs = []
     for joint in range(joints):
         own = [_inputs_of_joint(*run, joint=joint, interval=step)[::every] for run in states]
@@ -353,28 +332,6 @@ def _of_one_size(trees: Sequence[Trees | None]) -> tuple[Trees | None, ...]:
     sizes = [len(of_joint.inputs) for of_joint in trees if of_joint is not None]
     most = max(sizes, default=0)
     return tuple(None if of_joint is None else of_joint.padded(most) for of_joint in trees)
-
-
-def fit_memory_of_arm(
-    motions: Sequence[Motion],
-    arm: ArmModel,
-    known: Known,
-    seed: int,
-) -> JointMemory:
-    """Fits the memory, of a long session to stretches from all over it.
-
-    Args:
-        motions: Training runs.
-        arm: The identified rigid arm.
-        known: What is known of the torque beside it.
-        seed: Of the trees.
-    """
-    held = hold(motions, TRAINED_SAMPLES).motions
-    left = []
-    for motion in held:
-        rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
-        left.append(motion.tau_filtered - motion.filtered(rigid + known(motion, rigid)))
-    return fit_memory(held, arm, left, seed)
 
 
 def _foretell(
