@@ -20,16 +20,18 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.compiled import compiled
 
 # Trees of a joint, and questions of each.
-TREES = 100
+TREES = 200
 DEPTH = 5
-# Share by which a tree counts, and rows that a leaf is shrunk by.
-RATE = 0.2
+# Share by which a tree counts, and rows that a leaf is shrunk by. Half as many trees of twice the
+# share left on six real arms 1.1 % more torque on runs that nobody saw, and of three draws the
+# worst 2.8 % more than the best.
+RATE = 0.1
 SHRINKAGE = 20.0
 # Bins of an input.
 BINS = 32
 # Shares of rows and of inputs that a tree is drawn.
 ROW_SHARE = 0.5
-INPUT_SHARE = 0.6
+INPUT_SHARE = 0.3
 # Share of an input's range below which values differ by rounding alone: half of a number's digits.
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
 # Rows that a tree is drawn at the most, and steps of its largest target; sums of both in one whole
