@@ -103,8 +103,8 @@ def memory_inputs(
         joint: Number of the joint.
         interval: Time from row to row [s].
     """
-    own = _inputs_of_joint(q, dq, ddq, load, joint, interval)
-    return np.concatenate([own, q, dq, ddq, load], axis=1)
+    of_joint = _inputs_of_joint(q, dq, ddq, load, joint, interval)
+    return np.concatenate([of_joint, q, dq, ddq, load], axis=1)
 
 
 def _inputs_of_joint(
@@ -301,8 +301,8 @@ def _thinned(unexplained: Unexplained, every: int) -> _Rows:
     shared = BinnedInputs.of(np.concatenate(of_all), np.any(moving, axis=1))
     inputs = []
     for joint in range(joints):
-        own = [_inputs_of_joint(*run, joint=joint, interval=step)[::every] for run in states]
-        of_joint = BinnedInputs.of(np.concatenate(own), moving[:, joint])
+        parts = [_inputs_of_joint(*run, joint=joint, interval=step)[::every] for run in states]
+        of_joint = BinnedInputs.of(np.concatenate(parts), moving[:, joint])
         inputs.append(of_joint.beside(shared))
     return _Rows(
         inputs=tuple(inputs),
