@@ -33,7 +33,7 @@ from ident.export.write import write_patch
 from ident.files import write_record
 from ident.laws.motion import Losses
 from ident.model.carried import describe_arm
-from ident.model.residual_net import PRESETS, ResidualNet, fit_net_of_arm
+from ident.model.residual_net import PRESETS, ResidualNet, Unexplained, fit_net_of_arm
 from ident.motion.motion import Motion, prepare
 from ident.records import JsonRecord
 from ident.results import Result
@@ -156,7 +156,8 @@ class NetModel:
 def train_net(arm: ArmModel, motions: Sequence[Motion], seed: int) -> NetModel:
     """Trains the net on runs of one set-up."""
     options = replace(PRESETS["default"], seed=seed)
-    net = fit_net_of_arm(motions, arm, lambda _, rigid: 0.0 * rigid, options, None, None)
+    unexplained = Unexplained.by(motions, arm, lambda _, rigid: 0.0 * rigid)
+    net = fit_net_of_arm(unexplained, options, None, None)
     return NetModel(arm.with_payload(motions[0].payload), net)
 
 

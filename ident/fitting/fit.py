@@ -243,16 +243,16 @@ def _fit_learned(
     if options.net == "none":
         return None, None
     stage("residual net", 0.5, 1.0)
-    from ident.model.residual_net import PRESETS, fit_net_of_arm
+    from ident.model.residual_net import PRESETS, Unexplained, fit_net_of_arm
 
-    arm = rigid.identified.inertia.arm
+    unexplained = Unexplained.by(motions, rigid.identified.inertia.arm, rigid.torque)
     preset = replace(PRESETS[options.net], seed=options.seed)
-    net = fit_net_of_arm(motions, arm, rigid.torque, preset, progress, checkpoint)
+    net = fit_net_of_arm(unexplained, preset, progress, checkpoint)
     if options.net != "default":
         return net, None
-    from ident.model.memory import fit_memory_of_arm
+    from ident.model.memory import fit_memory
 
-    return net, fit_memory_of_arm(motions, arm, rigid.torque, options.seed)
+    return net, fit_memory(unexplained, options.seed)
 
 
 def coupling_of(

@@ -16,20 +16,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.arrays import Array, Float, Int
+from ident.arrays import Array, Bool, Float, Int
 from ident.compiled import compiled
 
 # Trees of a joint, and questions of each.
-TREES = 100
+TREES = 200
 DEPTH = 5
-# Share by which a tree counts, and rows that a leaf is shrunk by.
-RATE = 0.2
+# Share by which a tree counts, and rows that a leaf is shrunk by. Half as many trees of twice the
+# share left on six real arms 1.1 % more torque on runs that nobody saw, and of three draws the
+# worst 2.8 % more than the best.
+RATE = 0.1
 SHRINKAGE = 20.0
 # Bins of an input.
 BINS = 32
 # Shares of rows and of inputs that a tree is drawn.
 ROW_SHARE = 0.5
-INPUT_SHARE = 0.6
+INPUT_SHARE = 0.3
 # Share of an input's range below which values differ by rounding alone: half of a number's digits.
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
 # Rows that a tree is drawn at the most, and steps of its largest target; sums of both in one whole
@@ -78,6 +80,32 @@ def join_trees(first: Trees, second: Trees) -> Trees:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class BinnedInputs:
+    """Inputs as the numbers of the bins that they lie in: as much of them as trees see."""
+
+    edges: Float[Array, "f e"]  # thresholds of each input
+    bins: Int[Array, "f T"]  # how many thresholds of its input each value is above, a byte each
+
+    @classmethod
+    def of(cls, x: Float[Array, "T f"], counts: Bool[Array, " T"]) -> BinnedInputs:
+        """Inputs in bins that hold about as many of the values that count; of all if none does."""
+        edges = place_edges(x[counts] if counts.any() else x)
+        bins = np.empty(x.shape[::-1], dtype=np.uint8)
+        for f in range(x.shape[1]):
+            bins[f] = np.searchsorted(edges[f], x[:, f], side="left")
+        return cls(edges, bins)
+
+    def first(self, count: int) -> BinnedInputs:
+        """The first inputs alone."""
+        return BinnedInputs(self.edges[:count], self.bins[:count])
+
+    def beside(self, further: BinnedInputs) -> BinnedInputs:
+        """These inputs, then others of the same rows."""
+        edges = np.concatenate([self.edges, further.edges])
+        return BinnedInputs(edges, np.concatenate([self.bins, further.bins]))
+
+
 def fit_trees(x: Float[Array, "T f"], y: Float[Array, " T"], seed: int) -> Trees:
     """Trees for a target.
 
@@ -86,26 +114,40 @@ def fit_trees(x: Float[Array, "T f"], y: Float[Array, " T"], seed: int) -> Trees
         y: Target [N m].
         seed: Of what each tree is drawn.
     """
-    edges = place_edges(x)
-    binned = np.empty(x.shape[::-1], dtype=np.uint8)
-    for f in range(x.shape[1]):
-        binned[f] = np.searchsorted(edges[f], x[:, f], side="left")
+    inputs = BinnedInputs.of(x, np.ones(len(x), dtype=bool))
+    return grow_trees(inputs, y, np.arange(len(y)), seed)[0]
+
+
+def grow_trees(
+    inputs: BinnedInputs, y: Float[Array, " T"], seen: Int[Array, " k"], seed: int
+) -> tuple[Trees, Float[Array, " T"]]:
+    """Trees for the target of some rows, and what they say of all rows [N m].
+
+    Args:
+        inputs: Inputs of all rows.
+        y: Target [N m]; that of other rows is not read.
+        seen: Numbers of the rows that the trees are fitted to.
+        seed: Of what each tree is drawn.
+    """
+    assert ROW_SHARE * len(seen) < 0.5 * ROWS, "a sum of so many rows does not fit into a number"
     rng = np.random.default_rng(seed)
-    rows = max(1, int(ROW_SHARE * len(y)))
-    assert rows < ROWS, "a sum of so many rows does not fit into a number"
-    drawn = max(1, round(INPUT_SHARE * x.shape[1]))
-    inputs = np.zeros((TREES, DEPTH), dtype=np.int64)
+    count = len(inputs.edges)
+    drawn = max(1, round(INPUT_SHARE * count))
+    # The inputs of each tree: those that come first when all are drawn lots.
+    lots = np.argsort(rng.random((TREES, count)), axis=1)[:, :drawn]
+    asked = np.zeros((TREES, DEPTH), dtype=np.int64)
     thresholds = np.zeros((TREES, DEPTH))
     leaves = np.zeros((TREES, 1 << DEPTH))
-    left = np.array(y, dtype=float)
-    for tree in range(TREES):
-        sample = np.sort(rng.choice(len(y), rows, replace=False))
-        among = np.sort(rng.choice(x.shape[1], drawn, replace=False))
+    target = np.zeros(len(y))
+    target[seen] = y[seen]
+    left = target.copy()
+    for tree, among in enumerate(np.sort(lots, axis=1)):
+        sample = seen[rng.random(len(seen), dtype=np.float32) < ROW_SHARE]
         places = _grow(
-            binned, left, sample, among, BINS, inputs[tree], leaves[tree], RATE, SHRINKAGE
+            inputs.bins, left, sample, among, BINS, asked[tree], leaves[tree], RATE, SHRINKAGE
         )
-        thresholds[tree] = edges[inputs[tree], places]
-    return Trees(inputs, thresholds, leaves)
+        thresholds[tree] = inputs.edges[asked[tree], places]
+    return Trees(asked, thresholds, leaves), target - left
 
 
 def place_edges(x: Float[Array, "T f"]) -> Float[Array, "f e"]:
@@ -119,7 +161,11 @@ def place_edges(x: Float[Array, "T f"]) -> Float[Array, "f e"]:
         x: The inputs.
     """
     ordered = np.sort(x.T, axis=1)
-    quantiles = np.quantile(ordered, np.arange(1, BINS) / BINS, axis=1).T
+    # Quantiles of values in order, between which lines are drawn.
+    places = np.arange(1, BINS) / BINS * (len(x) - 1)
+    below = places.astype(int)
+    above = np.minimum(below + 1, len(x) - 1)
+    quantiles = ordered[:, below] + (places - below) * (ordered[:, above] - ordered[:, below])
     edges = [_in_gaps(*values) for values in zip(ordered, quantiles, strict=True)]
     return np.array(edges)
 
@@ -149,19 +195,26 @@ def _evaluate(x: Array, inputs: Array, thresholds: Array, leaves: Array, out: Ar
 
 
 @compiled(error_model="numpy", nogil=True)
-def _pack(target: Array, packed: Array) -> float:
-    """Targets as whole numbers, of which each also counts one row; returns the unit of their sums.
+def _pack(target: Array, sample: Array, packed: Array) -> float:
+    """Targets of a sample as whole numbers, each of which also counts one row; returns their unit.
 
     Sums of whole numbers are exact in any order, so that those of one half of a leaf are the leaf's
     less those of the other half.
     """
     largest = 0.0
-    for i in range(len(target)):
-        largest = max(largest, abs(target[i]))
+    for i in range(len(sample)):
+        largest = max(largest, abs(target[sample[i]]))
     unit = max(largest, np.finfo(np.float64).tiny * LEVELS) / LEVELS
-    for i in range(len(target)):
-        packed[i] = np.int64(np.rint(target[i] / unit)) * ROWS + 1
+    for i in range(len(sample)):
+        packed[i] = np.int64(np.rint(target[sample[i]] / unit)) * ROWS + 1
     return unit
+
+
+@compiled(error_model="numpy", nogil=True)
+def _take(values: Array, rows: Array, taken: Array) -> None:
+    """Values of some rows."""
+    for i in range(len(rows)):
+        taken[i] = values[rows[i]]
 
 
 @compiled(error_model="numpy", nogil=True)
@@ -203,6 +256,28 @@ def _split(table: Array, half: Array, side: int) -> None:
 
 
 @compiled(error_model="numpy", nogil=True)
+def _smaller_side(column: Array, place: int, rows: Array) -> tuple[int, int]:
+    """The answer of fewer rows, and how many; writes their numbers to the front of `rows`."""
+    above = 0
+    for i in range(len(column)):
+        above += 1 if column[i] > place else 0
+    side = 1 if 2 * above < len(column) else 0
+    count = 0
+    for i in range(len(column)):
+        rows[count] = i
+        count += 1 if (1 if column[i] > place else 0) == side else 0
+    return side, count
+
+
+@compiled(error_model="numpy", nogil=True)
+def _ask(column: Array, place: int, leaf: Array) -> None:
+    """Puts the answer "is the input above a threshold?" behind the digits of each row's leaf."""
+    edge = np.uint8(place)
+    for i in range(len(column)):
+        leaf[i] = (leaf[i] << np.uint8(1)) | np.uint8(column[i] > edge)
+
+
+@compiled(error_model="numpy", nogil=True)
 def _close(leaf: Array, packed: Array, weight: Array, leaves: Array) -> None:
     """What leaves say: sums of their rows' targets, by the weight of so many rows."""
     sums = np.zeros(len(leaves), dtype=np.int64)
@@ -234,14 +309,14 @@ def _grow(
     places = np.zeros(depth, dtype=np.int64)
     leaf = np.zeros(drawn, dtype=np.uint8)
     packed = np.zeros(drawn, dtype=np.int64)
-    unit = _pack(left[sample], packed)
+    unit = _pack(left, sample, packed)
     weight = 1.0 / (np.arange(drawn + 1) + shrinkage)
     columns = np.zeros((len(among), drawn), dtype=np.uint8)
     tables = np.zeros((len(among), 1 << depth, bins), dtype=np.int64)
     half = np.zeros((1 << depth, bins), dtype=np.int64)
     rows = np.arange(drawn).astype(np.uint32)
     for k in range(len(among)):
-        columns[k] = binned[among[k]][sample]
+        _take(binned[among[k]], sample, columns[k])
         _fill(tables[k, :1], columns[k], rows, leaf, packed)
     gain = np.zeros(bins)
     for d in range(depth):
@@ -255,21 +330,16 @@ def _grow(
                     asked = k
                     places[d] = b
         inputs[d] = among[asked]
-        answers = columns[asked] > places[d]
-        side = 1 if 2 * answers.sum() < drawn else 0
         if d + 1 < depth:
-            rows = np.flatnonzero(answers == (side == 1)).astype(np.uint32)
+            side, count = _smaller_side(columns[asked], places[d], rows)
             for k in range(len(among)):
-                _fill(half[: 1 << d], columns[k], rows, leaf, packed)
+                _fill(half[: 1 << d], columns[k], rows[:count], leaf, packed)
                 _split(tables[k], half[: 1 << d], side)
-        for i in range(drawn):
-            leaf[i] = 2 * leaf[i] + (1 if answers[i] else 0)
+        _ask(columns[asked], places[d], leaf)
     _close(leaf, packed, unit * rate * weight, leaves)
-    number = np.zeros(len(left), dtype=np.int64)
+    number = np.zeros(len(left), dtype=np.uint8)
     for d in range(depth):
-        answers = binned[inputs[d]] > places[d]
-        for t in range(len(left)):
-            number[t] = 2 * number[t] + (1 if answers[t] else 0)
+        _ask(binned[inputs[d]], places[d], number)
     for t in range(len(left)):
         left[t] -= leaves[number[t]]
     return places

@@ -326,35 +326,61 @@ def _solve(
     return JointNets((first, last), (bias, offset)), unseen
 
 
+@dataclass(frozen=True, eq=False)
+class Unexplained:
+    """What a model leaves of its runs' torque, and the states it leaves it at."""
+
+    motions: tuple[Motion, ...]
+    # Of each run on the filtered grid: angle, speed, acceleration, torque of the rigid arm.
+    states: tuple[tuple[Array, Array, Array, Array], ...]
+    left: tuple[Float[Array, "t n"], ...]  # of each run [N m]
+
+    @classmethod
+    def by(cls, motions: Sequence[Motion], arm: ArmModel, known: Known) -> Unexplained:
+        """What an arm and what is known beside it leave; of a long session, stretches all over it.
+
+        Args:
+            motions: Training runs.
+            arm: The identified rigid arm.
+            known: What is known of the torque beside it.
+        """
+        motions = hold(motions, TRAINED_SAMPLES).motions
+        states = []
+        left = []
+        for motion in motions:
+            q = motion.q
+            dq = motion.dq
+            ddq = motion.ddq
+            rigid = arm.with_payload(motion.payload).inverse_dynamics(q, dq, ddq)
+            coarse = motion.coarse
+            states.append((q[coarse], dq[coarse], ddq[coarse], rigid[coarse]))
+            left.append(motion.tau_filtered - motion.filtered(rigid + known(motion, rigid)))
+        return cls(tuple(motions), tuple(states), tuple(left))
+
+    @property
+    def interval(self) -> float:
+        """Time between two of a run's states [s]."""
+        return self.motions[0].interval * self.motions[0].lowpass.factor
+
+
 def fit_net_of_arm(
-    motions: Sequence[Motion],
-    arm: ArmModel,
-    known: Known,
+    unexplained: Unexplained,
     options: NetOptions,
     progress: Callable[[int, int, float], None] | None,
     checkpoint: Path | None,
 ) -> ResidualNet:
-    """Fits the net, of a long session to stretches from all over it.
+    """Fits the net.
 
     Args:
-        motions: Training runs.
-        arm: The identified rigid arm.
-        known: What is known of the torque beside it.
+        unexplained: What the arm leaves of its training runs.
         options: A preset with its seed.
         progress: Called after each joint, or epoch.
         checkpoint: Folder in which training may stop and go on.
     """
-    states = []
-    left = []
-    motions = hold(motions, TRAINED_SAMPLES).motions
-    for motion in motions:
-        q = motion.q
-        dq = motion.dq
-        ddq = motion.ddq
-        rigid = arm.with_payload(motion.payload).inverse_dynamics(q, dq, ddq)
-        coarse = motion.coarse
-        states.append((q[coarse], dq[coarse], ddq[coarse], rigid[coarse]))
-        left.append(motion.tau_filtered - motion.filtered(rigid + known(motion, rigid)))
-    moving = None if options.preset == "paper" else [motion.moving for motion in motions]
-    interval = motions[0].interval * motions[0].lowpass.factor
+    states = unexplained.states
+    moving = None
+    if options.preset != "paper":
+        moving = [motion.moving for motion in unexplained.motions]
+    left = unexplained.left
+    interval = unexplained.interval
     return fit_residual_net(states, left, moving, options, progress, checkpoint, interval)

@@ -1,5 +1,7 @@
 """Laws of what joints remember: kept where it helps on runs left out, silent where it can't, and never wild."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ident.arrays import Array
@@ -10,7 +12,7 @@ from ident.model.loss import LossParameters
 from ident.model.memory import JointMemory, fit_memory, lagged
 from ident.model.net_gate import shrink_between
 from ident.model.net_options import PRESETS
-from ident.model.residual_net import ResidualNet, fit_residual_net
+from ident.model.residual_net import ResidualNet, Unexplained, fit_net_of_arm
 from ident.model.sampling import sampling_interval
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
@@ -33,6 +35,12 @@ def _runs(arm: ArmModel, count: int = 6) -> tuple[list[Motion], list[Array]]:
     return motions, left
 
 
+def _unexplained(arm: ArmModel, motions: list[Motion], left: list[Array]) -> Unexplained:
+    """Runs of which an arm leaves `left`."""
+    of_arm = Unexplained.by(motions, arm, lambda _, rigid: 0.0 * rigid)
+    return replace(of_arm, left=tuple(left))
+
+
 def _errors(memory: JointMemory, arm: ArmModel, motion: Motion, left: Array) -> Array:
     rigid = arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)
     said = memory.predict(motion.q, motion.dq, motion.ddq, rigid, motion.interval)
@@ -43,7 +51,7 @@ def _errors(memory: JointMemory, arm: ArmModel, motion: Motion, left: Array) -> 
 def test_a_hysteresis_is_remembered_and_noise_is_not(two_joints: ArmModel) -> None:
     """On a run that it never saw the first joint's error halves; the second, with nothing to remember, stays silent."""
     motions, left = _runs(two_joints)
-    memory = fit_memory(motions[:5], two_joints, left[:5], seed=0)
+    memory = fit_memory(_unexplained(two_joints, motions[:5], left[:5]), seed=0)
     assert memory.kept.tolist() == [True, False]
     alone = np.sqrt(np.mean(left[5][:, 0] ** 2))
     assert _errors(memory, two_joints, motions[5], left[5])[0] < 0.5 * alone
@@ -98,12 +106,9 @@ def test_an_average_starts_at_the_first_value_and_lags() -> None:
 def test_a_model_gives_its_memory_along_a_motion_alone_and_keeps_it(two_joints: ArmModel, tmp_path) -> None:  # type: ignore[no-untyped-def]
     """Along a run memory stands in for the net; at shuffled states the net counts; saved and read they are alike."""
     motions, left = _runs(two_joints)
-    states = []
-    for m in motions:
-        rigid = two_joints.inverse_dynamics(m.q, m.dq, m.ddq)
-        states.append(tuple(part[m.coarse] for part in (m.q, m.dq, m.ddq, rigid)))
-    net: ResidualNet = fit_residual_net(states, left, [m.moving for m in motions], PRESETS["default"])  # type: ignore[arg-type]
-    memory = fit_memory(motions, two_joints, left, seed=0)
+    unexplained = _unexplained(two_joints, motions, left)
+    net: ResidualNet = fit_net_of_arm(unexplained, PRESETS["default"], None, None)
+    memory = fit_memory(unexplained, seed=0)
     model = HybridModel(two_joints, two_joints, two_joints, LossParameters.zero(2), net, memory)
     loaded = HybridModel.load(model.save(tmp_path / "model"))
     run = motions[0].q, motions[0].dq, motions[0].ddq

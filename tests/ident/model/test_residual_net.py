@@ -18,7 +18,14 @@ from ident.model.dense_training import DenseNet
 from ident.model.joint_nets import JointNets, width_of
 from ident.model.net_gate import describe_gate, shrink_net
 from ident.model.random_features import solve_net
-from ident.model.residual_net import PRESETS, NetOptions, ResidualNet, fit_net_of_arm, fit_residual_net
+from ident.model.residual_net import (
+    PRESETS,
+    NetOptions,
+    ResidualNet,
+    Unexplained,
+    fit_net_of_arm,
+    fit_residual_net,
+)
 from ident.motion import stretches
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, multisine, two_joint_arm
@@ -346,7 +353,7 @@ def test_a_long_session_is_learnt_from_stretches_all_over_it(monkeypatch: pytest
     monkeypatch.setattr(residual_net, "fit_residual_net", lambda states, *_: trained.extend(states))
     monkeypatch.setattr(residual_net, "TRAINED_SAMPLES", 2 * length)
     monkeypatch.setattr(stretches, "STRETCH_SAMPLES", length // 4)
-    fit_net_of_arm(motions, arm, lambda _, rigid: 0.0 * rigid, DEFAULT, None, None)
+    fit_net_of_arm(Unexplained.by(motions, arm, lambda _, rigid: 0.0 * rigid), DEFAULT, None, None)
     every = motions[0].lowpass.factor
     assert sum(len(state[0]) for state in trained) == pytest.approx(2 * length / every, rel=0.1)
     starts = {tuple(state[0][0]) for state in trained}
