@@ -154,7 +154,7 @@ def estimate_run_spread(evidence: Evidence, weights: Float[Array, " P"]) -> Floa
 def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]) -> float:
     """A joint's spread; the usual one where a single stretch says nothing of it."""
     settings = evidence.settings
-    follow, noise = evidence.friction.levels(joint, evidence.misfit(joint, weights))
+    follow, noise = evidence.friction.estimate_levels(joint, evidence.misfit(joint, weights))
     levels = (follow @ weights[evidence.layout.local[joint]]).reshape(-1, 2)
     if len(levels) < 2:
         return settings.usual_spread
