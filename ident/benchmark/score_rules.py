@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from ident.benchmark.scoring import Outcome, Score, mean, share
+from ident.benchmark.scores import Score, mean, share
+from ident.benchmark.scoring import Outcome
 
 Choice = Callable[[Outcome], bool]
 """Whether a score is of a case."""

@@ -12,7 +12,7 @@ import numpy as np
 from ident.benchmark.board.case import TIERS
 from ident.benchmark.board.files import Board, Kept
 from ident.benchmark.board.score import EntryScore, score_entry, written
-from ident.benchmark.scoring import Score, mean
+from ident.benchmark.scores import Score, mean
 from ident.errors import InputError
 from ident.results import Provenance, Result
 from ident.show.palette import FLEXIBLE

@@ -17,7 +17,7 @@ from ident.benchmark.board.case import NONE, OTHER, TIERS
 from ident.benchmark.board.entry import Answer, Named, read_answer, undecided
 from ident.benchmark.board.files import Board, Kept, joint_columns, read_columns
 from ident.benchmark.board.sealing import digest_of
-from ident.benchmark.scoring import Score, is_inside, mean, share
+from ident.benchmark.scores import Score, is_inside, mean, share
 from ident.errors import InputError
 from ident.outputs import sha256_of
 from ident.safe_read import LARGEST_FIGURE, LARGEST_TEXT, require_regular, unchanged
