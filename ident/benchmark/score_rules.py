@@ -119,7 +119,11 @@ def headline_rules() -> Rules:
 
 
 def world_rules() -> Rules:
-    """Scores of a stratum of worlds."""
+    """What is counted of simulated arms: names of single effects, and false alarms of healthy ones.
+
+    Returns:
+        By the score's name: whether a case counts, how cases are averaged, and a case's value.
+    """
     headline = headline_rules()
     names = ("strict", "class_aware", "joint", "companion")
     return {
