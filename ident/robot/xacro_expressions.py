@@ -223,7 +223,8 @@ class _Evaluator(ast.NodeVisitor):
         """What a part of an expression's syntax tree comes to: a number, text, list or table.
 
         Raises:
-            HarmfulExpression: It nests or works longer than a description may, or is no plain value.
+            HarmfulExpression: It nests or works longer than a description may, or is no plain
+                value.
         """
         self.depth = self.depth + 1
         self.steps = self.steps + 1
