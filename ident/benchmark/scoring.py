@@ -269,7 +269,15 @@ def score_case(
 def _with_first_name(
     case: Outcome, first: JsonTable, only: TrueEffect | None, answer: Answer
 ) -> Outcome:
-    """The outcome with what the first name says of the only effect."""
+    """The outcome with the size of the first name's class and, where one effect was hidden alone,
+    whether that name is it, whether its class holds it, and whether its joints are right.
+
+    Args:
+        case: The outcome so far.
+        first: The first name, a finding of the diagnosis.
+        only: The effect that was hidden alone; None where it was none or several.
+        answer: The truth of the case.
+    """
     case = replace(case, class_size=len(first["class"]))
     if only is None:
         return case

@@ -73,7 +73,13 @@ class Case:
         return float(sum(rows)) + self.said.even * len(accepted)
 
     def left(self, accepted: frozenset[str], effects: int, shares: Shares) -> dict[Place, float]:
-        """Probability of a truth by state and place, of what no name has."""
+        """What a truth gets of the probability that no name has, by state and place.
+
+        Args:
+            accepted: Effects, by id, any of which is the truth; `NONE` and `OTHER` among them.
+            effects: Number of listed effects, among which a place's share is spread evenly.
+            shares: Of each place in each state.
+        """
         sizes = {NONE: float(NONE in accepted), OTHER: float(OTHER in accepted)}
         sizes[LISTED] = len(accepted - {NONE, OTHER}) / effects
         parts: dict[Place, float] = {}
