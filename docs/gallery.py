@@ -19,8 +19,9 @@ from ident import InputError
 from ident.api.daily import servo
 from ident.api.diagnosing import examine
 from ident.command_options import DiagnoseOptions
+from ident.show.report.diagnosis_actions import first_action
 from ident.show.report.diagnosis_pages import write_diagnosis_report
-from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action
+from ident.show.report.diagnosis_verdict import diagnosis_headline
 from ident.show.report.laws import draw_laws
 from ident.show.report.servo_page import verdict_values, write_servo_report
 from ident.show.report.traces import gather_traces

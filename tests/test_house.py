@@ -33,7 +33,7 @@ from tests.layout import RECORD, beyond, measure, with_numbers
 NARROW = (
     *("ident/api", "ident/cli", "ident/closed_loop", "ident/effects", "ident/fitting", "ident/infer", "ident/laws"),
     *("ident/model", "ident/monitor", "ident/motion", "ident/recordings", "ident/regression"),
-    *("ident/inference", "ident/robot", "ident/simulation"),
+    *("ident/inference", "ident/robot", "ident/servos", "ident/simulation"),
     *("ident/trajectories", "ident/benchmark", "ident/checks", "tests/house"),
     *("ident/diagnosis", "ident/schemas", "ident/show/timeline", "ident/export", "plan"),
 )

@@ -18,6 +18,7 @@ from ident.model.evaluation import evaluate
 from ident.model.evaluation_limits import VERIFICATION_SCHEMA, Check, check_limits, load_limits
 from ident.model.hybrid import HybridModel
 from ident.motion.settings import FOR_DIAGNOSIS
+from ident.records import JsonRecord, JsonTable
 from ident.results import Provenance, Result, files_of, runs_of
 from ident.sessions import Robot, Sources, load_robot, open_sessions
 
@@ -29,14 +30,14 @@ class Written(Result):
     SHOWN_BY = "ident.export.printing"
 
     folder: Path  # where they lie
-    record: Mapping[str, Any]  # what `patch.json` or `export.json` holds
+    record: JsonTable  # what `patch.json` or `export.json` holds
 
     @property
     def promoted(self) -> bool:
         """Whether all was written: nothing is where a file does not beat the URDF alone."""
         return bool(self.record.get("promotion", {"passed": True})["passed"])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         return {**self.record, "provenance": self.provenance.to_dict()}
 
 
@@ -58,7 +59,7 @@ class Verification(Result):
         """Whether it is promoted and keeps all limits, on recordings that it was not fitted to."""
         return self.promotion.passed and all(check.passed for check in self.checks)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         return {
             "schema": VERIFICATION_SCHEMA,
             "model": self.model,
@@ -73,7 +74,7 @@ class Verification(Result):
 
 
 def patch(
-    diagnosis: Diagnosis | Mapping[str, Any] | str | Path,
+    diagnosis: Diagnosis | JsonTable | str | Path,
     robot: Robot,
     out: str | Path,
     **options: Any,

@@ -48,7 +48,7 @@ from ident.benchmark.leave_out import (
 )
 from ident.benchmark.logistic import Logistic, fit_logistic, log_score
 from ident.benchmark.outcomes import KNOWN_FROM, NAMED_FROM
-from ident.benchmark.scoring import auroc, calibration_curve
+from ident.benchmark.scores import auroc, calibration_curve
 from ident.benchmark.tempering import choices, fit_growing_temper
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError

@@ -28,7 +28,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from ident.benchmark.corpus_worlds import MIX, make_world_cases, plan_world_cases
-from ident.benchmark.scoring import KNOWN
+from ident.benchmark.truth import KNOWN
 from ident.errors import InputError
 from ident.files import write_record
 from ident.records import JsonRecord, JsonTable

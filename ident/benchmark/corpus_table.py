@@ -30,7 +30,7 @@ from ident.benchmark.labels import (
     overlap,
     says,
 )
-from ident.benchmark.scoring import is_inside
+from ident.benchmark.scores import is_inside
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.records import JsonRecord, JsonTable, as_json

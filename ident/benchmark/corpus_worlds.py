@@ -16,7 +16,7 @@ from ident.benchmark.cases import (
     draw_world_of,
     plan_slots,
 )
-from ident.benchmark.scoring import EXCUSED_BY_URDF, KNOWN, comparable, shown_joints, urdf_is_wrong
+from ident.benchmark.truth import EXCUSED_BY_URDF, KNOWN, comparable, shown_joints, urdf_is_wrong
 from ident.errors import InputError
 from ident.files import atomic_folder, write_record
 from ident.recordings.save import fill_session

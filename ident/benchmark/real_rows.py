@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from ident.benchmark.scoring import is_inside
+from ident.benchmark.scores import is_inside
 from ident.records import JsonRecord, JsonTable
 from ident.simulation.real.sources import measured_causes
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ident.benchmark.real_rows import CONFIDENT, Row
-from ident.benchmark.scoring import Score, calibration_curve, calibration_error, mean, share
+from ident.benchmark.scores import Score, calibration_curve, calibration_error, mean, share
 from ident.benchmark.summary import group_by, in_columns
 
 # Bins of the calibration's table.

@@ -29,8 +29,9 @@ import pyarrow.parquet as pq
 from ident.arrays import Array, Float
 from ident.benchmark.cases import FULL_MIX, MADE_NAME, MakeTask, make, plan_slots
 from ident.benchmark.examining import ExamineTask, examine, write_result
-from ident.benchmark.scoring import is_true, score_case, shown_joints
+from ident.benchmark.scoring import score_case
 from ident.benchmark.summary import BlindReport
+from ident.benchmark.truth import is_true, shown_joints
 from ident.command_options import CheckOptions
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.errors import InputError

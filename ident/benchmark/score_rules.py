@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from ident.benchmark.scoring import Outcome, Score, mean, share
+from ident.benchmark.scores import Score, mean, share
+from ident.benchmark.scoring import Outcome
 
 Choice = Callable[[Outcome], bool]
 """Whether a score is of a case."""
@@ -118,7 +119,11 @@ def headline_rules() -> Rules:
 
 
 def world_rules() -> Rules:
-    """Scores of a stratum of worlds."""
+    """What is counted of simulated arms: names of single effects, and false alarms of healthy ones.
+
+    Returns:
+        By the score's name: whether a case counts, how cases are averaged, and a case's value.
+    """
     headline = headline_rules()
     names = ("strict", "class_aware", "joint", "companion")
     return {

@@ -11,7 +11,7 @@ import numpy as np
 from ident.benchmark.corpus_table import SessionRow, Table
 from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG
 from ident.benchmark.outcomes import NAMED_FROM, SessionOutcome
-from ident.benchmark.scoring import Score, calibration_curve, mean, share
+from ident.benchmark.scores import Score, calibration_curve, mean, share
 from ident.records import JsonRecord, JsonTable
 
 BINS = 5

@@ -1,161 +1,30 @@
-"""Third step of a case: what was reported against what was true; scores with intervals.
-
-Source: Wilson 1927 (shares); Hanley and McNeil 1982 (area under the curve).
-"""
+"""Third step of a case: what was reported against what was true."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.arrays import Array, Float, Int
 from ident.benchmark.cases import Slot
+from ident.benchmark.scores import is_inside
+from ident.benchmark.truth import (
+    EXCUSED_BY_URDF,
+    comparable,
+    match_truth,
+    may_stand_at,
+    name_joint,
+    urdf_is_wrong,
+    visible_amplitude,
+)
 from ident.diagnosis.verdict import above_noise
-from ident.effects import optional
-from ident.effects.catalogue import CATALOGUE
 from ident.records import JsonRecord, JsonTable
 from ident.simulation.request import Answer, TrueEffect
 
-Z = 1.959964
-RESAMPLES = 2000
-BINS = 10
 REFUSING = ("none_of_catalogue", "partial")
 # A name at this probability or above is confident.
 CONFIDENT = 0.8
-# An effect of several joints shows at those whose visible amplitude is at least this share of the
-# largest.
-SHOWN_SHARE = 1.0 / 3.0
-# Causes outside the catalogue are none of these.
-KNOWN = {effect.id: effect for effect in CATALOGUE}
-# Beyond these a URDF is wrong rather than imprecise: that links weigh something else is then true
-# [1], [m].
-WRONG_LINK_ERROR = 0.08
-WRONG_COM_M = 0.008
-# Names that are true of an arm whose URDF is wrong, whatever else was hidden in it.
-EXCUSED_BY_URDF = tuple(effect.id for effect in CATALOGUE if effect.as_change.body)
-
-
-@dataclass(frozen=True)
-class Score:
-    """A share or mean with its 95 % interval and the number of cases behind it.
-
-    None if no case speaks of it.
-    """
-
-    value: float | None = None
-    low: float | None = None
-    high: float | None = None
-    count: int = 0
-
-
-def share(hits: Iterable[bool]) -> Score:
-    """Share of hits with Wilson's 95 % interval; empty without cases."""
-    outcomes = [bool(hit) for hit in hits]
-    n = len(outcomes)
-    if n == 0:
-        return Score()
-    p = sum(outcomes) / n
-    shrink = 1 + Z**2 / n
-    centre = (p + Z**2 / (2 * n)) / shrink
-    reach = Z / shrink * float(np.sqrt(p * (1 - p) / n + Z**2 / (4 * n**2)))
-    return Score(p, max(centre - reach, 0.0), min(centre + reach, 1.0), n)
-
-
-def mean(values: Sequence[float]) -> Score:
-    """Mean with the 95 % percentile interval of a bootstrap over cases; empty without cases."""
-    count = len(values)
-    if count == 0:
-        return Score()
-    cases = np.asarray(values, dtype=float)
-    drawn = np.random.default_rng(0).integers(count, size=(RESAMPLES, count))
-    means = cases[drawn].mean(axis=1)
-    return Score(float(cases.mean()), *_ends(means), count)
-
-
-def _ends(draws: Sequence[float] | np.ndarray) -> tuple[float, float]:
-    """Percentile interval of a bootstrap."""
-    return float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975))
-
-
-def auroc(positive: Sequence[float], negative: Sequence[float]) -> Score:
-    """Probability that a positive case scores above a negative one, ties counting half."""
-    n = len(positive)
-    m = len(negative)
-    if not n or not m:
-        return Score()
-    scores = np.asarray(positive, dtype=float)
-    other_scores = np.asarray(negative, dtype=float)
-    difference = np.subtract.outer(scores, other_scores)
-    area = float(np.mean((difference > 0.0) + 0.5 * (difference == 0.0)))
-    # Probability that two positive cases score above a negative one, and one above two.
-    two_positive = area / (2.0 - area)
-    two_negative = 2.0 * area**2 / (1.0 + area)
-    between_positive = (n - 1) * (two_positive - area**2)
-    between_negative = (m - 1) * (two_negative - area**2)
-    variance = area * (1.0 - area) + between_positive + between_negative
-    reach = Z * float(np.sqrt(max(variance, 0.0) / (n * m)))
-    return Score(area, max(area - reach, 0.0), min(area + reach, 1.0), n + m)
-
-
-def calibration_curve(
-    said: Sequence[float], right: Sequence[bool], bins: int = BINS
-) -> list[tuple[float, float, float, Score]]:
-    """How often names of about one probability are right, in bins of equal width.
-
-    Args:
-        said: Probability of each name, 0 to 1.
-        right: Whether it was.
-        bins: How many.
-
-    Returns:
-        For each bin that holds any: its bounds, the mean of what was said, and the share right.
-    """
-    p = np.asarray(said, dtype=float)
-    hit = np.asarray(right, dtype=bool)
-    bin_of_name = _bin_of(p, bins)
-    curve = []
-    for k in map(int, np.unique(bin_of_name)):
-        inside = bin_of_name == k
-        curve.append((k / bins, (k + 1) / bins, float(p[inside].mean()), share(hit[inside])))
-    return curve
-
-
-def _bin_of(p: Float[Array, " k"], bins: int) -> Int[Array, " k"]:
-    """Number of the bin of equal width that each probability falls into."""
-    return np.minimum((p * bins).astype(int), bins - 1)
-
-
-def calibration_error(said: Sequence[float], right: Sequence[bool]) -> Score:
-    """Expected calibration error.
-
-    Mean distance of probability and share right, weighted by the number of names.
-    """
-    n = len(said)
-    if n == 0:
-        return Score()
-    p = np.asarray(said, dtype=float)
-    bin_of_name = _bin_of(p, BINS)
-    over = p - np.asarray(right, dtype=bool)
-
-    def error(names: Int[Array, " n"]) -> float:
-        """That of some names, each as often as it is drawn."""
-        distances = np.abs(np.bincount(bin_of_name[names], over[names]))
-        return float(distances.sum() / n)
-
-    draws = np.random.default_rng(0).integers(n, size=(RESAMPLES // 10, n))
-    resampled = [error(names) for names in draws]
-    return Score(error(np.arange(n)), *_ends(resampled), n)
-
-
-def is_inside(parameter: str, true: float, low: float, high: float) -> bool:
-    """Whether an interval holds a true parameter; a phase is one whatever turns are added to it."""
-    if parameter == "phase_rad":
-        away = np.angle(np.exp(1j * (true - 0.5 * (low + high))))
-        return bool(abs(away) <= 0.5 * (high - low) + 1e-9)
-    slack = 1e-6 * abs(true)
-    return low - slack <= true <= high + slack
 
 
 @dataclass(frozen=True)
@@ -282,7 +151,7 @@ class _JudgedNames:
         """
         free = EXCUSED_BY_URDF if urdf_is_wrong(answer.world) else ()
         planted = {effect.effect for effect in answer.effects}
-        matches = [_match(finding, answer) for finding in findings]
+        matches = [match_truth(finding, answer) for finding in findings]
         excused = []
         for match, finding in zip(matches, findings, strict=True):
             others = {*finding["class"][1:]}
@@ -333,14 +202,6 @@ class _JudgedNames:
         return covers
 
 
-def _match(finding: JsonTable, answer: Answer) -> TrueEffect | None:
-    """The true effect that a name is of; None if it is of none."""
-    for effect in answer.effects:
-        if is_true(effect, finding, answer):
-            return effect
-    return None
-
-
 def _reported(interval: JsonTable) -> dict[str, float] | None:
     """Value and ends of a parameter's interval; None where one of them is missing."""
     reported = {}
@@ -361,9 +222,9 @@ def score_case(
     case = Outcome(
         name=slot.name,
         kind=slot.kind,
-        amplitude=_visible_amplitude(slot, answer),
+        amplitude=visible_amplitude(slot, answer),
         rich=slot.rich,
-        truth=tuple((effect.effect, _joint_of(effect)) for effect in answer.effects),
+        truth=tuple((effect.effect, name_joint(effect)) for effect in answer.effects),
         verdict="failed",
         error=result.get("error", ""),
         robot=answer.robot,
@@ -385,7 +246,7 @@ def score_case(
         rivals[method] = tuple((effect, joint) for effect, joint in names)
     refused = False
     if record["verdict"] in REFUSING and only is not None:
-        refused = _is_at(only, joints_told(record), answer)
+        refused = may_stand_at(only, joints_told(record), answer)
     refusal_score = record.get("outside_score")
     return replace(
         case,
@@ -405,21 +266,18 @@ def score_case(
     )
 
 
-def _visible_amplitude(slot: Slot, answer: Answer) -> float:
-    """Visible amplitude of a case's effects [noise floors].
-
-    Of single effects as it was asked for, of others as measured.
-    """
-    if slot.kind == "single":
-        return slot.amplitude
-    largest = [max(_shares(effect, answer).values(), default=0.0) for effect in answer.effects]
-    return max([float(f"{amplitude:.2g}") for amplitude in largest], default=0.0)
-
-
 def _with_first_name(
     case: Outcome, first: JsonTable, only: TrueEffect | None, answer: Answer
 ) -> Outcome:
-    """The outcome with what the first name says of the only effect."""
+    """The outcome with the size of the first name's class and, where one effect was hidden alone,
+    whether that name is it, whether its class holds it, and whether its joints are right.
+
+    Args:
+        case: The outcome so far.
+        first: The first name, a finding of the diagnosis.
+        only: The effect that was hidden alone; None where it was none or several.
+        answer: The truth of the case.
+    """
     case = replace(case, class_size=len(first["class"]))
     if only is None:
         return case
@@ -427,61 +285,8 @@ def _with_first_name(
         case,
         strict=first["effect"] == only.effect,
         class_aware=only.effect in first["class"],
-        joint=_is_at(only, first["joints"], answer),
+        joint=may_stand_at(only, first["joints"], answer),
     )
-
-
-def urdf_is_wrong(world: JsonTable) -> bool:
-    """Whether links of a world's arms weigh something else than any tolerance allows."""
-    if not world:
-        return False
-    return bool(
-        world["link_error"] > WRONG_LINK_ERROR
-        or world["com_error_m"] > WRONG_COM_M
-        or world["copied_link"]
-    )
-
-
-def _shares(effect: TrueEffect, answer: Answer) -> dict[str, float]:
-    """Its visible amplitude at each joint [noise floors]."""
-    return {
-        joint: value / max(answer.noise_floor_Nm[joint], 1e-12)
-        for joint, value in effect.visible_Nm.items()
-    }
-
-
-def _joint_of(effect: TrueEffect) -> str:
-    """Its joint; none where a diagnosis names it without one, even where the cause has one (a push
-    at a link).
-    """
-    whole = effect.effect in KNOWN and KNOWN[effect.effect].scope == "arm"
-    return "" if whole or not effect.joints else effect.joints[0]
-
-
-def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
-    """Joints at which an effect is visible."""
-    seen = _shares(effect, answer)
-    least = SHOWN_SHARE * max(seen.values(), default=0.0)
-    return [joint for joint, value in seen.items() if value >= least] or list(answer.noise_floor_Nm)
-
-
-def is_true(true: TrueEffect, finding: JsonTable, answer: Answer) -> bool:
-    """Whether a name is that of a true effect, at a joint where it may stand."""
-    same = bool(true.effect == finding["effect"])
-    return same and (not _joint_of(true) or _is_at(true, finding["joints"], answer))
-
-
-def _is_at(true: TrueEffect, joints: Sequence[str], answer: Answer) -> bool:
-    """Whether a name for an effect may stand there.
-
-    At its joint, or where it shows; either of a coupled pair.
-    """
-    joint = _joint_of(true)
-    allowed = [joint] if joint else shown_joints(true, answer)
-    partner = KNOWN[true.effect].partner if true.effect in KNOWN else ""
-    if joint and true.parameters.get(partner):
-        allowed.append(str(true.parameters[partner]))
-    return any(name in joints for name in allowed)
 
 
 def joints_told(record: JsonTable) -> list[str]:
@@ -530,10 +335,3 @@ def _shrink_share(
     if not most > 0.0:
         return None
     return float(np.clip(np.sum(before - by_names) / most, 0.0, 1.0))
-
-
-def comparable(true: TrueEffect, starts: Sequence[float]) -> dict[str, float]:
-    """True parameters in the conventions of the diagnosis."""
-    if true.effect not in KNOWN:
-        return {}
-    return optional.simulated_answer(KNOWN[true.effect], true.parameters, starts)

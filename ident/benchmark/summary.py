@@ -26,14 +26,8 @@ from ident.benchmark.score_rules import (
     name_rules,
     world_rules,
 )
-from ident.benchmark.scoring import (
-    Outcome,
-    Score,
-    auroc,
-    calibration_curve,
-    calibration_error,
-    share,
-)
+from ident.benchmark.scores import Score, auroc, calibration_curve, calibration_error, share
+from ident.benchmark.scoring import Outcome
 from ident.records import JsonRecord, JsonTable
 from ident.results import Result
 

@@ -142,7 +142,7 @@ def _check_columns(
 
 
 def _with_louder_torque(session: SessionContext, number: int) -> RunContext:
-    """A run whose measured torque is another."""
+    """A run of a session with `LOUDER` [N m] added to its measured torque, else as it was."""
     run = session.runs[number]
     return replace(run, motion=replace(run.motion, tau=run.motion.tau + LOUDER))
 

@@ -287,8 +287,15 @@ class PreslidingHysteresis(Effect):
 
 
 def _displacement(sizes: Float[Array, " k"], parts: Float[Array, " k"]) -> float:
-    """Displacement of the smooth build-up that stops of some ranges stand for [rad]; 0 where they
-    bear nothing.
+    """Displacement over which friction builds up that some elastic stops share [rad].
+
+    Each stop yields beyond its own range; together they follow one smooth build-up, whose
+    displacement is that share of the ranges' mean, weighed by the area under each. 0 where no stop
+    bears anything.
+
+    Args:
+        sizes: Range of each stop [rad].
+        parts: Torque that each bears [N m]; below 0 it counts as none.
     """
     area = float(np.maximum(parts, 0.0) @ sizes)
     return SMOOTH_SHARE * float(np.maximum(parts, 0.0) @ sizes**2) / area if area > 0.0 else 0.0

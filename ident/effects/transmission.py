@@ -189,7 +189,7 @@ class SpringTorque(Effect):
         return bool(-slope * to_high <= pull <= slope * to_low)
 
     def signed(self, variant: Variant) -> tuple[int, ...]:
-        """The slope of a straight spring; a wave pulls both ways."""
+        """Indices of coefficients that can't be negative: a straight spring's slope, no wave's."""
         return (0,) if variant.shape["law"] == STRAIGHT else ()
 
     def columns(

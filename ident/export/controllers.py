@@ -20,7 +20,6 @@ import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tomli_w
@@ -38,6 +37,7 @@ from ident.laws.carried import COLUMNS
 from ident.laws.motion import Arm, Losses
 from ident.model.carried import describe_arm
 from ident.model.loss import LossFigure
+from ident.records import JsonRecord, JsonTable
 from ident.robot.arm import ArmModel
 
 # Poses over which the least acceleration is sought, at which a joint alone starts from rest.
@@ -80,7 +80,7 @@ def write_parameters(
     alone: Losses | None = None,
     estimates: Sequence[LossFigure] = (),
     urdf: Losses | None = None,
-    figures: Mapping[str, Any] | None = None,
+    figures: JsonTable | None = None,
 ) -> str:
     """TOML text of what was identified.
 
@@ -93,7 +93,7 @@ def write_parameters(
     """
     joints = identified.nominal.joint_names
     numbers = identified.whole.inertial_parameters.reshape(-1, 10)
-    record: dict[str, Any] = {
+    record: JsonRecord = {
         "robot": identified.nominal.name,
         "joints": list(joints),
         "link_order": "m mx my mz Ixx Ixy Iyy Ixz Iyz Izz, about the joint frame, SI",
@@ -121,9 +121,9 @@ def write_parameters(
     return fill("parameters_head.toml.txt", {}) + tomli_w.dumps(record)
 
 
-def _effect_record(change: Change) -> dict[str, Any]:
+def _effect_record(change: Change) -> JsonRecord:
     """An effect with its parameters, and the rest of its law."""
-    record: dict[str, Any] = {"id": change.effect, "joints": list(change.joints)}
+    record: JsonRecord = {"id": change.effect, "joints": list(change.joints)}
     for name, interval in change.parameters.items():
         record[name] = interval.to_dict()
     rest = {}
@@ -140,7 +140,7 @@ def _by_key(keys: Sequence[str], values: Iterable[float]) -> dict[str, float]:
     return dict(zip(keys, map(float, values), strict=True))
 
 
-def _without_nothing(record: Mapping[str, Any]) -> dict[str, Any]:
+def _without_nothing(record: JsonTable) -> JsonRecord:
     """A record without its nulls, for which TOML has no word."""
     stated = {}
     for key, value in record.items():

@@ -10,7 +10,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from ident.laws.motion import Losses
 from ident.model.bodies import is_consistent
 from ident.model.hybrid import HybridModel
 from ident.motion.settings import FOR_DIAGNOSIS
+from ident.records import JsonRecord, JsonTable
 from ident.results import files_of
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_record, require_finite
@@ -60,7 +60,7 @@ class Change:
     joints: tuple[str, ...]  # names of the joints where it shows
     parameters: Mapping[str, Interval]  # the reported parameters with their intervals
     # Coefficients and shape of its law where the parameters leave them open.
-    law: Mapping[str, Any] | None = None
+    law: JsonTable | None = None
     kind: Effect | None = None  # the effect itself; None where it is none of those that are known
     probability: float = 1.0  # that it acts
 
@@ -262,7 +262,7 @@ class Diagnosed:
     # First digits of the hashes of the files that it was made from.
     runs: frozenset[str] = frozenset()
     # The URDF's numbers beside those that were found, as its record has them.
-    identified: Mapping[str, Any] = field(default_factory=dict)
+    identified: JsonTable = field(default_factory=dict)
 
     @classmethod
     def load(cls, path: Path, catalogue: Sequence[Effect] = CATALOGUE) -> Diagnosed:
@@ -279,7 +279,7 @@ class Diagnosed:
     @classmethod
     def of_record(
         cls,
-        record: dict[str, Any],
+        record: JsonRecord,
         catalogue: Sequence[Effect] = CATALOGUE,
         path: Path = Path("diagnosis"),
         needed: bool = True,
@@ -304,7 +304,7 @@ class Diagnosed:
         return diagnosed
 
     @classmethod
-    def _of(cls, path: Path, record: dict[str, Any], known: Mapping[str, Effect]) -> Diagnosed:
+    def _of(cls, path: Path, record: JsonRecord, known: Mapping[str, Effect]) -> Diagnosed:
         joints = tuple(record["joints"])
         if not joints or not all(isinstance(name, str) for name in joints):
             raise ValueError(f"its joints are {joints!r}")
@@ -372,7 +372,7 @@ class Diagnosed:
 
 
 def _change(
-    finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None
+    finding: JsonRecord, joints: tuple[str, ...], baseline: JsonRecord, kind: Effect | None
 ) -> Change:
     """A finding as an effect; a parameter that the law can't take is refused here."""
     effect = finding["effect"]
@@ -396,7 +396,7 @@ def _change(
     return Change(effect, place, where, parameters, law, kind, sure)
 
 
-def _tuning(record: dict[str, Any], name: str, joints: tuple[str, ...]) -> Tuning:
+def _tuning(record: JsonRecord, name: str, joints: tuple[str, ...]) -> Tuning:
     """A baseline of a record by its name; none where the record has none.
 
     Raises:

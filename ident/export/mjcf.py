@@ -202,7 +202,11 @@ def quaternion(rotation: Float[Array, "3 3"]) -> str:
 
 
 def _pose(placement: Any) -> dict[str, str]:
-    """Where an element stands in its parent."""
+    """Attributes `pos` [m] and `quat` (w, x, y, z) that place an element in its parent.
+
+    Args:
+        placement: Pinocchio's SE3 from the element to its parent.
+    """
     return {"pos": numbers(placement.translation), "quat": quaternion(placement.rotation)}
 
 

@@ -13,6 +13,7 @@ from rich.table import Table
 from ident.errors import join_words, plural
 from ident.export.formats import FORMATS
 from ident.export.promotion import in_words
+from ident.records import JsonRecord
 from ident.show.console import say
 from ident.show.number_lines import print_numbers
 from ident.show.palette import FLEXIBLE, NAMED, NOISE, ORANGE
@@ -36,7 +37,7 @@ NEXT = (
 COLOURS = dict(zip(WHEN, ("#cccccc", NOISE, ORANGE, FLEXIBLE, NAMED), strict=True))
 
 
-def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
+def print_patch(console: Console, record: JsonRecord, out: Path) -> None:
     """What is expressed where, what is not and why, and the gaps before and after."""
     for effect in record["effects"]:
         formats = effect["formats"]
@@ -67,7 +68,7 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
         print_into(console, record["into"])
 
 
-def print_into(console: Console, into: dict[str, Any]) -> None:
+def print_into(console: Console, into: JsonRecord) -> None:
     """What was written into the user's own file, and what was not."""
     rotor = "" if into["format"] == "urdf" else " and rotor inertia"
     links = f"; inertia of {join_words(into['links'])}" if into["links"] else ""
@@ -81,7 +82,7 @@ def print_into(console: Console, into: dict[str, Any]) -> None:
     say(console, f"{what}: before_{name} in the folder", "  ", "    ")
 
 
-def gap_table(heldout: dict[str, Any]) -> Table:
+def gap_table(heldout: JsonRecord) -> Table:
     """Torque gap of each joint [N m], and the rollout gap over all joints, of each file in each
     state.
     """

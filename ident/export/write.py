@@ -10,7 +10,6 @@ import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from ident.command_options import ExportOptions
 from ident.errors import InputError
@@ -39,7 +38,7 @@ from ident.export.told import notes_on_arm, notes_on_losses, notes_on_model
 from ident.files import atomic_folder
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
-from ident.records import as_json
+from ident.records import JsonRecord, as_json
 from ident.results import Provenance, files_of, runs_of
 from ident.robot.arm import ArmModel
 
@@ -85,7 +84,7 @@ def write_patch(
     motions: Sequence[Motion] = (),
     provenance: Provenance | None = None,
     into: Path | None = None,
-) -> dict[str, Any]:
+) -> JsonRecord:
     """Writes the patch of a diagnosis.
 
     Args:
@@ -122,7 +121,7 @@ def write_patch(
         loaded_back = files.loaded_back(PATCH_MODULE)
         in_sample = bool(diagnosed.runs & runs_of(origin.sessions))
         measured = files.measured(PATCH_MODULE, in_sample)
-        record: dict[str, Any] = {
+        record: JsonRecord = {
             "schema": PATCH,
             "robot": files.nominal.name,
             "joints": list(files.nominal.joint_names),
@@ -157,7 +156,7 @@ def write_export(
     chosen: ExportOptions | None = None,
     motions: Sequence[Motion] = (),
     origin: Provenance | None = None,
-) -> dict[str, Any]:
+) -> JsonRecord:
     """Writes the arm of a fitted model; with recordings, only what beats the URDF alone on them.
 
     Args:
@@ -199,7 +198,7 @@ def write_export(
             *notes_on_losses(identified, losses_alone),
             *measured.notes,
         ]
-        record: dict[str, Any] = {
+        record: JsonRecord = {
             "schema": EXPORT,
             "robot": model.robot.name,
             "joints": list(model.joint_names),

@@ -40,6 +40,8 @@ URDF = read_group(__file__, "urdf")
 FEWEST_ROWS = 20
 # Variances of whitened coefficients that a block starts from where nothing is known of it.
 FIRST_VARIANCES = (1e-4, 1e-1)
+# Prior standard deviations of scaled coefficients are no smaller: it keeps their inverse finite.
+LEAST_DEVIATION = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +61,14 @@ class Components:
         Args:
             sums: The session's; they give the number of joints and the settings.
         """
-        n, blocks = sums.evidence.layout.n, len(sums.evidence.layout.flexible[0])
-        wide = np.full(n, sums.evidence.settings.wide_spread)
-        return cls(wide, UrdfError(), np.zeros((n, blocks)), np.ones(n))
+        layout = sums.evidence.layout
+        blocks = len(layout.flexible[0])
+        return cls(
+            friction=np.full(layout.n, sums.evidence.settings.wide_spread),
+            urdf=UrdfError(),
+            discrepancy=np.zeros((layout.n, blocks)),
+            dispersion=np.ones(layout.n),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +90,16 @@ class WeighedResidual:
 class ModelSums:
     """All joints' sums given variance components, discrepancies integrated out.
 
+    A joint's rows are X β + Z ζ + e with its discrepancy's columns Z, ζ ~ N(0, V): beside any β its
+    sums are XᵀX − XᵀZ (ZᵀZ + V⁻¹)⁻¹ ZᵀX.
+
     Attributes:
         sums, names, components: The session's sums, the candidates, and the variance components.
         whole: For each joint XᵀX of its rows' columns, torque last, with friction's levels
             integrated out and divided by its dispersion.
         reduced: The same with its discrepancy integrated out: XᵀX − XᵀZ (ZᵀZ + V⁻¹)⁻¹ ZᵀX, Z the
-            discrepancy's columns and V their variances.
+            discrepancy's columns and V their variances. Its own columns are still there, and not
+            read again.
         gram: The reduced sums of all joints together, shape (P, P); the torque last.
         last: Number of the torque's column in `gram`.
         log_determinants: For each joint −½ log |I + V^½ ZᵀZ V^½| [nats].
@@ -98,31 +109,37 @@ class ModelSums:
     def __init__(
         self, sums: SessionSums, names: Names, baseline: Baseline, components: Components
     ) -> None:
-        self.sums, self.names, self.baseline = sums, names, baseline
+        self.sums = sums
+        self.names = names
+        self.baseline = baseline
         self.components = components
         layout = sums.evidence.layout
-        self.whole = [
-            sums.of_joint(j, float(components.friction[j])) / components.dispersion[j]
-            for j in range(layout.n)
-        ]
+        self.whole = []
+        for j in range(layout.n):
+            of_joint = sums.of_joint(j, float(components.friction[j]))
+            self.whole.append(of_joint / components.dispersion[j])
         # The discrepancies' columns come last, before the torque.
         flexible = [group.columns[0] for blocks in layout.flexible for group in blocks]
         self.last = int(min(flexible, default=layout.size))
-        self.gram = np.zeros((self.last + 1, self.last + 1))
         self.fixed_nats = -0.5 * float(sums.evidence.samples @ np.log(components.dispersion))
+        for j in range(layout.n):
+            self.fixed_nats += sums.friction_nats(j, float(components.friction[j]))
+        self._reduce()
+
+    def _reduce(self) -> None:
+        """Integrates every joint's discrepancy out of `whole`, and adds the joints up."""
+        layout = self.sums.evidence.layout
+        self.gram = np.zeros((self.last + 1, self.last + 1))
         self.log_determinants = np.zeros(layout.n)
         self.reduced = []
-        for j in range(layout.n):
-            reduced, nats = self._without_discrepancy(j, components.discrepancy[j])
+        for j, variances in enumerate(self.components.discrepancy):
+            reduced, nats = self._without_discrepancy(j, variances)
             self._add(j, reduced)
             self.reduced.append(reduced)
             self.log_determinants[j] = nats
-            self.fixed_nats += sums.friction_nats(j, float(components.friction[j]))
 
     def _named(self, joint: int) -> tuple[Int[Array, " q"], Int[Array, " q"]]:
-        """Where the columns of a joint's rows that are no discrepancy stand, there and in
-        `gram`.
-        """
+        """Where a joint's columns that are no discrepancy stand: in its rows, and in `gram`."""
         layout = self.sums.evidence.layout
         named = np.setdiff1d(np.arange(len(layout.local[joint])), layout.flexible_places[joint])
         return named, np.minimum(layout.local[joint][named], self.last)
@@ -139,12 +156,10 @@ class ModelSums:
             changed: For each of these joints, by index, the variances of its blocks.
         """
         other = copy(self)
+        other.gram = self.gram.copy()
+        other.reduced = list(self.reduced)
+        other.log_determinants = self.log_determinants.copy()
         variances = self.components.discrepancy.copy()
-        other.gram, other.reduced, other.log_determinants = (
-            self.gram.copy(),
-            list(self.reduced),
-            self.log_determinants.copy(),
-        )
         for joint, of_blocks in changed.items():
             variances[joint] = of_blocks
             reduced, nats = self._without_discrepancy(joint, of_blocks)
@@ -165,20 +180,12 @@ class ModelSums:
         other = copy(self)
         before = self.components.dispersion
         other.components = replace(self.components, dispersion=dispersion)
-        other.whole = [
-            sums * (old / new)
-            for sums, old, new in zip(self.whole, before, dispersion, strict=True)
-        ]
+        other.whole = []
+        for sums, old, new in zip(self.whole, before, dispersion, strict=True):
+            other.whole.append(sums * (old / new))
         rows = self.sums.evidence.samples
         other.fixed_nats = self.fixed_nats + 0.5 * float(rows @ np.log(before / dispersion))
-        other.gram = np.zeros_like(self.gram)
-        other.log_determinants = np.zeros_like(self.log_determinants)
-        other.reduced = []
-        for j, variances in enumerate(other.components.discrepancy):
-            reduced, nats = other._without_discrepancy(j, variances)
-            other._add(j, reduced)
-            other.reduced.append(reduced)
-            other.log_determinants[j] = nats
+        other._reduce()
         return other
 
     @property
@@ -189,7 +196,12 @@ class ModelSums:
     def _without_discrepancy(
         self, joint: int, variances: Float[Array, " b"]
     ) -> tuple[Float[Array, "p p"], float]:
-        """A joint's sums with its discrepancy integrated out, and the log determinant's part."""
+        """A joint's sums with its discrepancy integrated out, and −½ log |I + V^½ ZᵀZ V^½| [nats].
+
+        Args:
+            joint: Index of the joint.
+            variances: V of each block of its discrepancy.
+        """
         whole = self.whole[joint]
         deviation = self._deviations(joint, variances)
         used = np.flatnonzero(deviation)
@@ -206,6 +218,7 @@ class ModelSums:
         return whole - half.T @ half, -float(np.log(np.diag(factor)).sum())
 
     def _deviations(self, joint: int, variances: Float[Array, " b"]) -> Float[Array, " m"]:
+        """V^½ of each column of a joint's discrepancy, from the variances of its blocks."""
         sizes = [len(group.columns) for group in self.sums.evidence.layout.flexible[joint]]
         return np.repeat(np.sqrt(variances), sizes)
 
@@ -242,14 +255,21 @@ class ModelSums:
     def _add_priors(
         self, information: Float[Array, "z z"], chosen: Sequence[Group], prior: Prior
     ) -> None:
+        """Adds the inverse prior variances of the baseline and of some effects, in place.
+
+        Args:
+            information: Sums of their columns, in the order of `information`.
+            chosen: The effects.
+            prior: What the URDF says of the baseline's base parameters.
+        """
         layout = self.sums.evidence.layout
         prior.add_to(information, layout)
         tuned = np.arange(layout.tuned)
         information[tuned, tuned] += ridge_of(self.gram, self.sums.evidence, tuned)
         if chosen:
             deviation = np.concatenate([self.names.deviation[group] for group in chosen])
-            own = np.arange(layout.tuned, len(information))
-            information[own, own] += np.maximum(deviation, 1e-12) ** -2.0
+            of_effects = np.arange(layout.tuned, len(information))
+            information[of_effects, of_effects] += np.maximum(deviation, LEAST_DEVIATION) ** -2.0
 
     def log_evidence(self, chosen: Sequence[Group], error: UrdfError | None = None) -> float:
         """Log evidence of the session beside a set of effects, priors of all components included
@@ -270,7 +290,7 @@ class ModelSums:
         nats += 0.5 * float(np.linalg.slogdet(prior.base)[1])
         if chosen:
             deviation = np.concatenate([self.names.deviation[group] for group in chosen])
-            nats -= float(np.log(np.maximum(deviation, 1e-12)).sum())
+            nats -= float(np.log(np.maximum(deviation, LEAST_DEVIATION)).sum())
             nats += sum(self.names.log_odds[group] for group in chosen)
         return nats + self.nats + log_prior_of(error)
 
@@ -286,11 +306,11 @@ class ModelSums:
         mean_square = np.ones(layout.n)
         by_block = np.zeros((layout.n, len(layout.flexible[0])))
         for j, local in enumerate(layout.local):
-            own = weights[local].copy()
-            follow = self._follow(j, own)
-            by_block[j] = self._power_of_blocks(j, follow)
-            own[layout.flexible_places[j]] = follow
-            after = float(own @ self.whole[j] @ own)
+            of_joint = weights[local].copy()
+            discrepancy = self._follow(j, of_joint)
+            by_block[j] = self._power_of_blocks(j, discrepancy)
+            of_joint[layout.flexible_places[j]] = discrepancy
+            after = float(of_joint @ self.whole[j] @ of_joint)
             mean_square[j] = after / max(float(self.sums.evidence.samples[j]), 1.0)
         return WeighedResidual(weights, mean_square, by_block)
 
@@ -305,7 +325,14 @@ class ModelSums:
         return np.clip(1.0 - after / np.maximum(before, 1e-300), 0.0, 1.0)
 
     def _follow(self, joint: int, weights: Float[Array, " p"]) -> Float[Array, " m"]:
-        """Weights of a joint's discrepancy where the other columns have theirs."""
+        """Weights of a joint's discrepancy where the other columns have theirs.
+
+        −(ZᵀZ + V⁻¹)⁻¹ ZᵀX w, also for V = 0.
+
+        Args:
+            joint: Index of the joint.
+            weights: w, of the joint's columns and the torque; those of its discrepancy are 0.
+        """
         deviation = self._deviations(joint, self.components.discrepancy[joint])
         places = self.sums.evidence.layout.flexible_places[joint]
         whole = self.whole[joint]
@@ -315,15 +342,20 @@ class ModelSums:
         return np.asarray(-deviation * np.linalg.solve(inner, target))
 
     def _power_of_blocks(self, joint: int, weights: Float[Array, " m"]) -> Float[Array, " b"]:
-        """Whitened squares of each block's torque."""
+        """Whitened squares ζᵀ ZᵀZ ζ of each block's torque.
+
+        Args:
+            joint: Index of the joint.
+            weights: ζ of its discrepancy.
+        """
         groups = self.sums.evidence.layout.flexible[joint]
         places = self.sums.evidence.layout.flexible_places[joint]
         whole = self.whole[joint][np.ix_(places, places)]
         ends = np.cumsum([0, *(len(group.columns) for group in groups)])
         power = []
         for start, end in pairwise(ends):
-            part = weights[start:end]
-            power.append(float(part @ whole[start:end, start:end] @ part))
+            of_block = weights[start:end]
+            power.append(float(of_block @ whole[start:end, start:end] @ of_block))
         return np.array(power)
 
     def beside(self, joint: int, chosen: Sequence[Group]) -> Float[Array, "k k"]:
@@ -337,32 +369,46 @@ class ModelSums:
         Returns:
             D − Bᵀ A⁻¹ B with the torque last, shape (k, k), without negative eigenvalues.
         """
-        layout = self.sums.evidence.layout
-        smooth = layout.flexible_places[joint]
-        inside, _ = self.information(chosen, self.prior())
+        prior = self.prior()
+        inside, _ = self.information(chosen, prior)
+        sums = self._with_discrepancy_of(joint, inside)
         width = len(inside)
-        # In this order: the model's columns, the discrepancy's, the torque.
-        ends = np.append(np.arange(width), width + len(smooth))
-        everything = np.zeros((len(ends) + len(smooth), len(ends) + len(smooth)))
-        kept = np.append(inside, self.last)
-        everything[np.ix_(ends, ends)] = self.gram[np.ix_(kept, kept)]
+        information = sums[:width, :width].copy()
+        self._add_priors(information, chosen, prior)
+        factor = factorise(information)
+        half = solve_triangular(factor, sums[:width, width:], lower=True, check_finite=False)
+        return without_negative_directions(sums[width:, width:] - half.T @ half)
+
+    def _with_discrepancy_of(self, joint: int, inside: Int[Array, " z"]) -> Float[Array, "z+k z+k"]:
+        """Sums of some columns of `gram`, a joint's discrepancy and the torque, in this order.
+
+        Other joints' discrepancies stay integrated out, that of this joint is not.
+
+        Args:
+            joint: Index of the joint.
+            inside: Columns of `gram`, without the torque.
+        """
+        smooth = self.sums.evidence.layout.flexible_places[joint]
+        whole = self.whole[joint]
+        width = len(inside)
+        size = width + len(smooth) + 1
+        sums = np.zeros((size, size))
+        in_gram = np.append(inside, self.last)
+        in_sums = np.append(np.arange(width), size - 1)
+        sums[np.ix_(in_sums, in_sums)] = self.gram[np.ix_(in_gram, in_gram)]
+        # Which of the joint's columns are among them: their places in its rows, and here.
+        place_of = {int(column): int(k) for column, k in zip(in_gram, in_sums, strict=True)}
         named, columns = self._named(joint)
-        where = {int(column): int(end) for column, end in zip(kept, ends, strict=True)}
-        seen = np.array([k for k, column in enumerate(columns) if int(column) in where])
-        into = np.array([where[int(columns[k])] for k in seen])
-        own = named[seen]
-        change = self.whole[joint] - self.reduced[joint]
-        everything[np.ix_(into, into)] += change[np.ix_(own, own)]
-        between = np.arange(width, width + len(smooth))
-        everything[np.ix_(between, between)] = self.whole[joint][np.ix_(smooth, smooth)]
-        everything[np.ix_(between, into)] = self.whole[joint][np.ix_(smooth, own)]
-        everything[np.ix_(into, between)] = self.whole[joint][np.ix_(own, smooth)]
-        inner = everything[:width, :width].copy()
-        self._add_priors(inner, chosen, self.prior())
-        across = everything[:width, width:]
-        factor = factorise(inner)
-        half = solve_triangular(factor, across, lower=True, check_finite=False)
-        return without_negative_directions(everything[width:, width:] - half.T @ half)
+        shared = np.array([k for k, column in enumerate(columns) if int(column) in place_of])
+        here = np.array([place_of[int(columns[k])] for k in shared])
+        there = named[shared]
+        change = whole - self.reduced[joint]
+        sums[np.ix_(here, here)] += change[np.ix_(there, there)]
+        between = np.arange(width, size - 1)
+        sums[np.ix_(between, between)] = whole[np.ix_(smooth, smooth)]
+        sums[np.ix_(between, here)] = whole[np.ix_(smooth, there)]
+        sums[np.ix_(here, between)] = whole[np.ix_(there, smooth)]
+        return sums
 
 
 def discrepancy_at(
@@ -372,7 +418,8 @@ def discrepancy_at(
 
     Args:
         model: Sums, with variances at other joints as they are.
-        joint, chosen: The joint, and the effects.
+        joint: Index of the joint.
+        chosen: The effects.
         warm: Whether to begin with the joint's present variances alone; else from several starts.
 
     Returns:
@@ -401,7 +448,8 @@ def revise(model: ModelSums, chosen: Sequence[Group], warm: bool = True) -> Comp
         chosen: The effects.
         warm: Whether discrepancies begin at their present variances.
     """
-    before, evidence = model.components, model.sums.evidence
+    before = model.components
+    evidence = model.sums.evidence
     variances = {j: discrepancy_at(model, j, chosen, warm)[0] for j in range(evidence.layout.n)}
     model = model.with_discrepancy(variances)
     error = max(urdf_errors(), key=lambda tried: model.log_evidence(chosen, tried))

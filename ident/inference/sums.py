@@ -49,14 +49,14 @@ class SessionSums:
             joint: The joint.
             spread: Relative standard deviation of its friction level from stretch to stretch.
         """
-        taken = self.evidence.friction.taken(joint, spread)
+        taken = self.evidence.friction.absorbed(joint, spread)
         return without_negative_directions(self.free[joint] - taken)
 
     def friction_nats(self, joint: int, spread: float) -> float:
         """Log determinant of a joint's friction levels, and the prior of their spread [nats]."""
         friction = self.evidence.friction
         sizes = spread * friction.level[joint]
-        seen = friction._wholes[joint][:, :, friction.columns]
+        seen = friction.by_stretch[joint][:, :, friction.columns]
         widened = np.eye(2) + sizes[:, None] * seen * sizes
         settings = self.evidence.settings
         usual = 2.0 * np.log(spread) + (settings.usual_spread / spread) ** 2

@@ -28,8 +28,9 @@ from ident.recordings.session_toml import KEYS
 from ident.recordings.session_toml import NAME as SESSION_FILE
 from ident.safe_read import toml_line
 from ident.sessions import load_robot
+from ident.show.report.diagnosis_actions import WRITE_NUMBERS, first_action
 from ident.show.report.diagnosis_pages import write_diagnosis_report
-from ident.show.report.diagnosis_verdict import WRITE_NUMBERS, diagnosis_headline, first_action
+from ident.show.report.diagnosis_verdict import diagnosis_headline
 from ident.show.report.laws import draw_laws
 from ident.show.report.traces import gather_traces
 

@@ -66,7 +66,7 @@ class Handler(RequestHandler):
 
 
 class Front(Handler):
-    """The page itself."""
+    """Answers `/` with the page's HTML, in the package's colours."""
 
     def get(self) -> None:
         page = files("ident.local_page").joinpath("page.html").read_text(encoding="utf-8")

@@ -5,9 +5,18 @@ State x = (q, dq, ddq). Between samples Δt apart
     x⁺ = F x + w,  F = [[1, Δt, Δt²/2], [0, 1, Δt], [0, 0, 1]],
     cov w = s [[Δt⁵/20, Δt⁴/8, Δt³/6], [Δt⁴/8, Δt³/3, Δt²/2], [Δt³/6, Δt²/2, Δt]],
 
-and z = q + v with var v = r. Covariances are computed only until they settle where the sampling is
-regular, and sample by sample where it is not. They are six numbers each, written out: a small
-matrix would cost many times as much as its products.
+and z = H x + v = q + v with var v = r; K = P Hᵀ / S is the gain, S = P₀₀ + r the innovation's
+variance. Covariances P are computed only until they settle where the sampling is regular, and
+sample by sample where it is not. They are six numbers each, written out: a small matrix would cost
+many times as much as its products.
+
+The smoother goes backwards by adjoints: with λ = 0 behind the last sample, each state becomes
+x̂ = x − P λ, and a sample before it
+
+    λ⁻ = Fᵀ ((I − K H)ᵀ λ − Hᵀ e / S),    Λ⁻ = Fᵀ ((I − K H)ᵀ Λ (I − K H) + Hᵀ H / S) F,
+
+e the innovation and Λ the covariance of λ, of which the smoothed covariance is P − P Λ P. It
+inverts nothing, and needs no smoothed covariance but the one that is asked for.
 
 Source: Rauch, Tung and Striebel 1965; Bar-Shalom, Li and Kirubarajan 2001, section 6.2.3
 (white-jerk model); Bryson and Frazier 1963 (smoothing by adjoints).
@@ -17,7 +26,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.arrays import Array
+from ident.arrays import Array, Float
 from ident.compiled import compiled
 
 # Covariances have settled when a step changes them by less than this share. Rounding keeps some
@@ -29,6 +38,7 @@ ANCHORED = 8
 
 Covariance = tuple[float, float, float, float, float, float]
 """The numbers of a symmetric P = [[a, b, c], [b, d, e], [c, e, f]]."""
+Vector = tuple[float, float, float]
 
 
 @compiled(error_model="numpy", nogil=True)
@@ -83,23 +93,139 @@ def _settled(new: Covariance, old: Covariance) -> bool:
 
 
 @compiled(error_model="numpy", nogil=True)
+def _row(history: Float[Array, "T 7"], k: int) -> Covariance:
+    """A filtered covariance as `filter_joint` kept it."""
+    return (
+        history[k, 0],
+        history[k, 1],
+        history[k, 2],
+        history[k, 3],
+        history[k, 4],
+        history[k, 5],
+    )
+
+
+@compiled(error_model="numpy", nogil=True)
+def _keep(history: Float[Array, "T 7"], k: int, p: Covariance) -> None:
+    """Writes a filtered covariance into the first six numbers of a row of the history."""
+    history[k, 0] = p[0]
+    history[k, 1] = p[1]
+    history[k, 2] = p[2]
+    history[k, 3] = p[3]
+    history[k, 4] = p[4]
+    history[k, 5] = p[5]
+
+
+@compiled(error_model="numpy", nogil=True)
+def _times(p: Covariance, v: Vector) -> Vector:
+    """P v."""
+    a, b, c, d, e, f = p
+    return (
+        a * v[0] + b * v[1] + c * v[2],
+        b * v[0] + d * v[1] + e * v[2],
+        c * v[0] + e * v[1] + f * v[2],
+    )
+
+
+@compiled(error_model="numpy", nogil=True)
+def _product(v: Vector, w: Vector) -> float:
+    """vᵀ w."""
+    return v[0] * w[0] + v[1] * w[1] + v[2] * w[2]
+
+
+@compiled(error_model="numpy", nogil=True)
+def _smoothed_variances(p: Covariance, information: Covariance) -> Vector:
+    """Diagonal of P − P Λ P."""
+    a, b, c, d, e, f = p
+    first = (a, b, c)
+    second = (b, d, e)
+    third = (c, e, f)
+    return (
+        a - _product(first, _times(information, first)),
+        d - _product(second, _times(information, second)),
+        f - _product(third, _times(information, third)),
+    )
+
+
+@compiled(error_model="numpy", nogil=True)
+def _adjoint_of_change(p: Covariance, y: Vector) -> Vector:
+    """λ = −P⁻¹ y by P = L D Lᵀ, L with a unit diagonal."""
+    a, b, c, d, e, f = p
+    l10 = b / a
+    l20 = c / a
+    d1 = d - l10 * b
+    l21 = (e - l20 * b) / d1
+    d2 = f - l20 * c - l21 * l21 * d1
+    y1 = y[1] - l10 * y[0]
+    x2 = (y[2] - l20 * y[0] - l21 * y1) / d2
+    x1 = y1 / d1 - l21 * x2
+    return l10 * x1 + l20 * x2 - y[0] / a, -x1, -x2
+
+
+@compiled(error_model="numpy", nogil=True)
+def _adjoint_before_step(adjoint: Vector, h: float) -> Vector:
+    """Fᵀ λ, a step of h seconds back."""
+    g = 0.5 * h * h
+    l0, l1, l2 = adjoint
+    return l0, l1 + h * l0, l2 + (g * l0 + h * l1)
+
+
+@compiled(error_model="numpy", nogil=True)
+def _information_before(
+    information: Covariance, rest: Vector, weight: float, h: float
+) -> Covariance:
+    """Λ before a sample and the step that leads to it.
+
+    Args:
+        information: Λ behind the sample.
+        rest: 1 − K₀, K₁ and K₂ of the sample's gain.
+        weight: 1 / S, S the innovation's variance.
+        h: Length of the step [s].
+    """
+    m00, m01, m02, m11, m12, m22 = information
+    r0, k1, k2 = rest
+    # (I − K H)ᵀ Λ (I − K H) + Hᵀ H / S
+    w1 = k1 * m11 + k2 * m12
+    w2 = k1 * m12 + k2 * m22
+    m00 = r0 * (r0 * m00 - 2 * (k1 * m01 + k2 * m02)) + k1 * w1 + k2 * w2 + weight
+    m01 = r0 * m01 - w1
+    m02 = r0 * m02 - w2
+    # Fᵀ Λ F
+    g = 0.5 * h * h
+    return (
+        m00,
+        m01 + h * m00,
+        m02 + h * m01 + g * m00,
+        m11 + 2 * h * m01 + h * h * m00,
+        m12 + h * m02 + h * m11 + (h * h + g) * m01 + g * h * m00,
+        m22 + (2 * h * m12 + 2 * g * m02 + h * h * m11 + 2 * g * h * m01 + g * g * m00),
+    )
+
+
+@compiled(error_model="numpy", nogil=True)
 def filter_joint(
-    z: Array, dt: Array, noise: Array, states: Array, history: Array, sums: Array
+    z: Float[Array, " T"],
+    dt: Float[Array, " T-1"],
+    noise: Float[Array, " 5"],
+    states: Float[Array, "T 3"],
+    history: Float[Array, "T 7"],
+    sums: Float[Array, " 6"],
 ) -> None:
     """Filtered states of one joint in one run, and what its likelihood is made of.
 
     Args:
-        z: Measured positions, shape (T,) [rad].
-        dt: Sampling intervals, (T - 1,) [s].
-        noise: s, r, deviations of the first velocity and acceleration, and whether the sampling is
-            regular, (5,).
-        states: Gets the filtered states, (T, 3).
-        history: Gets the six numbers of each covariance and 1 / S until they settle, (T, 7).
+        z: Measured positions [rad].
+        dt: Sampling intervals [s].
+        noise: s [rad²/s⁵] and r [rad²], standard deviations of the first velocity [rad/s] and
+            acceleration [rad/s²], and 1 where the sampling is regular, else 0.
+        states: Gets the filtered states.
+        history: Gets the six numbers of each covariance and 1 / S until they settle.
         sums: To its first two the logarithms of innovation variances and the squares of normalised
-            innovations are added; the third becomes the number of rows of the history, (6,).
+            innovations are added; the third becomes the number of rows of the history.
     """
     s = noise[0]
     r = noise[1]
+    regular = noise[4] > 0.0
     p = (r, 0.0, 0.0, noise[2] * noise[2], 0.0, noise[3] * noise[3])
     filtered = 1
     settled = False
@@ -107,7 +233,7 @@ def filter_joint(
     k0 = 0.0
     k1 = 0.0
     k2 = 0.0
-    history[0, 0], history[0, 1], history[0, 2], history[0, 3], history[0, 4], history[0, 5] = p
+    _keep(history, 0, p)
     x0 = z[0]
     x1 = 0.0
     x2 = 0.0
@@ -124,17 +250,10 @@ def filter_joint(
             k1 = ahead[1] / variance
             k2 = ahead[2] / variance
             p = _update(ahead, r)
-            (
-                history[k, 0],
-                history[k, 1],
-                history[k, 2],
-                history[k, 3],
-                history[k, 4],
-                history[k, 5],
-            ) = p
+            _keep(history, k, p)
             history[k, 6] = 1.0 / variance
             filtered = k + 1
-            settled = noise[4] > 0.0 and _settled(p, before)
+            settled = regular and _settled(p, before)
         x0 += h * x1 + 0.5 * h * h * x2
         x1 += h * x2
         innovation = z[k] - x0
@@ -151,113 +270,68 @@ def filter_joint(
 
 @compiled(error_model="numpy", nogil=True)
 def smooth_joint(
-    z: Array, dt: Array, noise: Array, states: Array, history: Array, sums: Array
+    z: Float[Array, " T"],
+    dt: Float[Array, " T-1"],
+    noise: Float[Array, " 5"],
+    states: Float[Array, "T 3"],
+    history: Float[Array, "T 7"],
+    sums: Float[Array, " 6"],
 ) -> None:
-    """Makes filtered states smoothed ones, in place.
+    """Makes filtered states smoothed ones, in place, from the last to the first.
 
-    Backwards by adjoints (Bryson and Frazier): x̂ = x − P λ with λ⁻ = Fᵀ ((I − K H)ᵀ λ − Hᵀ e / S),
-    which inverts nothing and needs no smoothed covariance; Λ, that of λ, is carried to the middle
-    only. λ is l0 to l2, Λ is m00 to m22.
+    Λ is carried to the middle of the run only, where the variances are asked for.
 
     Args:
-        z, dt, noise, states, history: As `filter_joint` leaves them.
-        sums: Its last three become the variances in the middle of the run.
+        z, dt, noise, history: As `filter_joint` takes and leaves them.
+        states: Filtered states; they become smoothed ones.
+        sums: As `filter_joint` leaves them; the last three become the variances of position
+            [rad²], velocity and acceleration in the middle of the run.
     """
     samples = len(z)
+    middle = samples // 2
     s = noise[0]
     r = noise[1]
-    filtered = int(sums[2])
-    l0 = 0.0
-    l1 = 0.0
-    l2 = 0.0
-    m00 = 0.0
-    m01 = 0.0
-    m02 = 0.0
-    m11 = 0.0
-    m12 = 0.0
-    m22 = 0.0
+    last = int(sums[2]) - 1
+    adjoint = (0.0, 0.0, 0.0)
+    information = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for k in range(samples - 1, -1, -1):
-        i = min(k, filtered - 1)
-        a = history[i, 0]
-        b = history[i, 1]
-        c = history[i, 2]
-        d = history[i, 3]
-        e = history[i, 4]
-        f = history[i, 5]
-        if k == samples // 2:
-            w0 = m00 * a + m01 * b + m02 * c
-            w1 = m01 * a + m11 * b + m12 * c
-            w2 = m02 * a + m12 * b + m22 * c
-            sums[3] = a - (a * w0 + b * w1 + c * w2)
-            w0 = m00 * b + m01 * d + m02 * e
-            w1 = m01 * b + m11 * d + m12 * e
-            w2 = m02 * b + m12 * d + m22 * e
-            sums[4] = d - (b * w0 + d * w1 + e * w2)
-            w0 = m00 * c + m01 * e + m02 * f
-            w1 = m01 * c + m11 * e + m12 * f
-            w2 = m02 * c + m12 * e + m22 * f
-            sums[5] = f - (c * w0 + e * w1 + f * w2)
+        p = _row(history, min(k, last))
+        if k == middle:
+            variances = _smoothed_variances(p, information)
+            sums[3] = variances[0]
+            sums[4] = variances[1]
+            sums[5] = variances[2]
         if k < samples - 1:
-            states[k, 0] -= a * l0 + b * l1 + c * l2
-            states[k, 1] -= b * l0 + d * l1 + e * l2
-            states[k, 2] -= c * l0 + e * l1 + f * l2
+            change = _times(p, adjoint)
+            states[k, 0] -= change[0]
+            states[k, 1] -= change[1]
+            states[k, 2] -= change[2]
         if k == 0:
             break
         h = dt[k - 1]
         g = 0.5 * h * h
+        position = states[k - 1, 0] + h * states[k - 1, 1] + g * states[k - 1, 2]
+        velocity = states[k - 1, 1] + h * states[k - 1, 2]
+        weight = history[min(k, last), 6]
         # 1 − K₀ is r / S: the difference would lose all its digits on a run's first samples.
-        weight = history[i, 6]
-        k0 = r * weight
-        k1 = b / r
-        k2 = c / r
-        innovation = z[k] - (states[k - 1, 0] + h * states[k - 1, 1] + g * states[k - 1, 2])
-        l0 = k0 * l0 - k1 * l1 - k2 * l2 - innovation * weight
-        if k <= ANCHORED:
-            # The same from what smoothing changed: λ⁻ = −(F P Fᵀ + Q)⁻¹ (x̂ − F x). A wide first P
-            # times a small λ loses digits that this keeps.
-            i = min(k - 1, filtered - 1)
-            p = (
-                history[i, 0],
-                history[i, 1],
-                history[i, 2],
-                history[i, 3],
-                history[i, 4],
-                history[i, 5],
+        r0 = r * weight
+        k1 = p[1] / r
+        k2 = p[2] / r
+        if k > ANCHORED:
+            innovation = z[k] - position
+            l0, l1, l2 = adjoint
+            adjoint = (r0 * l0 - k1 * l1 - k2 * l2 - innovation * weight, l1, l2)
+        else:
+            # The same from what smoothing changed, −(F P Fᵀ + Q)⁻¹ (x̂ − F x): a wide first P times
+            # a small λ loses digits that this keeps.
+            ahead = _predict(_row(history, min(k - 1, last)), h, s)
+            acceleration = states[k - 1, 2]
+            change = (
+                states[k, 0] - position,
+                states[k, 1] - velocity,
+                states[k, 2] - acceleration,
             )
-            pa, pb, pc, pd, pe, pf = _predict(p, h, s)
-            x1 = states[k - 1, 1] + h * states[k - 1, 2]
-            x0 = states[k - 1, 0] + h * states[k - 1, 1] + g * states[k - 1, 2]
-            y0 = states[k, 0] - x0
-            y1 = states[k, 1] - x1
-            y2 = states[k, 2] - states[k - 1, 2]
-            f10 = pb / pa
-            f20 = pc / pa
-            d1 = pd - f10 * pb
-            f21 = (pe - f20 * pb) / d1
-            d2 = pf - f20 * pc - f21 * f21 * d1
-            y1 -= f10 * y0
-            y2 = (y2 - f20 * y0 - f21 * y1) / d2
-            y1 = y1 / d1 - f21 * y2
-            l0 = f10 * y1 + f20 * y2 - y0 / pa
-            l1 = -y1
-            l2 = -y2
-        l2 += g * l0 + h * l1
-        l1 += h * l0
-        if k > samples // 2:
-            # (I − K H)ᵀ Λ (I − K H) + Hᵀ H / S, then Fᵀ Λ F.
-            w1 = k1 * m11 + k2 * m12
-            w2 = k1 * m12 + k2 * m22
-            m00 = k0 * (k0 * m00 - 2 * (k1 * m01 + k2 * m02)) + k1 * w1 + k2 * w2 + weight
-            m01 = k0 * m01 - w1
-            m02 = k0 * m02 - w2
-            n00 = m00
-            n01 = m01 + h * m00
-            n02 = m02 + h * m01 + g * m00
-            n11 = m11 + 2 * h * m01 + h * h * m00
-            n12 = m12 + h * m02 + h * m11 + (h * h + g) * m01 + g * h * m00
-            m22 += 2 * h * m12 + 2 * g * m02 + h * h * m11 + 2 * g * h * m01 + g * g * m00
-            m00 = n00
-            m01 = n01
-            m02 = n02
-            m11 = n11
-            m12 = n12
+            adjoint = _adjoint_of_change(ahead, change)
+        adjoint = _adjoint_before_step(adjoint, h)
+        if k > middle:
+            information = _information_before(information, (r0, k1, k2), weight, h)

@@ -1,11 +1,23 @@
-"""What each stretch's own friction level goes with.
+"""Sums by which each stretch's own friction level is integrated out of a joint's regression.
 
-Rows y = X β + F_r diag(level) λ_r + e of a joint in stretch r, F_r its viscous and Coulomb column,
-λ_r ~ N(0, spread² I) the stretch's own share of both. FᵀX of each piece is kept apart, so that the
-spread may be learnt afterwards: integrating λ out takes (XᵀF) C (FᵀX) off the sums XᵀX.
+A joint's whitened rows in stretch r (a run, or some seconds of a long one) are
 
-K pieces (a stretch within a block), R stretches, B blocks, p columns of a joint's rows, the torque
-last.
+    y = X β + F diag(level) λ + e,    λ ~ N(0, spread² I),    e ~ N(0, I),
+
+F the viscous and the Coulomb column of X, `level` their coefficients in the model, and λ by what
+share this stretch's friction differs from them. With Λ = spread² diag(level)² and λ integrated
+out, the rows' weight is
+
+    (I + F Λ Fᵀ)⁻¹ = I − F C Fᵀ,    C = (Λ⁻¹ + FᵀF)⁻¹,
+
+and the sums XᵀX become XᵀX − (XᵀF) C (FᵀX). C is the covariance that is left of the stretch's
+friction coefficients once its rows are known; C FᵀX is how they follow the columns. Only FᵀX is
+kept, so that the spread may be learnt afterwards.
+
+Shapes: K pieces (what of a stretch lies in one block), R stretches, B blocks, F folds, p columns
+of a joint's rows, torque last, and c columns that are asked for.
+
+Source: Searle, Casella and McCulloch 1992 (variance components).
 """
 
 from __future__ import annotations
@@ -24,18 +36,20 @@ from ident.regression.design import LOSS_PARAMETERS
 FRICTION = slice(1, LOSS_PARAMETERS)
 # Least square of a direction of both columns, as a share of the other's: below it is rounding.
 LEAST_SQUARE = 1e-12
+# What is added to the information on a stretch's two levels, as a share of their sum, so that
+# levels of which one column says nothing can be told.
+RIDGE = 1e-3
+# Least information on a level's share, in units of the whitened noise: below it the joint rests.
+LEAST_INFORMATION = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionSums:
-    """Whitened sums of each stretch's two friction columns with all columns, by the blocks that it
-    lies in.
-    """
+    """Whitened sums FᵀX of each stretch, in the pieces into which blocks cut it."""
 
-    stretch: Int[Array, " K"]  # of each piece: a stretch is a run, or some seconds of a long one
-    block: Int[Array, " K"]
-    # For each joint FᵀX of every piece, with F the viscous and the Coulomb column, shape (K, 2, p).
-    sums: tuple[Float[Array, "K 2 p"], ...]
+    stretch: Int[Array, " K"]  # of each piece
+    block: Int[Array, " K"]  # of each piece
+    sums: tuple[Float[Array, "K 2 p"], ...]  # for each joint FᵀX of every piece
     level: Float[Array, "n 2"]  # scaled viscous and Coulomb coefficient of each joint
     rank: int  # number of base parameters, before the joint's loss columns
 
@@ -44,198 +58,219 @@ class FrictionSums:
         """Where a joint's two friction columns, viscous and Coulomb, stand in its rows."""
         return slice(self.rank + FRICTION.start, self.rank + FRICTION.stop)
 
-    def taken(self, joint: int, spread: float) -> Float[Array, "p p"]:
-        """What friction levels that are free within a share take off a joint's sums.
+    @cached_property
+    def by_stretch(self) -> tuple[Float[Array, "R 2 p"], ...]:
+        """For each joint FᵀX of every stretch, its pieces added up."""
+        pieces = len(self._stretch_of_piece)
+        if np.array_equal(self._stretch_of_piece, np.arange(pieces)):
+            return self.sums
+        everywhere = np.ones(pieces, dtype=bool)
+        return tuple(self._add_pieces(joint, everywhere) for joint in range(len(self.sums)))
+
+    def absorbed(self, joint: int, spread: float) -> Float[Array, "p p"]:
+        """What free friction levels take off a joint's XᵀX: Σ (XᵀF) C (FᵀX) over all stretches.
 
         Args:
-            joint: The joint.
+            joint: Index of the joint.
             spread: Relative standard deviation of its friction level from stretch to stretch.
         """
-        pieces, follow = self._followed(joint, spread, None)
+        pieces = self.sums[joint]
+        responses = self._responses(joint, spread)[self._stretch_of_piece]
         size = pieces.shape[-1]
-        half = pieces.reshape(-1, size).T @ follow.reshape(-1, size)
+        half = pieces.reshape(-1, size).T @ responses.reshape(-1, size)
         return np.asarray(0.5 * (half + half.T))
 
-    def _followed(
-        self, joint: int, spread: float, places: Int[Array, " c"] | None
-    ) -> tuple[Float[Array, "K 2 c"], Float[Array, "K 2 c"]]:
-        """Sums of each piece, and what its stretch's friction level follows of them.
-
-        Args:
-            joint: The joint.
-            spread: Relative standard deviation of its friction level.
-            places: Columns of the joint's rows that are asked for; all if None.
-        """
-        whole = self._wholes[joint]
-        known = self._known(whole, joint, spread)
-        follow = np.einsum("kab,kbp->kap", known, _columns(whole, places))
-        return _columns(self.sums[joint], places), follow[self._place]
-
-    def taken_of_blocks(
+    def absorbed_by_block(
         self, joint: int, spread: float, weights: Float[Array, " p"], count: int
     ) -> Float[Array, "B p"]:
-        """What free friction levels take off each block's sums times weights (see `taken`).
+        """What free friction levels take off each block's XᵀX w.
 
-        A stretch's rows X with a level of their own have the sums XᵀV⁻¹X, V⁻¹ = (I − F C Fᵀ)²; a
-        block takes part in them with its rows of (I − F C Fᵀ) X, which are as independent as noise
-        is.
+        A stretch has the sums XᵀV⁻¹X, V⁻¹ = I − F C Fᵀ = (I − F D Fᵀ)². A block takes part in them
+        with its rows of (I − F D Fᵀ) X, which are as independent of other blocks' as noise is. With
+        b the block's share of a stretch's sums, FᵀX = Σ (FᵀX)_b, it loses
+
+            (XᵀF)_b D FᵀX w + (XᵀF) (D (FᵀX)_b w − D (FᵀF)_b D FᵀX w).
 
         Args:
-            joint: The joint.
-            spread: Relative standard deviation of its friction level.
-            weights: What each block's sums are multiplied by.
-            count: Number of blocks.
+            joint: Index of the joint.
+            spread: Relative standard deviation of its friction level from stretch to stretch.
+            weights: w, one for each column of the joint's rows.
+            count: Number of blocks, B.
         """
         pieces = self.sums[joint]
-        whole = self._wholes[joint][self._place]
-        place = self._place
-        root = self._root(joint, spread)[place]
+        whole = self.by_stretch[joint][self._stretch_of_piece]
+        root = self._root(joint, spread)[self._stretch_of_piece]
         of_piece = _times(root, pieces @ weights)
         of_stretch = _times(root, whole @ weights)
-        again = _times(root, _times(pieces[:, :, self.columns], of_stretch))
+        twice = _times(root, _times(pieces[:, :, self.columns], of_stretch))
         products = np.einsum("kap,ka->kp", pieces, of_stretch)
-        products = products + np.einsum("kap,ka->kp", whole, of_piece - again)
+        products = products + np.einsum("kap,ka->kp", whole, of_piece - twice)
         number = len(products)
         places = (self.block, np.arange(number))
         members = csr_array((np.ones(number), places), (count, number))
         return np.asarray(members @ products)
 
-    def is_cut(self, folds: Int[Array, " B"]) -> bool:
-        """Whether a stretch lies in several folds."""
+    def crosses_folds(self, folds: Int[Array, " B"]) -> bool:
+        """Whether some stretch lies in several folds.
+
+        Args:
+            folds: Fold of each block.
+        """
         pairs = np.unique(np.stack([self.stretch, folds[self.block]]), axis=1)
         return len(np.unique(self.stretch)) < pairs.shape[1]
 
-    def part(
+    def split_by_fold(
         self,
-        of_fold: Float[Array, "F c c"],
+        fold_sums: Float[Array, "F c c"],
         joint: int,
         spread: float,
         folds: Int[Array, " B"],
         places: Int[Array, " c"] | None = None,
     ) -> tuple[Float[Array, "F c c"], Float[Array, "F c c"]]:
-        """A joint's sums of all folds but one, and of that one alone, fold by fold.
+        """A joint's sums with free friction levels, fold by fold.
 
         Where a stretch lies in several folds, each side knows its friction level by its own pieces
         only. (What the whole stretch's level leaves of some pieces is no sum of squares: models
         solved with it run away.)
 
         Args:
-            of_fold: Whitened sums of each fold, friction the same in all runs.
-            joint: The joint.
-            spread: Relative standard deviation of friction that they are to count with.
+            fold_sums: XᵀX of each fold, friction the same in all stretches.
+            joint: Index of the joint.
+            spread: Relative standard deviation of its friction level from stretch to stretch.
             folds: Fold of each block.
-            places: Columns of the joint's rows that they are of; all if None.
+            places: Columns of the joint's rows that the sums are of; all if None.
+
+        Returns:
+            Sums over all folds but each in turn, and over each fold.
         """
         fold_of_piece = folds[self.block]
-        if not self.is_cut(folds):
-            pieces, follow = self._followed(joint, spread, places)
-            of_fold = of_fold.copy()
-            for fold in range(len(of_fold)):
-                inside = fold_of_piece == fold
-                half = _products(pieces[inside], follow[inside])
-                of_fold[fold] -= 0.5 * (half + half.T)
-            return of_fold.sum(axis=0) - of_fold, of_fold
-        rest = of_fold.sum(axis=0) - of_fold
-        of_fold = of_fold.copy()
-        for fold in range(len(of_fold)):
-            in_fold = fold_of_piece == fold
-            for side, inside in ((of_fold, in_fold), (rest, ~in_fold)):
-                whole = self._whole(joint, inside)
-                known = self._known(whole, joint, spread)
-                whole = _columns(whole, places)
-                follow = np.einsum("rab,rbp->rap", known, whole)
-                side[fold] -= _products(whole, follow)
-        return rest, of_fold
+        inside = fold_sums.copy()
+        if not self.crosses_folds(folds):
+            pieces = _select(self.sums[joint], places)
+            responses = self._responses(joint, spread, places)[self._stretch_of_piece]
+            for fold in range(len(fold_sums)):
+                members = fold_of_piece == fold
+                half = _sum_of_products(pieces[members], responses[members])
+                inside[fold] -= 0.5 * (half + half.T)
+            return inside.sum(axis=0) - inside, inside
+        outside = fold_sums.sum(axis=0) - fold_sums
+        for fold in range(len(fold_sums)):
+            members = fold_of_piece == fold
+            inside[fold] -= self._absorbed_by_pieces(joint, spread, members, places)
+            outside[fold] -= self._absorbed_by_pieces(joint, spread, ~members, places)
+        return outside, inside
 
-    @cached_property
-    def _place(self) -> Int[Array, " K"]:
-        """Number of each piece's stretch."""
-        return np.unique(self.stretch, return_inverse=True)[1]
-
-    @cached_property
-    def _wholes(self) -> tuple[Float[Array, "R 2 p"], ...]:
-        """For each joint the sums of each stretch; those of the pieces themselves where each is a
-        stretch in turn.
-        """
-        if np.array_equal(self._place, np.arange(len(self._place))):
-            return self.sums
-        everywhere = np.ones(len(self._place), dtype=bool)
-        return tuple(self._whole(joint, everywhere) for joint in range(len(self.sums)))
-
-    def _whole(self, joint: int, inside: Bool[Array, " K"]) -> Float[Array, "R 2 p"]:
-        """Sums of some pieces of each stretch."""
-        pieces = self.sums[joint]
-        whole = np.zeros((int(self._place.max()) + 1, *pieces.shape[1:]))
-        for k in np.flatnonzero(inside):
-            whole[self._place[k]] += pieces[k]
-        return whole
-
-    def _known(
-        self, whole: Float[Array, "R 2 p"], joint: int, spread: float
-    ) -> Float[Array, "R 2 2"]:
-        """By how much each stretch's friction level is known beforehand and by its rows: (Λ⁻¹ +
-        FᵀF)⁻¹, also for Λ = 0.
-
-        Times FᵀX it is what the level takes with it.
-        """
-        sizes = spread * self.level[joint]
-        inner = np.eye(2) + sizes[:, None] * whole[:, :, self.columns] * sizes
-        return np.asarray(sizes[:, None] * np.linalg.inv(inner) * sizes)
-
-    def _root(self, joint: int, spread: float) -> Float[Array, "R 2 2"]:
-        """C of each stretch, with (I − F C Fᵀ)² = I − F K Fᵀ and K = `_known`: with S² = FᵀF, of an
-        eigenvalue k of S K S the matrix S C S has 1 − √(1 − k).
-        """
-        inner = self._wholes[joint][:, :, self.columns]
-        squares, axes = np.linalg.eigh(0.5 * (inner + np.swapaxes(inner, 1, 2)))
-        sizes = np.sqrt(np.maximum(squares, LEAST_SQUARE * np.maximum(squares[:, -1:], 1e-300)))
-        turned_back = np.swapaxes(axes, 1, 2)
-        root = (axes * sizes[:, None, :]) @ turned_back
-        back = (axes * (1.0 / sizes)[:, None, :]) @ turned_back
-        known = self._known(self._wholes[joint], joint, spread)
-        values, vectors = np.linalg.eigh(root @ known @ root)
-        less = 1.0 - np.sqrt(1.0 - np.clip(values, 0.0, 1.0))
-        turned = back @ vectors
-        return np.asarray((turned * less[:, None, :]) @ np.swapaxes(turned, 1, 2))
-
-    def levels(
+    def estimate_levels(
         self, joint: int, misfit: float
     ) -> tuple[Float[Array, "s p"], Float[Array, "R 2 2"]]:
-        """Viscous and Coulomb level of each stretch in turn, as shares of the model's: how they
-        follow, and how surely.
+        """How each stretch's friction level follows from what a model leaves of its rows.
 
-        Stretches in which the joint hardly moves are left out.
+        With L = diag(level), a stretch's shares are λ = (L FᵀF L)⁻¹ L FᵀX w, w the weights with
+        which a row's product is what the model leaves of it. Stretches in which the joint hardly
+        moves are left out.
 
         Args:
-            joint: The joint.
+            joint: Index of the joint.
             misfit: Mean square of what the model leaves of a whitened row.
 
         Returns:
-            What takes a model's weights of a row to the levels; their covariance by noise, stretch
-            by stretch.
+            (L FᵀF L)⁻¹ L FᵀX of the stretches in turn, two rows each, viscous and Coulomb; and the
+            covariance of each stretch's two shares by noise.
         """
         level = self.level[joint]
-        whole = self._wholes[joint]
+        whole = self.by_stretch[joint]
         information = level[:, None] * whole[:, :, self.columns] * level
-        information += 1e-3 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2)
-        moved = np.linalg.eigvalsh(information)[:, 0] > 1e-9
+        total = np.trace(information, axis1=1, axis2=2)
+        information += RIDGE * total[:, None, None] * np.eye(2)
+        moved = np.linalg.eigvalsh(information)[:, 0] > LEAST_INFORMATION
         inverse = np.linalg.inv(information[moved])
-        levels = inverse @ (level[:, None] * whole[moved])
-        return levels.reshape(-1, whole.shape[2]), misfit * inverse
+        shares = inverse @ (level[:, None] * whole[moved])
+        return shares.reshape(-1, whole.shape[2]), misfit * inverse
+
+    @cached_property
+    def _stretch_of_piece(self) -> Int[Array, " K"]:
+        """Index of each piece's stretch, counted from 0 without gaps."""
+        return np.unique(self.stretch, return_inverse=True)[1]
+
+    def _add_pieces(self, joint: int, members: Bool[Array, " K"]) -> Float[Array, "R 2 p"]:
+        """FᵀX of every stretch by some of its pieces alone."""
+        pieces = self.sums[joint]
+        stretches = int(self._stretch_of_piece.max()) + 1
+        whole = np.zeros((stretches, *pieces.shape[1:]))
+        for k in np.flatnonzero(members):
+            whole[self._stretch_of_piece[k]] += pieces[k]
+        return whole
+
+    def _absorbed_by_pieces(
+        self,
+        joint: int,
+        spread: float,
+        members: Bool[Array, " K"],
+        places: Int[Array, " c"] | None,
+    ) -> Float[Array, "c c"]:
+        """Σ (XᵀF) C (FᵀX) where a stretch consists of some of its pieces alone."""
+        whole = self._add_pieces(joint, members)
+        covariance = self._covariance(whole, joint, spread)
+        selected = _select(whole, places)
+        return _sum_of_products(selected, np.einsum("rab,rbp->rap", covariance, selected))
+
+    def _responses(
+        self, joint: int, spread: float, places: Int[Array, " c"] | None = None
+    ) -> Float[Array, "R 2 c"]:
+        """C FᵀX of every stretch: how its two friction coefficients follow the columns."""
+        whole = self.by_stretch[joint]
+        covariance = self._covariance(whole, joint, spread)
+        return np.asarray(np.einsum("rab,rbp->rap", covariance, _select(whole, places)))
+
+    def _covariance(
+        self, whole: Float[Array, "R 2 p"], joint: int, spread: float
+    ) -> Float[Array, "R 2 2"]:
+        """C = (Λ⁻¹ + FᵀF)⁻¹ of every stretch, as Λ^½ (I + Λ^½ FᵀF Λ^½)⁻¹ Λ^½: also for Λ = 0.
+
+        Args:
+            whole: FᵀX of the stretches.
+            joint: Index of the joint.
+            spread: Relative standard deviation of its friction level from stretch to stretch.
+        """
+        deviation = spread * self.level[joint]
+        inner = np.eye(2) + deviation[:, None] * whole[:, :, self.columns] * deviation
+        return np.asarray(deviation[:, None] * np.linalg.inv(inner) * deviation)
+
+    def _root(self, joint: int, spread: float) -> Float[Array, "R 2 2"]:
+        """D of every stretch, with (I − F D Fᵀ)² = I − F C Fᵀ.
+
+        With S = (FᵀF)^½, S D S has the eigenvectors of S C S, and the eigenvalue 1 − √(1 − k) for
+        each eigenvalue k.
+        """
+        whole = self.by_stretch[joint]
+        inner = whole[:, :, self.columns]
+        squares, axes = np.linalg.eigh(0.5 * (inner + np.swapaxes(inner, 1, 2)))
+        least = LEAST_SQUARE * np.maximum(squares[:, -1:], 1e-300)
+        sizes = np.sqrt(np.maximum(squares, least))
+        transposed = np.swapaxes(axes, 1, 2)
+        root = (axes * sizes[:, None, :]) @ transposed
+        inverse_root = (axes * (1.0 / sizes)[:, None, :]) @ transposed
+        covariance = self._covariance(whole, joint, spread)
+        values, vectors = np.linalg.eigh(root @ covariance @ root)
+        lost = 1.0 - np.sqrt(1.0 - np.clip(values, 0.0, 1.0))
+        turned = inverse_root @ vectors
+        return np.asarray((turned * lost[:, None, :]) @ np.swapaxes(turned, 1, 2))
 
 
-def _columns(sums: Float[Array, "K 2 p"], places: Int[Array, " c"] | None) -> Float[Array, "K 2 c"]:
+def _select(sums: Float[Array, "K 2 p"], places: Int[Array, " c"] | None) -> Float[Array, "K 2 c"]:
     """Some columns of sums; all if None."""
     return sums if places is None else sums[:, :, places]
 
 
-def _products(sums: Float[Array, "K 2 c"], follow: Float[Array, "K 2 c"]) -> Float[Array, "c c"]:
-    """Products of two columns of some sums, over all of them.
+def _sum_of_products(
+    sums: Float[Array, "K 2 c"], responses: Float[Array, "K 2 c"]
+) -> Float[Array, "c c"]:
+    """Σ over K of sums_kᵀ responses_k.
 
     Piece by piece, so that rounding does not depend on which other columns are asked for.
     """
     total = np.zeros((sums.shape[2], sums.shape[2]))
-    for first, second in zip(sums, follow, strict=True):
+    for first, second in zip(sums, responses, strict=True):
         total += first[0, :, None] * second[0] + first[1, :, None] * second[1]
     return total
 

@@ -110,9 +110,11 @@ def _friction_level(
 
 
 def _within_memory(settings: RegressionSettings, layout: Layout) -> RegressionSettings:
-    """The same with fewer blocks and folds.
+    """Settings with so few blocks and folds that all sums take `most_sums_mb` at most.
 
-    That is where the sums of very many columns would fill the memory.
+    Args:
+        settings: They come back as they are where their blocks fit.
+        layout: Its columns give the size of a block's sums.
     """
     block_mb = 8e-6 * sum(half_size(len(local)) for local in layout.local)
     blocks = max(settings.fewest_blocks, int(settings.most_sums_mb / block_mb))

@@ -188,7 +188,7 @@ class Evidence:
         """For each joint, its whitened sums over all blocks, as one block."""
         total = []
         for j, sums in enumerate(self.free):
-            taken = self.friction.taken(j, float(self.spread[j]))
+            taken = self.friction.absorbed(j, float(self.spread[j]))
             total.append(SymmetricSums.of((sums.over() - taken)[None]))
         return tuple(total)
 
@@ -208,7 +208,7 @@ class Evidence:
         of_fold = np.zeros((folds, len(places), len(places)))
         np.add.at(of_fold, self.fold_of_block, self.free[joint].part(places))
         spread = float(self.spread[joint])
-        return self.friction.part(of_fold, joint, spread, self.fold_of_block, places)
+        return self.friction.split_by_fold(of_fold, joint, spread, self.fold_of_block, places)
 
     def times(self, joint: int, weights: Float[Array, " p"]) -> Float[Array, "B p"]:
         """Each block's whitened sums times a vector of weights of a joint's columns, torque
@@ -216,7 +216,7 @@ class Evidence:
         """
         product = self.free[joint].times(weights)
         spread = float(self.spread[joint])
-        taken = self.friction.taken_of_blocks(joint, spread, weights, len(product))
+        taken = self.friction.absorbed_by_block(joint, spread, weights, len(product))
         return np.asarray(product - taken)
 
     @cached_property

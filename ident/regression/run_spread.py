@@ -114,30 +114,54 @@ def worth_of_rows(evidence: Evidence, projection: Projection) -> Float[Array, " 
     """How many whitened rows of each joint are worth one independent row of the noise, one at the
     least.
 
-    By what the model leaves of them, or, where that is more, by how much larger the squares of
-    blocks' scores Xᵀr are than those of independent rows, the median over the joint's columns; of
-    the scores the model has taken a part: G − G C G is expected, C the covariance of its
-    coefficients.
+    Two things tell it, of which the larger counts: the mean square of what the model leaves of the
+    rows, and by how much the squares of blocks' scores exceed those of independent rows.
+
+    Args:
+        evidence: Sums of the session.
+        projection: A solved model.
     """
     worths = np.ones(evidence.layout.n)
     for j, local in enumerate(evidence.layout.local):
         weights = projection.weights[local]
-        places_of_rows = np.flatnonzero(np.isin(local, projection.inside))
-        places = projection.places(local[places_of_rows])
-        gram = evidence.total[j].over()
-        of_residual = weights @ gram @ weights / max(float(evidence.samples[j]), 1.0)
-        ratios = [1.0 / evidence.dispersion[j], of_residual]
-        gram = gram[np.ix_(places_of_rows, places_of_rows)]
-        covariance = projection.spread[np.ix_(places, places)]
-        alone = np.diag(gram)
-        expected = np.diag(gram - gram @ covariance @ gram)
-        used = (alone > LEAST_COLUMN * alone.max(initial=0.0)) & (expected > LEAST_LEFT * alone)
-        if used.any():
-            scores = evidence.times(j, weights)[:, places_of_rows[used]]
-            squares = (scores**2).sum(axis=0)
-            ratios.append(np.median(squares / expected[used]))
+        squares = weights @ evidence.total[j].over() @ weights
+        mean_square = squares / max(float(evidence.samples[j]), 1.0)
+        ratios = [1.0 / evidence.dispersion[j], mean_square]
+        score_ratios = _score_ratios(evidence, projection, j)
+        if len(score_ratios) > 0:
+            ratios.append(np.median(score_ratios))
         worths[j] = evidence.dispersion[j] * max(ratios)
     return worths
+
+
+def _score_ratios(evidence: Evidence, projection: Projection, joint: int) -> Float[Array, " c"]:
+    """Squares of blocks' scores Xᵀr, summed over the blocks, over what independent rows would have.
+
+    With G = XᵀX and C the covariance of the model's coefficients, independent rows have the
+    diagonal of G − G C G: of the scores the model has taken a part.
+
+    Args:
+        evidence: Sums of the session.
+        projection: A solved model.
+        joint: Index of the joint.
+
+    Returns:
+        One ratio for each of the joint's columns in the model that carries something and of whose
+        scores the model leaves something.
+    """
+    local = evidence.layout.local[joint]
+    in_rows = np.flatnonzero(np.isin(local, projection.inside))
+    in_model = projection.places(local[in_rows])
+    gram = evidence.total[joint].over()[np.ix_(in_rows, in_rows)]
+    covariance = projection.spread[np.ix_(in_model, in_model)]
+    power = np.diag(gram)
+    expected = np.diag(gram - gram @ covariance @ gram)
+    carries = power > LEAST_COLUMN * power.max(initial=0.0)
+    used = carries & (expected > LEAST_LEFT * power)
+    if not used.any():
+        return np.zeros(0)
+    scores = evidence.times(joint, projection.weights[local])[:, in_rows[used]]
+    return np.asarray((scores**2).sum(axis=0) / expected[used])
 
 
 def estimate_run_spread(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:
@@ -152,10 +176,17 @@ def estimate_run_spread(evidence: Evidence, weights: Float[Array, " P"]) -> Floa
 
 
 def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]) -> float:
-    """A joint's spread; the usual one where a single stretch says nothing of it."""
+    """A joint's spread; the usual one where a single stretch says nothing of it.
+
+    Args:
+        evidence: Sums of the session.
+        joint: Index of the joint.
+        weights: As in `estimate_run_spread`.
+    """
     settings = evidence.settings
-    follow, noise = evidence.friction.levels(joint, evidence.misfit(joint, weights))
-    levels = (follow @ weights[evidence.layout.local[joint]]).reshape(-1, 2)
+    misfit = evidence.misfit(joint, weights)
+    of_weights, noise = evidence.friction.estimate_levels(joint, misfit)
+    levels = (of_weights @ weights[evidence.layout.local[joint]]).reshape(-1, 2)
     if len(levels) < 2:
         return settings.usual_spread
     tried = np.geomspace(*SPREADS)
@@ -169,8 +200,13 @@ def _likelihood(
     spreads: Float[Array, " k"],
     settings: RegressionSettings,
 ) -> Float[Array, " k"]:
-    """Restricted log likelihoods of friction levels that vary by so much, times what is known of it
-    beforehand.
+    """Restricted log likelihoods of friction levels that vary by so much, with τ's prior [nats].
+
+    Args:
+        levels: s_r, the stretches' viscous and Coulomb levels as shares of the model's.
+        noise: V_r, their covariances by noise.
+        spreads: Values of τ that are tried.
+        settings: τ_0 and ν, `usual_spread` and `usual_runs`.
     """
     varying = spreads[:, None, None, None] ** 2 * np.eye(2)
     information = np.linalg.inv(noise + varying)

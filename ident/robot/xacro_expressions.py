@@ -220,7 +220,12 @@ class _Evaluator(ast.NodeVisitor):
         self.depth = self.steps = 0
 
     def value(self, node: ast.AST) -> Any:
-        """The value of one node."""
+        """What a part of an expression's syntax tree comes to: a number, text, list or table.
+
+        Raises:
+            HarmfulExpression: It nests or works longer than a description may, or is no plain
+                value.
+        """
         self.depth = self.depth + 1
         self.steps = self.steps + 1
         _require(self.depth <= DEEPEST and self.steps <= MOST_STEPS, "too many steps")

@@ -109,10 +109,16 @@ def require_own_goals(runs: Sequence[GoalRun], where: str) -> None:
         if pieces < LIMIT.least_pieces:
             continue
         reach = float(stdtrit(pieces - 1, 1.0 - 0.5 * LIMIT.false / tests))
-        best = min(_other_readings(runs, j), key=lambda reading: float(reading.losses.sum()), default=stated)
+        best = min(
+            _other_readings(runs, j),
+            key=lambda reading: float(reading.losses.sum()),
+            default=stated,
+        )
         # A soft servo hardly follows any goal: next to nothing beats its own, but not nothing.
         nothing = _read(runs, j, j, 0.0)
-        if no_worse(stated.losses, best.losses, reach) or no_worse(nothing.losses, best.losses, reach):
+        if no_worse(stated.losses, best.losses, reach) or no_worse(
+            nothing.losses, best.losses, reach
+        ):
             continue
         words = READINGS[best.factor]
         goal = "its own goal" if best.goal == j else f"the goal of {joints[best.goal]}"
@@ -166,7 +172,9 @@ def _read(runs: Sequence[GoalRun], j: int, k: int, factor: float) -> Reading:
         losses = []
         for run in runs:
             motion = run.motion
-            error = motion.tau_filtered[:, j] - factor * motion.filtered(run.goal_at(k, float(delay)))
+            error = motion.tau_filtered[:, j] - factor * motion.filtered(
+                run.goal_at(k, float(delay))
+            )
             piece = ((motion.time[motion.coarse] - motion.time[0]) // LIMIT.piece_s).astype(int)
             losses.append(np.bincount(piece, (error - error.mean()) ** 2))
         reading = Reading(k, factor, np.concatenate(losses))

@@ -1,17 +1,22 @@
 """A servo as a law that rolls out: from the goals alone to where the joint will be.
 
-    J q̈ = T − B q̇ − friction − g(q),   T = limit · sat((K (u(t − d) ∓ half the dead band − q) − E q̇) / limit)
-    |friction| ≤ F + L |transmitted|,    transmitted = (J_load T + J_rotor g) / J,   J = J_load + J_rotor
+    J q̈ = T − B q̇ − friction − g(q)
+    T = limit · sat((K (u(t − d) ∓ half the dead band − q) − E q̇) / limit)
+    |friction| ≤ F + L |transmitted|
+    transmitted = (J_load T + J_rotor g) / J,   J = J_load + J_rotor
 
-K is the stiffness at a session's gain, E what the motor's own voltage takes off with speed, limit the torque of a
-standing servo at full duty; where a joint is let go T is zero. g is exact along the joint's own angle, A cos q + B sin
-q, with all other joints where they were measured. Gears are pressed by what passes through them, T − J_rotor q̈: all of
-T where it holds a load, and of a load that falls only what its rotor's inertia takes. Friction grows with that, and is
-larger by a share until motion sets in. Dry friction holds what it can: a step of the simulation takes speed off until
+K is the stiffness at a session's gain, E what the motor's own voltage takes off with speed, limit
+the torque of a standing servo at full duty; where a joint is let go T is zero. g is exact along the
+joint's own angle, A cos q + B sin q, with all other joints where they were measured. Gears are
+pressed by what passes through them, T − J_rotor q̈: all of T where it holds a load, and of a load
+that falls only what its rotor's inertia takes. Friction grows with that, and is larger by a share
+until motion sets in. Dry friction holds what it can: a step of the simulation takes speed off until
 none is left.
 
-All parameters are found together by the mean absolute error of free roll-outs, which start where the joint was and see
-nothing but goals. Source: Duclusaud, Passault, Padois and Ly 2025 (extended friction models for servo actuators).
+All parameters are found together by the mean absolute error of free roll-outs, which start where
+the joint was and see nothing but goals.
+
+Source: Duclusaud, Passault, Padois and Ly 2025 (extended friction models for servo actuators).
 """
 
 from __future__ import annotations
@@ -27,7 +32,8 @@ from ident.compiled import compiled
 
 # Longest step of a simulation [s].
 STEP_S = 0.001
-# Names and first guesses of what all sessions share, and how far each may go from it, as a factor either way.
+# Names and first guesses of what all sessions share, and how far each may go from it, as a factor
+# either way.
 SHARED = {
     "inertia_kgm2": 2e-3,
     "viscous_Nms_rad": 4e-3,
@@ -43,8 +49,8 @@ SHARED = {
 # Evaluations of a search, and how many searches begin where the last one ended.
 EVALUATIONS = 1500
 ROUNDS = 3
-# What a parameter e times its first guess costs [rad]: settles what recordings can't part, as damping by the motor's
-# voltage and by grease.
+# What a parameter e times its first guess costs [rad]: settles what recordings can't part, as
+# damping by the motor's voltage and by grease.
 PRIOR = 1e-4
 # Stiffness that each session is first tried with [N m/rad]: hobby servos at low and high gains.
 STIFFNESSES = (0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6, 51.2)
@@ -173,7 +179,9 @@ def guess_stiffness(drives: Sequence[Drive]) -> list[float]:
     return best
 
 
-def fit_servo(drives: Sequence[Drive], guesses: Sequence[float] = (), rounds: int = ROUNDS) -> ServoModel:
+def fit_servo(
+    drives: Sequence[Drive], guesses: Sequence[float] = (), rounds: int = ROUNDS
+) -> ServoModel:
     """The parameters whose free roll-outs are nearest to the measured positions.
 
     Args:
@@ -195,7 +203,15 @@ def fit_servo(drives: Sequence[Drive], guesses: Sequence[float] = (), rounds: in
 
     best = np.append(start, 0.0)
     for _ in range(rounds):
-        simplex = np.stack([best, *(best + step for step in np.diag(np.append(np.full(len(start), 0.5), 0.02)))])
-        options = {"maxfev": EVALUATIONS, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-6, "adaptive": True}
+        simplex = np.stack(
+            [best, *(best + step for step in np.diag(np.append(np.full(len(start), 0.5), 0.02)))]
+        )
+        options = {
+            "maxfev": EVALUATIONS,
+            "initial_simplex": simplex,
+            "xatol": 1e-3,
+            "fatol": 1e-6,
+            "adaptive": True,
+        }
         best = minimize(error, best, method="Nelder-Mead", options=options).x
     return model(best)

@@ -1,4 +1,4 @@
-"""Servos that roll out, and how far they are from runs held back, by our own steps and by MuJoCo's."""
+"""Servos that roll out, and how far they are from runs held back: by our steps and by MuJoCo's."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def drives_of(sessions: Sequence[Session], arm: ArmModel | None, joint: int) -> 
 
 
 def _carried(arm: ArmModel | None, run: Recording, joint: int) -> tuple[Array, Array, float]:
-    """Gravity's torque by cosine and sine of the joint's own angle, and the inertia that it moves."""
+    """Gravity's torque by cosine and sine of the joint's angle, and the inertia that it moves."""
     count = len(run.time)
     if arm is None:
         return np.zeros(count), np.zeros(count), NO_INERTIA
@@ -127,7 +127,9 @@ def roll_out_servos(sessions: Sequence[Session], arm: ArmModel | None) -> tuple[
         drives = drives_of(sessions, arm, joint)
         for drive in drives:
             if len(drive.time) < 10:
-                raise RecordingError(drive.name, "too short to be rolled out", "record a second or more")
+                raise RecordingError(
+                    drive.name, "too short to be rolled out", "record a second or more"
+                )
         train, held = _parted(drives)
         trained = fit_servo(train)
         model = fit_servo(drives)

@@ -4,8 +4,8 @@
 
 MuJoCo and mjlab hold no dead band, no friction that grows with the load and none that is larger
 before motion sets in; a servo that is let go is braked there as by its own back-EMF. BAM's m4 holds
-these, but no delay and no dead band, and its stiffness is the controller's gain times what its table
-says of the motor. What a file leaves out stands in it.
+these, but no delay and no dead band, and its stiffness is the controller's gain times what its
+table says of the motor. What a file leaves out stands in it.
 """
 
 from __future__ import annotations
@@ -100,7 +100,8 @@ def left_out(model: ServoModel) -> str:
     shared = model.shared
     return (
         f"half the dead band {shared['dead_band_rad']:.6g} rad; zero off by {model.offset:.6g} rad "
-        f"(add it to goals); friction that grows by {shared['load_friction']:.6g} of what the gears pass, "
+        "(add it to goals); friction that grows by "
+        f"{shared['load_friction']:.6g} of what the gears pass, "
         f"and by {shared['static_share']:.6g} of itself below {shared['stribeck_rad_s']:.6g} rad/s"
     )
 

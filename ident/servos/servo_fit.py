@@ -3,9 +3,10 @@
     J q'' + D q' + F s + g(q) = K (u(t − d) − q),   divided by K:
     u(t − d) − q = (J/K) q'' + (D/K) q' + (F/K) s + o + g(q)/K
 
-Inertia over gain, lag, half the dead band, offset of the zero, and droop under load stand linear in what is measured;
-the delay is searched on a grid. As everywhere, a parameter is reported only if leaving it out costs on stretches that
-the fit never saw, more than chance would among all parameters and joints.
+Inertia over gain, lag, half the dead band, offset of the zero, and droop under load stand linear in
+what is measured; the delay is searched on a grid. As everywhere, a parameter is reported only if
+leaving it out costs on stretches that the fit never saw, more than chance would among all
+parameters and joints.
 """
 
 from __future__ import annotations
@@ -40,16 +41,20 @@ LIMIT = read_group(__file__, "servo")
 class GoalRun:
     """One run of a position-only arm."""
 
-    motion: Motion  # its smoothed states; what the log says (`tau` elsewhere) is the measured position here
+    motion: Motion  # its smoothed states; `tau` is the measured position here
     time: Float[Array, " T"]  # times of the goals [s]
     goal: Float[Array, "T n"]  # goals [rad], shape (T, n), each held until the next one
     hold: float  # how long a goal is held, the log's interval [s]
 
     def goal_at(self, j: int, delay: float) -> Float[Array, " t"]:
-        """The goal that a joint followed at each instant of the grid, so much later than it was given.
+        """The goal [rad] that a joint followed at each of the t instants of the motion's grid.
 
-        A goal that is held until the next one is, at frequencies far below the log's, the straight line between goals
-        half an interval late.
+        A goal that is held until the next one is, at frequencies far below the log's, the straight
+        line between goals half an interval late.
+
+        Args:
+            j: Index of the joint.
+            delay: By how much later it followed a goal than it was given [s].
         """
         late = delay + 0.5 * self.hold
         return np.interp(self.motion.time - late, self.time, self.goal[:, j])
@@ -76,7 +81,9 @@ def load_goals(path: str | Path | Session) -> Session:
             raise RecordingError(where, what, remedy)
         # A goal that is the position itself was written by a logger that had none.
         travel = np.ptp(run.position, axis=0)
-        same = np.abs(run.position_command - run.position).max(axis=0) <= LIMIT.same * np.maximum(travel, 1e-9)
+        same = np.abs(run.position_command - run.position).max(axis=0) <= LIMIT.same * np.maximum(
+            travel, 1e-9
+        )
         if (same & (travel > 0.0)).any():
             joint = run.joints[int(np.argmax(same & (travel > 0.0)))]
             what = f"{run.name}: the goal of {joint} is its position, sample for sample"
@@ -107,22 +114,26 @@ def runs_of(sessions: Sequence[Session], cutoff: float | None = None) -> tuple[G
     Raises:
         RecordingError: A session has none.
     """
-    least, found = USUAL_MOTION.least_duration_s, []
+    least = USUAL_MOTION.least_duration_s
+    goal_runs = []
     for session in sessions:
-        long = [run for run in session.runs if run.duration >= least and len(run) >= LIMIT.least_samples]
+        long = [
+            run for run in session.runs if run.duration >= least and len(run) >= LIMIT.least_samples
+        ]
         if not long:
             longest = max((run.duration for run in session.runs), default=0.0)
             needed = f"{least:g} s and {LIMIT.least_samples:g} samples are needed"
             what = f"its longest run lasts {longest:.2g} s: {needed}"
             raise RecordingError(str(session.path or session.name), what, "record longer motions")
-        # Noise of positions is found as for other arms; the measured position stands where they have the torque.
+        # Noise of positions is found as for other arms; the measured position stands where they
+        # have the torque.
         as_log = [run.replace(effort=run.position) for run in long]
         levels = session_noise(session.replace(runs=as_log))
         for run in as_log:
             assert run.position_command is not None
             motion = prepare_run(run, levels, session.payload, cutoff)
-            found.append(GoalRun(motion, run.time, run.position_command, run.sample_interval))
-    return tuple(found)
+            goal_runs.append(GoalRun(motion, run.time, run.position_command, run.sample_interval))
+    return tuple(goal_runs)
 
 
 # What is reported, by figure: its unit, its words, and the reason where it is not.
@@ -134,7 +145,7 @@ COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
 Figures = dict[str, tuple[float, float, float]]
 """Figures of a joint by name: the value, and both ends of its 95 % interval."""
 Rows = tuple[Float[Array, " R"], Float[Array, "R k"], Int[Array, " R"]]
-"""Rows of one joint at one delay: the error, what each of `COLUMNS` multiplies, and the piece of each row."""
+"""Rows of one joint at one delay: error, what each of `COLUMNS` multiplies, piece of each row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +155,8 @@ class ServoJoint:
     joint: str  # its name
     figures: Figures  # what is reported
     untold: dict[str, str]  # figures that are not, with the reason and what would help
-    rms_before: float  # following error on stretches left out: as it is, and less what the figures say [rad]
+    # Following error on stretches left out: as it is, and less what the figures say [rad].
+    rms_before: float
     rms_after: float
 
     def describe_untold(self) -> list[str]:
@@ -161,11 +173,15 @@ def fit_servos(runs: Sequence[GoalRun], arm: ArmModel | None) -> tuple[ServoJoin
     """All joints."""
     joints = runs[0].motion.joints
     tests = len(joints) * (len(COLUMNS) + 1)
-    gravity = [None if arm is None else run.motion.filtered(arm.gravity(run.motion.q)) for run in runs]
+    gravity = [
+        None if arm is None else run.motion.filtered(arm.gravity(run.motion.q)) for run in runs
+    ]
     return tuple(_fit_joint(runs, gravity, j, name, tests) for j, name in enumerate(joints))
 
 
-def _fit_joint(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, joint: str, tests: int) -> ServoJoint:
+def _fit_joint(
+    runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, joint: str, tests: int
+) -> ServoJoint:
     travel = max(float(np.ptp(run.motion.q[:, j])) for run in runs)
     if travel < LIMIT.least_travel:
         return _silent(joint, f"it moves by {travel:.3f} rad only: move it farther")
@@ -187,13 +203,17 @@ def _fit_joint(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int,
     figures, untold = _linear(rows, [table[k] for k in open_], reach)
     if sure:
         value = float(delays[best])
-        if 0 < best < len(delays) - 1:  # the lowest point of the parabola through the best delay and its neighbours
+        if (
+            0 < best < len(delays) - 1
+        ):  # the lowest point of the parabola through the best delay and its neighbours
             before, at, after = losses.sum(axis=1)[best - 1 : best + 2]
             bend = before - 2.0 * at + after
             value += float(0.5 * LIMIT.delay_step * (before - after) / bend) if bend > 0.0 else 0.0
         figures["delay_s"] = value, max(low - LIMIT.delay_step, 0.0), high + LIMIT.delay_step
     else:
-        untold["delay_s"] = "a later goal and a slower joint are the same here: move it faster, with sudden starts"
+        untold["delay_s"] = (
+            "a later goal and a slower joint are the same here: move it faster, with sudden starts"
+        )
     figures |= _total_lag(table, near, best)
     droop, least, most = figures.get("droop_rad_Nm", (0.0, 0.0, 0.0))
     if least > 0.0:  # it tells the stiffness
@@ -204,7 +224,9 @@ def _fit_joint(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int,
 
 
 def _silent(joint: str, reason: str) -> ServoJoint:
-    return ServoJoint(joint, {}, dict.fromkeys((*COLUMNS, "delay_s"), reason), float("nan"), float("nan"))
+    return ServoJoint(
+        joint, {}, dict.fromkeys((*COLUMNS, "delay_s"), reason), float("nan"), float("nan")
+    )
 
 
 def _rows(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, delay: float) -> Rows:
@@ -213,7 +235,9 @@ def _rows(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, dela
     for run, load in zip(runs, gravity, strict=True):
         motion = run.motion
         rows: Bool[Array, " t"] = motion.settled[:, j]
-        motions = motion.filtered(np.column_stack([motion.ddq[:, j], motion.dq[:, j], np.sign(motion.dq[:, j])]))
+        motions = motion.filtered(
+            np.column_stack([motion.ddq[:, j], motion.dq[:, j], np.sign(motion.dq[:, j])])
+        )
         columns = [motions, np.ones((len(motions), 1))]
         if load is not None:
             columns.append(load[:, j : j + 1])
@@ -227,46 +251,58 @@ def _rows(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, dela
 
 
 def _held_out(rows: Rows, without: int | None = None) -> Float[Array, " P"]:
-    """Squared error of each piece when its part was left out."""
+    """Squared error of each piece by a fit without its fold of pieces.
+
+    Args:
+        rows: Error, columns and piece of each row.
+        without: Index of a column that the fit lacks; None for none.
+    """
     error, columns, piece = rows
-    keep = [k for k in range(columns.shape[1]) if k != without]
-    x, scale = columns[:, keep], np.linalg.norm(columns[:, keep], axis=0)
+    used = [k for k in range(columns.shape[1]) if k != without]
+    x = columns[:, used]
+    scale = np.linalg.norm(x, axis=0)
     x = x / np.where(scale > 0.0, scale, 1.0)
     names, index = np.unique(piece, return_inverse=True)
-    part = (np.arange(len(names)) * LIMIT.parts // len(names))[index]
+    fold = (np.arange(len(names)) * LIMIT.parts // len(names))[index]
     left = np.empty_like(error)
-    whole, target = x.T @ x, x.T @ error
+    whole = x.T @ x
+    target = x.T @ error
     for k in range(LIMIT.parts):
-        out = part == k
-        own = x[out]
-        beta = least_squares(whole - own.T @ own, target - own.T @ error[out], 1e-10)
-        left[out] = error[out] - own @ beta
+        out = fold == k
+        unseen = x[out]
+        beta = least_squares(whole - unseen.T @ unseen, target - unseen.T @ error[out], 1e-10)
+        left[out] = error[out] - unseen @ beta
     return np.bincount(index, left**2, minlength=len(names))
 
 
-def no_worse(one: Float[Array, " P"], best: Float[Array, " P"], reach: float | None = None) -> bool:
+def no_worse(
+    tried: Float[Array, " P"], best: Float[Array, " P"], reach: float | None = None
+) -> bool:
     """Whether an error on pieces is not surely larger than another, piece against piece.
 
     Args:
-        one: Error on each piece.
+        tried: Error on each piece.
         best: The other's, on the same pieces.
         reach: Standard errors that are allowed; None for those of the usual level.
     """
-    apart = one - best
+    apart = tried - best
     count = len(apart)
     reach = float(stdtrit(count - 1, 0.5 + 0.5 * LIMIT.level)) if reach is None else reach
-    return bool(apart.sum() <= reach * np.sqrt(count * np.sum((apart - apart.mean()) ** 2) / (count - 1)))
+    return bool(
+        apart.sum() <= reach * np.sqrt(count * np.sum((apart - apart.mean()) ** 2) / (count - 1))
+    )
 
 
 def _linear(rows: Rows, near: Sequence[Rows], reach: float) -> tuple[Figures, dict[str, str]]:
     """Figures that are linear in the columns, and those that are not reported.
 
-    An interval spans those at all delays that are not surely worse: what the delay leaves open, the figures leave open.
+    An interval spans those at all delays that are not surely worse: what the delay leaves open, the
+    figures leave open.
     """
     beta, std, count = _solve(rows)
     whole = _held_out(rows)
     usual = float(stdtrit(count - 1, 0.5 + 0.5 * LIMIT.level))
-    others = [_solve(one)[:2] for one in near]
+    others = [_solve(at_delay)[:2] for at_delay in near]
     low = np.min([beta - usual * std, *(b - usual * s for b, s in others)], axis=0)
     high = np.max([beta + usual * std, *(b + usual * s for b, s in others)], axis=0)
     figures: Figures = {}
@@ -282,7 +318,9 @@ def _linear(rows: Rows, near: Sequence[Rows], reach: float) -> tuple[Figures, di
         untold["droop_rad_Nm"] = "nobody knows what the joint carries: give --robot"
     elif float(np.std(rows[1][:, -1])) < LIMIT.least_gravity:
         figures.pop("droop_rad_Nm", None)
-        untold["droop_rad_Nm"] = "gravity hardly changes at this joint: move the arm so that it carries more and less"
+        untold["droop_rad_Nm"] = (
+            "gravity hardly changes at this joint: move the arm so that it carries more and less"
+        )
     return figures, untold
 
 
@@ -306,15 +344,16 @@ def _solve(rows: Rows) -> tuple[Float[Array, " k"], Float[Array, " k"], int]:
 
 
 def _total_lag(table: Sequence[Rows], near: Bool[Array, " D"], best: int) -> Figures:
-    """Delay and lag together: what slow motion sees, and what hardly depends on how they share it."""
-    found = {}
+    """Delay and lag together [s]: what slow motion sees, hardly by how the two share it."""
+    totals = {}
     for k in {best, *map(int, np.flatnonzero(near))}:
         beta, std, count = _solve(table[k])
         reach = float(stdtrit(count - 1, 0.5 + 0.5 * LIMIT.level))
         middle = float(beta[1]) + k * LIMIT.delay_step
-        found[k] = (middle, middle - reach * float(std[1]), middle + reach * float(std[1]))
-    low, high = min(one[1] for one in found.values()), max(one[2] for one in found.values())
-    return {"total_lag_s": (found[best][0], low, high)} if low > 0.0 else {}
+        totals[k] = (middle, middle - reach * float(std[1]), middle + reach * float(std[1]))
+    low = min(total[1] for total in totals.values())
+    high = max(total[2] for total in totals.values())
+    return {"total_lag_s": (totals[best][0], low, high)} if low > 0.0 else {}
 
 
 SCHEMA = "ident.servo/1"
@@ -330,21 +369,28 @@ class ServoArm(Result):
     joints: tuple[ServoJoint, ...]  # what is reported of each
     rolled: tuple[RolledOut, ...] = ()  # models that roll out, where they were asked for
     telemetry: tuple[TelemetryIssue, ...] = ()  # what was seen of the log's clock
-    curves: tuple[ToldRun, ...] = ()  # goals, positions and what the figures say of them, for a page
+    # Goals, positions and what the figures say of them, for a page.
+    curves: tuple[ToldRun, ...] = ()
     hold_s: float = 0.0  # how long a goal is held in the log
 
     def to_dict(self) -> dict[str, Any]:
         joints = {}
-        for one in self.joints:
+        for joint in self.joints:
             reported = {
-                name: {"value": value, "low": low, "high": high} for name, (value, low, high) in one.figures.items()
+                name: {"value": value, "low": low, "high": high}
+                for name, (value, low, high) in joint.figures.items()
             }
-            errors = {"rms_before_rad": one.rms_before, "rms_after_rad": one.rms_after}
-            joints[one.joint] = {
-                "figures": {name: {**figure, "unit": FIGURES[name]["unit"]} for name, figure in reported.items()},
-                "class": {name: FIGURES[name]["class"] for name in reported if "class" in FIGURES[name]},
-                "not_told": dict(one.untold),
-                "heldout": None if np.isnan(one.rms_before) else errors,
+            errors = {"rms_before_rad": joint.rms_before, "rms_after_rad": joint.rms_after}
+            joints[joint.joint] = {
+                "figures": {
+                    name: {**figure, "unit": FIGURES[name]["unit"]}
+                    for name, figure in reported.items()
+                },
+                "class": {
+                    name: FIGURES[name]["class"] for name in reported if "class" in FIGURES[name]
+                },
+                "not_told": dict(joint.untold),
+                "heldout": None if np.isnan(joint.rms_before) else errors,
             }
         for model in self.rolled:
             joints[model.joint]["roll_out"] = model.to_dict()
@@ -359,19 +405,24 @@ class ServoArm(Result):
     def summary(self) -> str:
         """A few lines a joint."""
         lines = [f"{issue.severity}: {issue.evidence}; {issue.remedy}" for issue in self.telemetry]
-        for one in self.joints:
-            known = f"{1e3 * one.rms_after:.4g} mrad of it are not explained"
-            error = f"off its goal by {1e3 * one.rms_before:.4g} mrad rms; {known}"
-            lines.append(f"{one.joint}: {'nothing can be reported' if np.isnan(one.rms_before) else error}")
-            for name, figure in one.figures.items():
+        for joint in self.joints:
+            known = f"{1e3 * joint.rms_after:.4g} mrad of it are not explained"
+            error = f"off its goal by {1e3 * joint.rms_before:.4g} mrad rms; {known}"
+            if np.isnan(joint.rms_before):
+                error = "nothing can be reported"
+            lines.append(f"{joint.joint}: {error}")
+            for name, figure in joint.figures.items():
                 if "words" in FIGURES[name]:
-                    lines.append("  " + FIGURES[name]["words"].format(*(1e3 * end for end in figure)))
-            if "dead_band_rad" in one.figures:
+                    lines.append(
+                        "  " + FIGURES[name]["words"].format(*(1e3 * end for end in figure))
+                    )
+            if "dead_band_rad" in joint.figures:
                 lines.append(f"    dead band, dry friction or backlash: {TEXT['parted_by']}")
-            lines += [f"  not reported: {line}" for line in one.describe_untold()]
+            lines += [f"  not reported: {line}" for line in joint.describe_untold()]
         for model in self.rolled:
-            held = f"{1e3 * model.held_error:.0f} mrad on average over {plural(len(model.held), 'run')} held back"
-            lines.append(f"{model.joint}: rolled out from its goals alone it is off by {held}")
+            runs = plural(len(model.held), "run")
+            error = f"{1e3 * model.held_error:.0f} mrad on average over {runs} held back"
+            lines.append(f"{model.joint}: rolled out from its goals alone it is off by {error}")
         if any(LATE & {*joint.figures} for joint in self.joints):
             lines.append(TEXT["held"].format(hold=1e3 * self.hold_s, half=500.0 * self.hold_s))
         return "\n".join(lines)

@@ -20,10 +20,14 @@ class ToldRun:
     time: Float[np.ndarray, " t"]  # from its start [s]
     position: Float[np.ndarray, "t n"]  # measured
     goal: Float[np.ndarray, "t n"]  # as it was given
-    told: Float[np.ndarray, "t n"]  # by the figures; no number near reversals and rest, where they say nothing
+    told: Float[
+        np.ndarray, "t n"
+    ]  # by the figures; no number near reversals and rest, where they say nothing
 
 
-def told_runs(runs: Sequence[GoalRun], arm: ArmModel | None, joints: Sequence[ServoJoint]) -> tuple[ToldRun, ...]:
+def told_runs(
+    runs: Sequence[GoalRun], arm: ArmModel | None, joints: Sequence[ServoJoint]
+) -> tuple[ToldRun, ...]:
     """What the figures say of every run.
 
     Args:
@@ -50,7 +54,9 @@ def _told_run(run: GoalRun, arm: ArmModel | None, joints: Sequence[ServoJoint]) 
     )
 
 
-def _told_joint(run: GoalRun, arm: ArmModel | None, joint: ServoJoint, index: int) -> Float[np.ndarray, " t"]:
+def _told_joint(
+    run: GoalRun, arm: ArmModel | None, joint: ServoJoint, index: int
+) -> Float[np.ndarray, " t"]:
     """The delayed goal less all that holds the joint back [rad]."""
     motion = run.motion
     figures = {name: value for name, (value, _, _) in joint.figures.items()}

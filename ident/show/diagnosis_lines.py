@@ -11,22 +11,12 @@ from ident.checks.report import MISREAD
 from ident.errors import plural
 from ident.show.console import columns, print_issues, say
 from ident.show.number_lines import print_numbers
-from ident.show.report.diagnosis_verdict import (
-    PATCH,
-    WRITE_NUMBERS,
-    describe_findings,
-    describe_noise,
-    describe_reservations,
-    describe_unnamed,
-    diagnosis_headline,
-    energy_pair,
-    first_action,
-    in_order_of_joints,
-    in_units_of,
-    noise_is_left,
-    order_of,
-    units_of,
-)
+from ident.show.report.diagnosis_actions import PATCH, WRITE_NUMBERS, first_action, order_of
+from ident.show.report.diagnosis_doubts import describe_reservations, describe_unnamed
+from ident.show.report.diagnosis_gap import describe_findings, describe_noise, energy_pair, noise_is_left
+from ident.show.report.diagnosis_verdict import diagnosis_headline
+from ident.show.report.finding_words import in_units_of, units_of
+from ident.show.report.leading_joint import in_order_of_joints
 from ident.show.report.numbers import (
     describe_links,
     describe_numbers,

@@ -98,7 +98,7 @@ class TickLog(NamedTuple):
     temperature: Array
 
 
-def engine(model: Any, data: Any) -> Engine:
+def engine(model: mujoco.MjModel, data: mujoco.MjData) -> Engine:
     """Addresses and views of a MuJoCo model and its data, which must outlive it."""
     addresses = step_address(), model._address, data._address
     return Engine(
@@ -309,7 +309,7 @@ def run_loop(
             advance(engine, laws, state, start + k * tick + i * engine.dt)
 
 
-def check_finite(log: TickLog, data: Any) -> bool:
+def check_finite(log: TickLog, data: mujoco.MjData) -> bool:
     """Whether the simulation stayed finite."""
     warned = data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number > 0
     return not warned and bool(np.isfinite(log.angle).all() and np.isfinite(log.torque).all())

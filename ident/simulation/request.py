@@ -15,12 +15,11 @@ import json
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.recordings.recording import Payload
-from ident.records import Record, as_json
+from ident.records import JsonRecord, Record, as_json
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json
 from ident.simulation.causes import Cause, find_cause
@@ -59,11 +58,11 @@ class Answer(Record):
     decoys: tuple[str, ...]
     # What the best model leaves at each joint: the torque's noise, and what else its world adds.
     noise_floor_Nm: dict[str, float]
-    world: dict[str, Any] = field(default_factory=dict)  # that it was drawn in; empty without one
+    world: JsonRecord = field(default_factory=dict)  # that it was drawn in; empty without one
     # Rotor inertia, viscous and dry friction of each joint; empty without a world.
     losses: dict[str, dict[str, float]] = field(default_factory=dict)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonRecord:
         # Answers of sessions without a world say nothing of one: sealed ones must stay as they are.
         unsaid = {name for name in ("world", "losses") if not getattr(self, name)}
         return {
@@ -72,7 +71,7 @@ class Answer(Record):
         }
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Answer:
+    def from_dict(cls, values: JsonRecord) -> Answer:
         """Inverse of `to_dict` after a passage through JSON."""
         effects = tuple(
             TrueEffect(**{**entry, "joints": tuple(entry["joints"])}) for entry in values["effects"]

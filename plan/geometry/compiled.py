@@ -14,7 +14,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.compiled import compiled
 from ident.robot.chain import Chain
-from plan.geometry.separation import simplex_gap
+from plan.geometry.simplex import simplex_gap
 from plan.geometry.solids import Box, Solid
 
 # Hulls of so many corners are searched as they are.

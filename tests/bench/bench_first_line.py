@@ -16,7 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from ident.diagnosis.next_experiment import joints_shown
-from ident.show.report.diagnosis_verdict import BODIES, diagnosis_headline, first_action, in_order_of_joints
+from ident.show.report.diagnosis_actions import first_action
+from ident.show.report.diagnosis_verdict import diagnosis_headline
+from ident.show.report.finding_words import BODIES
+from ident.show.report.leading_joint import in_order_of_joints
 
 
 def first_joint(text: str, joints: list[str]) -> str:

@@ -20,7 +20,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from ident.benchmark.scoring import share
+from ident.benchmark.scores import share
 
 VARIABLE = "IDENT_OTHER_WORLD"
 LOSSES = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from typing import Any
 from warnings import catch_warnings
 
 import numpy as np
@@ -20,6 +19,7 @@ from ident.benchmark.board.entry import SCHEMA
 from ident.benchmark.board.files import Board
 from ident.benchmark.examining import forward_by_bic
 from ident.motion.motion import Motion
+from ident.records import JsonRecord
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, project
@@ -39,7 +39,7 @@ Name = tuple[str, str]
 """Effect and joint; no joint for an effect of the whole arm."""
 
 
-def plain_answer(session: str, names: Sequence[Name], effects: Sequence[str]) -> dict[str, Any]:
+def plain_answer(session: str, names: Sequence[Name], effects: Sequence[str]) -> JsonRecord:
     """An answer that gives half to its names, or to `none` without any, the rest to all others.
 
     Args:
@@ -56,14 +56,14 @@ def plain_answer(session: str, names: Sequence[Name], effects: Sequence[str]) ->
     rest = (1.0 - NAMED_SHARE) / (len(labels) - len(chosen))
     share = NAMED_SHARE / max(len(said), 1)
     rows = [{"effect": effect, "joint": joint, "probability": share} for effect, joint in said]
-    record: dict[str, Any] = {"schema": SCHEMA, "session": session, "effects": rows}
+    record: JsonRecord = {"schema": SCHEMA, "session": session, "effects": rows}
     record[UNNAMED] = rest
     record[NONE] = rest if said else NAMED_SHARE
     record[OTHER] = rest
     return record
 
 
-def spread_unnamed(record: dict[str, Any], board: Board, joints: Sequence[str]) -> dict[str, Any]:
+def spread_unnamed(record: JsonRecord, board: Board, joints: Sequence[str]) -> JsonRecord:
     """The answer with a row for each effect that has none, at the first joint or the whole arm."""
     share = record.pop(UNNAMED, None)
     if share is None:  # all effects have a row
@@ -76,7 +76,7 @@ def spread_unnamed(record: dict[str, Any], board: Board, joints: Sequence[str]) 
     return record
 
 
-def undecided_record(name: str, board: Board) -> dict[str, Any]:
+def undecided_record(name: str, board: Board) -> JsonRecord:
     """The record of an answer that holds everything equally probable, `none` and `other` too."""
     share = 1.0 / (len(board.effects) + 2)
     head = {"schema": SCHEMA, "session": name, "effects": []}

@@ -18,7 +18,7 @@ from ident.benchmark.cases import (
 )
 from ident.benchmark.corpus_worlds import WorldCase, answer_of, plan_world_cases
 from ident.benchmark.run import other_motions
-from ident.benchmark.scoring import WRONG_COM_M, WRONG_LINK_ERROR
+from ident.benchmark.truth import WRONG_COM_M, WRONG_LINK_ERROR
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.simulation.hardware import without_geometry

@@ -17,7 +17,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -29,6 +28,7 @@ from ident.errors import InputError
 from ident.files import atomic_write
 from ident.recordings.parquet import column_numbers, load_columns
 from ident.recordings.recording import Recording
+from ident.records import JsonRecord, JsonTable
 from ident.safe_read import read_record
 from ident.schemas.check import require_record
 
@@ -136,8 +136,8 @@ class Board:
     """A board as anybody has it."""
 
     folder: Path
-    sessions: dict[str, dict[str, Any]]  # by name: tier, arm, joints, before, unseen
-    effects: dict[str, dict[str, Any]]  # the published list by id
+    sessions: dict[str, JsonRecord]  # by name: tier, arm, joints, before, unseen
+    effects: dict[str, JsonRecord]  # the published list by id
     sealed: dict[str, str]  # by session
 
     @classmethod
@@ -187,7 +187,7 @@ class Kept:
 
     folder: Path
     seed: int
-    answers: dict[str, dict[str, Any]]  # by session
+    answers: dict[str, JsonRecord]  # by session
     oracle: dict[str, float]  # probability that an oracle names the cause, where worked out
 
     @classmethod
@@ -212,14 +212,14 @@ def kept_folder(board: Path) -> Path:
     return board.parent / f"{board.name}.kept"
 
 
-def _read(path: Path, schema: str, table: str) -> dict[str, Any]:
+def _read(path: Path, schema: str, table: str) -> JsonRecord:
     """A file of a board, looked through by its table in the schemas."""
     record = read_record(path, schema, MAKE)
     require_record(record, table, path, MAKE)
     return record
 
 
-def _require_sessions(sessions: Mapping[str, Mapping[str, Any]], where: Path) -> None:
+def _require_sessions(sessions: Mapping[str, JsonTable], where: Path) -> None:
     """Passes if there are sessions whose names are those of files, each with joints of its own.
 
     Raises:

@@ -18,7 +18,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tomli_w
@@ -41,6 +40,7 @@ from ident.benchmark.change_calibration import Pairs
 from ident.benchmark.corpus import Truth, read_index
 from ident.benchmark.corpus_run import result_path
 from ident.files import atomic_write
+from ident.records import JsonRecord, JsonTable
 from ident.safe_read import read_json
 
 ROUNDS = 500  # most steps of the fit
@@ -73,7 +73,13 @@ class Case:
         return float(sum(rows)) + self.said.even * len(accepted)
 
     def left(self, accepted: frozenset[str], effects: int, shares: Shares) -> dict[Place, float]:
-        """Probability of a truth by state and place, of what no name has."""
+        """What a truth gets of the probability that no name has, by state and place.
+
+        Args:
+            accepted: Effects, by id, any of which is the truth; `NONE` and `OTHER` among them.
+            effects: Number of listed effects, among which a place's share is spread evenly.
+            shares: Of each place in each state.
+        """
         sizes = {NONE: float(NONE in accepted), OTHER: float(OTHER in accepted)}
         sizes[LISTED] = len(accepted - {NONE, OTHER}) / effects
         parts: dict[Place, float] = {}
@@ -167,7 +173,7 @@ def cases_of_corpus(index: Path, results: Path) -> list[Case]:
     return cases
 
 
-def _case(record: Mapping[str, Any], truths: Sequence[Mapping[str, Any]]) -> Iterator[Case]:
+def _case(record: JsonTable, truths: Sequence[JsonTable]) -> Iterator[Case]:
     """The case of a record; none where nothing was fitted."""
     if record["verdict"] in NOT_FITTED:
         return
@@ -176,7 +182,7 @@ def _case(record: Mapping[str, Any], truths: Sequence[Mapping[str, Any]]) -> Ite
     yield Case(said, tuple(accepted) or (frozenset({NONE}),))
 
 
-def _as_answer(truth: Truth) -> dict[str, Any]:
+def _as_answer(truth: Truth) -> JsonRecord:
     return {"effect": truth.effect, "in_catalogue": truth.in_catalogue, "also": truth.also}
 
 
@@ -185,7 +191,7 @@ def _as_answer(truth: Truth) -> dict[str, Any]:
 
 def write_shares(fitted: Mapping[str, tuple[int, Shares]], out: Path) -> None:
     """Writes sessions and shares of each kind."""
-    record: dict[str, Any] = {"schema": SCHEMA}
+    record: JsonRecord = {"schema": SCHEMA}
     for kind, (sessions, shares) in fitted.items():
         record[kind] = {"sessions": sessions}
         for state in STATES:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from ident.benchmark.board.baselines import (
     Residual,
@@ -43,6 +42,7 @@ from ident.motion.motion import Motion, prepare
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.outputs import begin_folder
 from ident.recordings.recording import Recording
+from ident.records import JsonRecord
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior
 from ident.robot.arm import ArmModel
@@ -60,7 +60,7 @@ class Attempt:
     """What all methods say of a session."""
 
     verdict: str = "refused"
-    answers: dict[str, dict[str, Any]] = field(default_factory=dict)  # by method
+    answers: dict[str, JsonRecord] = field(default_factory=dict)  # by method
     foretold: dict[str, Torque] = field(default_factory=dict)  # by method, at the unseen rows
 
 
@@ -191,7 +191,7 @@ def _named_plainly(
     prior: Prior,
     joints: Sequence[str],
     effects: Sequence[str],
-) -> Mapping[str, dict[str, Any]]:
+) -> Mapping[str, JsonRecord]:
     """Answers of the plain methods that name something."""
     left = Residual.of(evidence, prior, joints, effects)
     names = {

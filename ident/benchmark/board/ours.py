@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -23,12 +22,13 @@ from ident.benchmark.board.unnamed import (
     Shares,
     deal,
 )
+from ident.records import JsonRecord, JsonTable
 
 NOT_FITTED = ("refused", "not_testable")
 """Verdicts without a word on causes."""
 RISEN = "changed_unexplained"
-Row = dict[str, Any]
-Effects = Mapping[str, Mapping[str, Any]]
+Row = JsonRecord
+Effects = Mapping[str, JsonTable]
 """The published list by id."""
 
 
@@ -47,7 +47,7 @@ class NamedShares:
     even: float
 
 
-def read_said(record: Mapping[str, Any], effects: Effects, joints: Sequence[str]) -> NamedShares:
+def read_said(record: JsonTable, effects: Effects, joints: Sequence[str]) -> NamedShares:
     """The probabilities of a diagnosis that was fitted.
 
     The true distribution of a session is even over what is wrong in it; a name gets its mean share
@@ -99,7 +99,7 @@ def mean_shares(probabilities: Sequence[float]) -> Float[Array, " K"]:
     return shares
 
 
-def our_answer(name: str, record: Mapping[str, Any], board: Board, shares: Shares) -> Row:
+def our_answer(name: str, record: JsonTable, board: Board, shares: Shares) -> Row:
     """A diagnosis as an answer: what no name has goes where causes without a name are.
 
     Args:
@@ -124,7 +124,7 @@ def our_answer(name: str, record: Mapping[str, Any], board: Board, shares: Share
     return spread_unnamed({**answer, UNNAMED: each}, board, joints)
 
 
-def as_diagnosis(record: Mapping[str, Any]) -> Row:
+def as_diagnosis(record: JsonTable) -> Row:
     """A comparison as a diagnosis of what came; without a name, a gap that rose is unexplained."""
     unexplained = record["verdict"] == RISEN and not record["changes"]
     return {
@@ -137,7 +137,7 @@ def as_diagnosis(record: Mapping[str, Any]) -> Row:
 
 
 def _classes(
-    findings: Sequence[Mapping[str, Any]],
+    findings: Sequence[JsonTable],
     effects: Effects,
     joints: Sequence[str],
 ) -> Iterator[tuple[float, list[Row]]]:
@@ -171,7 +171,7 @@ def _joint(effect: str, places: Sequence[str], effects: Effects, joints: Sequenc
     return str(places[0]) if places else joints[0]
 
 
-def _parameters(given: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+def _parameters(given: JsonTable) -> dict[str, dict[str, float]]:
     """Intervals with what a URDF may be off by, where they are told apart: a board's URDFs are."""
     parameters: dict[str, dict[str, float]] = {}
     for key, interval in given.items():

@@ -21,7 +21,6 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -29,12 +28,13 @@ from ident.arrays import Array, Float
 from ident.benchmark.board.case import MEASURED, PLANTED, BoardCase
 from ident.errors import InputError
 from ident.recordings.recording import Recording
+from ident.records import JsonRecord, JsonTable
 from ident.simulation.real.cases import Effects, plan_slots, plant_effects
 from ident.simulation.real.moved_arm import MovedArm, model_of, rigid_torque
 from ident.simulation.real.sources import Source, known_recordings, load_known
 
 TABLE_FILE = Path(__file__).with_name("sources.toml")
-TABLES: dict[str, dict[str, Any]] = tomllib.loads(TABLE_FILE.read_text(encoding="utf-8"))
+TABLES: dict[str, JsonRecord] = tomllib.loads(TABLE_FILE.read_text(encoding="utf-8"))
 UNSEEN_SHARE = 0.125  # of a recording's rows, at its end
 # Of the rest, plain and given to a session in turn [s]: with less than 4.5 s on one side a
 # comparison says that nothing can be tested.
@@ -285,7 +285,7 @@ def make_measured(sources: Mapping[str, Source]) -> list[BoardCase]:
     return cases
 
 
-def _measured_truth(effect: Mapping[str, Any]) -> dict[str, Any]:
+def _measured_truth(effect: JsonTable) -> JsonRecord:
     joints = list(effect["joints"])
     return {
         "effect": effect["effect"],

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ident.benchmark.board.case import TIERS
 from ident.benchmark.board.files import Board, Kept
 from ident.benchmark.board.score import EntryScore, score_entry, written
-from ident.benchmark.scoring import Score, mean
+from ident.benchmark.scores import Score, mean
 from ident.errors import InputError
+from ident.records import JsonRecord, JsonTable
 from ident.results import Provenance, Result
 from ident.show.palette import FLEXIBLE
 from ident.show.report.page import Section, facts_section, provenance_facts, render_page
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCORE_SCHEMA = "ident.board_score/1"
-Row = dict[str, Any]
+Row = JsonRecord
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +134,7 @@ def _place(entry: EntryScore) -> tuple[bool, float, str]:
 # In words
 
 
-def lines_of(record: Mapping[str, Any]) -> Iterator[str]:
+def lines_of(record: JsonTable) -> Iterator[str]:
     """Scores as lines of a terminal."""
     tiers = ", ".join(f"{count} {tier}" for tier, count in record["tiers"].items())
     yield f"{record['sessions']} sessions ({tiers}); all {record['seals']} seals hold"
@@ -155,7 +156,7 @@ def lines_of(record: Mapping[str, Any]) -> Iterator[str]:
             yield f"{name}  foretold {entry['foretold']} motions: {words}"
 
 
-def _attribution_words(score: Mapping[str, Any]) -> Iterator[str]:
+def _attribution_words(score: JsonTable) -> Iterator[str]:
     yield f"log score {in_words(score['log_score'])},"
     yield f"strict {in_words(score['strict'])},"
     size = "–" if score["class_size"] is None else score["class_size"]
@@ -164,7 +165,7 @@ def _attribution_words(score: Mapping[str, Any]) -> Iterator[str]:
     yield f"coverage {in_words(score['coverage'])}"
 
 
-def in_words(score: Mapping[str, Any]) -> str:
+def in_words(score: JsonTable) -> str:
     """A score with its interval."""
     if score["value"] is None:
         return "–"
@@ -174,7 +175,7 @@ def in_words(score: Mapping[str, Any]) -> str:
 # The page
 
 
-def render_board(record: Mapping[str, Any]) -> str:
+def render_board(record: JsonTable) -> str:
     """The scores as a page of their own."""
     named = [entry for entry in record["entries"] if "attribution" in entry]
     foretold = [entry for entry in record["entries"] if "prediction" in entry]
@@ -200,5 +201,5 @@ def render_board(record: Mapping[str, Any]) -> str:
     return render_page(title, sections, f"{subtitle}; all {record['seals']} seals hold")
 
 
-def _digests(entries: Iterable[Mapping[str, Any]]) -> dict[str, str]:
+def _digests(entries: Iterable[JsonTable]) -> dict[str, str]:
     return {f"SHA-256 of {entry['name']}": entry["sha256"] for entry in entries}

@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,9 +16,10 @@ from ident.benchmark.board.case import NONE, OTHER, TIERS
 from ident.benchmark.board.entry import Answer, Named, read_answer, undecided
 from ident.benchmark.board.files import Board, Kept, joint_columns, read_columns
 from ident.benchmark.board.sealing import digest_of
-from ident.benchmark.scoring import Score, is_inside, mean, share
+from ident.benchmark.scores import Score, is_inside, mean, share
 from ident.errors import InputError
 from ident.outputs import sha256_of
+from ident.records import JsonRecord, JsonTable
 from ident.safe_read import LARGEST_FIGURE, LARGEST_TEXT, require_regular, unchanged
 
 # What is held less probable counts as this much: no board of some hundred sessions can tell less.
@@ -32,7 +32,7 @@ AMPLITUDES = ("hidden", "as the noise", "above the noise")
 """How much of an effect shows beside what the ordinary model leaves of the torque."""
 SHAPELESS = ("order", "other_joint")
 """Parameters that are no size: an interval of them says nothing."""
-Row = dict[str, Any]
+Row = JsonRecord
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class SessionScore:
     amplitude: str | None = None  # of what shows least; None of nothing, or where nobody knows
 
 
-def score_answer(answer: Answer, truth: Mapping[str, Any], tier: str) -> SessionScore:
+def score_answer(answer: Answer, truth: JsonTable, tier: str) -> SessionScore:
     """Scores an answer by its opened truth."""
     effects = list(truth["effects"])
     labels = [set(labels_of(effect)) for effect in effects] or [{NONE}]
@@ -92,21 +92,21 @@ def amplitude_of(effects: Sequence[Row]) -> str | None:
     return AMPLITUDES[int(np.searchsorted(AMPLITUDE_ENDS, min(numbers)))]
 
 
-def labels_of(effect: Mapping[str, Any]) -> list[str]:
+def labels_of(effect: JsonTable) -> list[str]:
     """Answers that are right of a truth."""
     if not effect["in_catalogue"]:
         return [OTHER]
     return [str(effect["effect"]), *effect.get("also", ())]
 
 
-def _stands(name: Named, effect: Mapping[str, Any]) -> bool:
+def _stands(name: Named, effect: JsonTable) -> bool:
     allowed = effect["may_stand_at"]
     return not allowed or not name.joint or name.joint in allowed
 
 
 def _intervals(
     answer: Answer,
-    effects: Sequence[Mapping[str, Any]],
+    effects: Sequence[JsonTable],
 ) -> Iterator[tuple[bool, float]]:
     """Of effects that were given half of their true share or more: an interval beside a name that
     its giver holds improbable is said of nothing.

@@ -9,10 +9,10 @@ import hmac
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from ident.errors import InputError
 from ident.outputs import sha256_of
+from ident.records import JsonTable
 
 REMEDY = "give the file that the maker kept of this board, as it was"
 
@@ -23,12 +23,12 @@ def salt_of(seed: int, session: str) -> str:
     return hmac.new(key, session.encode(), hashlib.sha256).hexdigest()
 
 
-def canonical(answer: Mapping[str, Any]) -> str:
+def canonical(answer: JsonTable) -> str:
     """An answer as one line in which keys stand in order and no space is left."""
     return json.dumps(answer, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
-def seal_of(salt: str, answer: Mapping[str, Any]) -> str:
+def seal_of(salt: str, answer: JsonTable) -> str:
     """SHA-256 over the salt, a line feed, and the answer in its canonical form."""
     text = f"{salt}\n{canonical(answer)}"
     return hashlib.sha256(text.encode()).hexdigest()
@@ -37,7 +37,7 @@ def seal_of(salt: str, answer: Mapping[str, Any]) -> str:
 def check_seals(
     sealed: Mapping[str, str],
     salts: Mapping[str, str],
-    answers: Mapping[str, Mapping[str, Any]],
+    answers: Mapping[str, JsonTable],
     where: Path,
 ) -> None:
     """Passes if every sealed answer is there and as it was sealed.

@@ -131,7 +131,13 @@ def _signs(hypothesis: Hypothesis, joints: Sequence[str]) -> list[str]:
 
 
 def _gravity(hypothesis: Hypothesis) -> list[str]:
-    """Gravity that is not in the effort, or pulls elsewhere."""
+    """What a hypothesis says of gravity that the robot's description does not; nothing where they
+    agree.
+
+    Returns:
+        One phrase at most: that the effort holds no gravity, or along which vector of the base it
+        pulls [m/s²].
+    """
     if hypothesis.gravity == AS_STATED:
         return []
     if hypothesis.gravity == COMPENSATED:

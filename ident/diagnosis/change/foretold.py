@@ -177,7 +177,7 @@ class _Models:
         shares = self.spread.tolist()
         by_joint = []
         for joint, (alike, share) in enumerate(zip(self.sums.alike, shares, strict=True)):
-            _, varied = tied.part(alike, joint, share, self.sums.label)
+            _, varied = tied.split_by_fold(alike, joint, share, self.sums.label)
             by_joint.append(varied)
         return by_joint
 

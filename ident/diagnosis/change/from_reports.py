@@ -158,7 +158,7 @@ def as_explained(
 
 
 def _side(reports: Sequence[TelemetryReport]) -> Side:
-    """Description of one set."""
+    """What one set of recordings consists of: its sessions, how long they are, loads, gravity."""
     sessions = [report.session for report in reports]
     return Side(
         sessions=tuple(session.name for session in sessions),

@@ -106,7 +106,16 @@ class PairedDesign:
 
 
 def loose_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -> Prior:
-    """Prior with the largest plausible variances of the baseline's coefficients."""
+    """Prior with the largest plausible variances of the baseline's coefficients.
+
+    Those of a law have the variance (`CHANGE.shared_laws` · size · scale)², the size its largest
+    plausible one and the scale what its column was divided by.
+
+    Args:
+        sums: Block sums of all columns.
+        session: The runs of both sets; sizes hang on their arm.
+        baseline: Its prior of the base parameters is taken over.
+    """
     layout = sums.evidence.layout
     scale = sums.evidence.scale
     sizes = np.concatenate([*(_largest(group, session) for group in sums.common), np.zeros(0)])
@@ -119,11 +128,16 @@ def _learnt_prior(
 ) -> tuple[Prior, Float[Array, " P"]]:
     """The prior with estimated variances, every change beside it, and the residual weights of its
     model.
+
+    Args:
+        sums: Block sums of all columns.
+        session: The runs of both sets; sizes hang on their arm.
+        baseline: Its prior is where the variances start.
     """
     scale = sums.evidence.scale
     later = []
-    whole = [group for group in sums.evidence.layout.groups if not group.borrows]
-    for group in _first_points(whole):
+    with_law = [group for group in sums.evidence.layout.groups if not group.borrows]
+    for group in _first_points(with_law):
         size = CHANGE.shared_laws * _largest(group, session) * scale[group.columns]
         later.append((group.columns, size**-2.0))
     widths = [len(group.columns) for group in sums.common]
@@ -153,28 +167,27 @@ def build_design(
     """
     # The larger set comes first, and the arm is tuned on it.
     swapped = len(after) > len(before)
-    first, second = (after, before) if swapped else (before, after)
-    motions = [replace(motion, state_noise=None) for motion in (*first, *second)]
-    later = (np.arange(len(motions)) >= len(first)) ^ swapped
-    baseline = fit_baseline(first, arm, CHANGE.urdf_share, still=_still_joints(first, arm))
+    larger = after if swapped else before
+    smaller = before if swapped else after
+    motions = [replace(motion, state_noise=None) for motion in (*larger, *smaller)]
+    is_later = (np.arange(len(motions)) >= len(larger)) ^ swapped
+    baseline = fit_baseline(larger, arm, CHANGE.urdf_share, still=_still_joints(larger, arm))
     session = build_session(baseline, motions, common_clock=False)
-    later_session = replace(_only_later(session, later), common_clock=one_clock)
+    later_session = replace(_only_later(session, is_later), common_clock=one_clock)
     if effects is None:
         effects = _screened_changes(later_session)
-    untestable, grids = find_grids(
-        effects,
-        lambda effect: later_session if effect.as_change.later_alone else session,
-        points,
-    )
     finer = () if earlier is None else earlier.finer
-    grids += finer
-    _, of_held_friction = find_grids((HeldFriction(),), lambda _: session, points)
-    grids += of_held_friction
+    untestable, grids = _all_grids(effects, session, later_session, finer)
     layout = layout_of(session, baseline.base.rank, grids, untestable)
-    sides = partition_sides(session, later)
-    whitening = None if earlier is None else earlier.whitening
+    sides = partition_sides(session, is_later)
     evidence = gather(
-        session, baseline, layout, whitening, sides.partition, alike=len(first), rest=True
+        session,
+        baseline,
+        layout,
+        None if earlier is None else earlier.whitening,
+        sides.partition,
+        alike=len(larger),
+        rest=True,
     )
     finer_points = [point for _, _, of_grid in finer for point in of_grid]
     sums = pair_sums(evidence, sides, finer_points)
@@ -183,7 +196,43 @@ def build_design(
     else:
         held = earlier.held
         sums = _with_earlier(sums, earlier)
-    return PairedDesign(baseline, session, sides, sums, held, tuple(untestable), effects=effects)
+    return PairedDesign(
+        baseline=baseline,
+        session=session,
+        sides=sides,
+        sums=sums,
+        held=held,
+        untestable=tuple(untestable),
+        effects=effects,
+    )
+
+
+def _all_grids(
+    effects: Sequence[Effect],
+    session: SessionContext,
+    later_session: SessionContext,
+    finer: Sequence[Grid],
+) -> tuple[list[NotTestable], list[Grid]]:
+    """Grids of all columns: of every change, of finer points, and of held friction, in this order.
+
+    Args:
+        effects: What may have changed.
+        session: The runs of both sets.
+        later_session: Those of the later set, in which some changes act alone.
+        finer: Grids about changes that an earlier design has found.
+
+    Returns:
+        Effects that cannot be tested in any of these runs, and the grids.
+    """
+
+    def session_of(effect: Effect) -> SessionContext:
+        return later_session if effect.as_change.later_alone else session
+
+    untestable, grids = find_grids(effects, session_of, points)
+    grids += finer
+    _, of_held_friction = find_grids((HeldFriction(),), lambda _: session, points)
+    grids += of_held_friction
+    return untestable, grids
 
 
 def _still_joints(motions: Sequence[Motion], arm: ArmModel) -> list[int]:

@@ -71,7 +71,7 @@ class PermutedSets:
         whole = np.zeros((size, size))
         for j, local in enumerate(evidence.layout.local):
             alike = np.stack([evidence.free[j].over(blocks) for blocks in members])
-            _, varied = evidence.friction.part(alike, j, float(evidence.spread[j]), label)
+            _, varied = evidence.friction.split_by_fold(alike, j, float(evidence.spread[j]), label)
             by_joint.append(varied)
             whole[np.ix_(local, local)] += varied.sum(axis=0)
         permutations = _draw_permutations(later, seed)

@@ -11,9 +11,20 @@ import numpy as np
 from ident.diagnosis.gap.gap_map import says_where
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.errors import plural
-from ident.show.report import diagnosis_verdict as verdict
 from ident.show.report import numbers
+from ident.show.report.diagnosis_actions import first_action, order_of
+from ident.show.report.diagnosis_doubts import describe_reservations, describe_unnamed
+from ident.show.report.diagnosis_gap import (
+    describe_findings,
+    describe_motion,
+    describe_noise,
+    energy_pair,
+    joints_tuned_away,
+)
+from ident.show.report.diagnosis_verdict import diagnosis_headline
 from ident.show.report.evaluation import ReportInput, evaluation_sections
+from ident.show.report.finding_words import called, in_units_of, units_of
+from ident.show.report.leading_joint import in_order_of_joints
 from ident.show.report.page import (
     EPOCH_FROM,
     MOST_STAMPS,
@@ -122,19 +133,19 @@ def verdict_section(record: Record) -> Section:
     runs = plural(session.get("runs", 0), "run")
     seconds = fixed(session.get("duration_s", 0.0), 0)
     given = any("model_rms_Nm" in gap for gap in record.get("gap", {}).values())
-    lead = [verdict.describe_findings(record), verdict.describe_unnamed(record)]
+    lead = [describe_findings(record), describe_unnamed(record)]
     values = {
-        "headline": glue(verdict.diagnosis_headline(record)),
-        "first": glue(verdict.first_action(record)),
+        "headline": glue(diagnosis_headline(record)),
+        "first": glue(first_action(record)),
         "lead": glue(" ".join(text for text in lead if text)),
         "telemetry": record.get("telemetry", []),
-        "motion": glue(verdict.describe_motion(record)),
-        "doubts": [glue(line) for line in verdict.describe_reservations(record)],
+        "motion": glue(describe_motion(record)),
+        "doubts": [glue(line) for line in describe_reservations(record)],
         "session": f"{runs}, {session.get('samples', 0):,} samples, {seconds} s",
         "gaps": gap_rows(record),
-        "noise": verdict.describe_noise(record),
+        "noise": describe_noise(record),
         "named": bool(record.get("findings")),
-        "units": verdict.units_of(record),
+        "units": units_of(record),
         # The model untuned is the user's own where one was given.
         "untuned": "the model that was given" if given else "inertias of the URDF, friction tuned",
     }
@@ -178,7 +189,7 @@ def gap_rows(record: Record) -> list[dict[str, Any]]:
     after = heldout.get("rms_after_Nm", {}) if named else {}
     joules = heldout.get("energy_error_after_J") or {}
     spread = heldout.get("energy_error_after_std_J") or {}
-    hidden = verdict.joints_tuned_away(record)
+    hidden = joints_tuned_away(record)
     sizes = [gap["rms_Nm"] for gap in gaps.values()]
     sizes += [gaps[joint].get("fixed_rms_Nm", 0.0) for joint in hidden if joint in gaps]
     rows = []
@@ -226,16 +237,16 @@ def findings_section(record: Record, pictures: Sequence[LawPicture | None] = ())
     identities = map(id, record.get("findings", []))
     picture_of = dict(zip(identities, pictures, strict=False))
     cards = []
-    for finding in verdict.in_order_of_joints(record):
-        before = verdict.energy_pair(finding["heldout"], "before", runs)
-        after = verdict.energy_pair(finding["heldout"], "after", runs)
-        title = sentence(verdict.called(finding))
-        order = verdict.order_of(finding, record)
+    for finding in in_order_of_joints(record):
+        before = energy_pair(finding["heldout"], "before", runs)
+        after = energy_pair(finding["heldout"], "after", runs)
+        title = sentence(called(finding))
+        order = order_of(finding, record)
         picture = picture_of.get(id(finding))
         cards.append((finding, title, order, f"{before} → {after} J", picture))
     if not cards:
         return None
-    values = {"findings": cards, "record": record, "in_units_of": verdict.in_units_of}
+    values = {"findings": cards, "record": record, "in_units_of": in_units_of}
     return Section("findings", "What causes it, and what to do", "findings.html", values)
 
 
@@ -250,7 +261,7 @@ def where_section(record: Record) -> Section | None:
     sentences = []
     for place in sure[:MOST_SENTENCES]:
         words = describe_place(place)
-        sentences.append(verdict.in_units_of([place["joint"]], record, words))
+        sentences.append(in_units_of([place["joint"]], record, words))
     values = {
         "sentences": sentences,
         "map": map_table(from_start(record, "maps"), record["joints"]),
@@ -343,7 +354,7 @@ def outlook_section(record: Record) -> Section | None:
         "limits": limit_rows(record),
         "silent": silent_groups(record.get("not_testable", [])),
         "record": record,
-        "in_units_of": verdict.in_units_of,
+        "in_units_of": in_units_of,
     }
     return Section("next", "What to record next", "outlook.html", values)
 
@@ -356,9 +367,9 @@ def render_comparison_report(record: Record) -> str:
         "headline": words,
         "order": order,
         "places_of": places_of,
-        "order_of": verdict.order_of,
-        "in_units_of": verdict.in_units_of,
-        "units": verdict.units_of(record),
+        "order_of": order_of,
+        "in_units_of": in_units_of,
+        "units": units_of(record),
         "spread": describe_spread(record),
         "notes": [f"{sentence(line)}." for line in describe_notes(record)],
         "silent": silent_groups(without_still(record)),

@@ -9,12 +9,12 @@ torque than the joint's noise floor.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from ident.errors import join_words, plural
 from ident.laws.carried import TABLE
+from ident.records import JsonRecord, JsonTable
 from ident.show.report.words import DASH, fixed, sentence, significant
 from ident.units import DAMPING, INERTIA, TORQUE, unit_for
 
@@ -43,7 +43,7 @@ MEANS_FROM_ZERO = "from 0 on: may be none; friction and rotors are never below 0
 # Of a session with a load, which is found as a point: what turns with it looks like a larger rotor.
 MEANS_OF_LOAD = "how the load's mass is spread is not known: rotors near it may have some of it"
 # A number's record: nominal and found, with its intervals.
-Figure = Mapping[str, Any]
+Figure = JsonTable
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Number:
         return f"± {one_digit(tolerant)}"
 
 
-def numbers_of(record: Mapping[str, Any]) -> list[Number]:
+def numbers_of(record: JsonTable) -> list[Number]:
     """All numbers of a diagnosis's joints, in the order of the joints."""
     identified = record.get("identified", {})
     gaps = record.get("gap", {})
@@ -121,7 +121,7 @@ def numbers_of(record: Mapping[str, Any]) -> list[Number]:
     return found
 
 
-def describe_marks(record: Mapping[str, Any]) -> list[str]:
+def describe_marks(record: JsonTable) -> list[str]:
     """What the words in the table's cells mean, as far as a cell has them, and what a load hides."""
     cells = [number for row in table_of(record) for number in row["cells"].values()]
     meanings = [MEANS_FROM_ZERO] * any(number.from_zero for number in cells)
@@ -246,7 +246,7 @@ def plain(value: float | None) -> str:
     return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
 
 
-def describe_numbers(record: Mapping[str, Any], brief: bool = False) -> str:
+def describe_numbers(record: JsonTable, brief: bool = False) -> str:
     """What is wrong with the URDF's friction, in a sentence; empty where nothing is that matters.
 
     Args:
@@ -276,13 +276,13 @@ def describe_numbers(record: Mapping[str, Any], brief: bool = False) -> str:
     return f"Your URDF's friction is off: {example}.{more}"
 
 
-def states_friction(record: Mapping[str, Any]) -> bool:
+def states_friction(record: JsonTable) -> bool:
     """Whether the URDF states friction, and not as the arm has it."""
     wrong = [number for number in numbers_of(record) if number.key in STATED and number.matters]
     return any(number.figure["nominal"] for number in wrong)
 
 
-def common_factor(record: Mapping[str, Any], wrong: Sequence[Number]) -> str:
+def common_factor(record: JsonTable, wrong: Sequence[Number]) -> str:
     """The factor by which all of a URDF's friction is off, if it is the same everywhere to the
     digits shown.
 
@@ -300,7 +300,7 @@ def common_factor(record: Mapping[str, Any], wrong: Sequence[Number]) -> str:
     return ratios.pop() if len(ratios) == 1 and len(friction) > 1 else ""
 
 
-def _where(record: Mapping[str, Any], joints: Sequence[str]) -> str:
+def _where(record: JsonTable, joints: Sequence[str]) -> str:
     moved = [joint for joint in record["joints"] if joint in record.get("gap", {})]
     if len(joints) == len(moved) > 1:
         return "at every joint"
@@ -309,7 +309,7 @@ def _where(record: Mapping[str, Any], joints: Sequence[str]) -> str:
     return f"at {len(joints)} of {len(moved)} joints"
 
 
-def describe_readings(record: Mapping[str, Any]) -> list[str]:
+def describe_readings(record: JsonTable) -> list[str]:
     """Offsets and gains that are not those of a true reading and make more torque than noise, a
     line each kind.
     """
@@ -330,7 +330,7 @@ def _with_tolerance(number: Number) -> str:
     return f"{number.joint} {number.value}{wider} {number.unit}".rstrip()
 
 
-def describe_links(record: Mapping[str, Any]) -> list[str]:
+def describe_links(record: JsonTable) -> list[str]:
     """Links whose mass is known and differs from the URDF's by more than its tolerance, a line
     each.
     """
@@ -342,13 +342,13 @@ def describe_links(record: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def table_of(record: Mapping[str, Any]) -> list[dict[str, Any]]:
+def table_of(record: JsonTable) -> list[JsonRecord]:
     """A row for each joint of which anything is known: its numbers by their keys.
 
     Returns:
         Rows of "joint", "cells" (a `Number` by its key) and "known" (true).
     """
-    rows: dict[str, dict[str, Any]] = {}
+    rows: dict[str, JsonRecord] = {}
     for number in numbers_of(record):
         row = rows.setdefault(number.joint, {"joint": number.joint, "cells": {}, "known": False})
         row["cells"][number.key] = number
@@ -356,7 +356,7 @@ def table_of(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [row for row in rows.values() if row["known"]]
 
 
-def units_in(record: Mapping[str, Any], key: str) -> str:
+def units_in(record: JsonTable, key: str) -> str:
     """The unit of a column, of joints that turn and of joints that slide."""
     units = [number.unit for number in numbers_of(record) if number.key == key]
     return "; ".join(dict.fromkeys(units))

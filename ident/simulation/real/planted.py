@@ -408,7 +408,14 @@ def up_to(share: float) -> Callable[[MovedArm, int], float]:
 
 
 def at_speed(share: float) -> Callable[[MovedArm, int], float]:
-    """A coefficient that makes such a torque at the joint's fastest."""
+    """A coefficient of speed that makes a share of the joint's largest torque at its fastest.
+
+    Args:
+        share: Of the torque that the joint's drive hardly exceeds.
+
+    Returns:
+        What takes a moved arm and a joint's index to the coefficient [N m s/rad].
+    """
 
     def largest(arm: MovedArm, j: int) -> float:
         fastest = float(np.quantile(np.abs(arm.v[:, j]), 0.95))

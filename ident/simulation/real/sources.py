@@ -6,11 +6,10 @@ import itertools
 import re
 import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from ident.model.link_inertia import ball_of, read_inertial, set_inertial
 from ident.recordings.load import load_recording, load_session
 from ident.recordings.recording import Recording
 from ident.recordings.session_toml import NAME, SessionFile, load_session_file
+from ident.records import JsonRecord, JsonTable
 from ident.robot.arm import ArmModel
 from ident.simulation.hardware import without_geometry
 
@@ -67,13 +67,13 @@ class Source:
         return self.runs[0].joints
 
 
-def known_recordings() -> dict[str, dict[str, Any]]:
+def known_recordings() -> dict[str, JsonRecord]:
     """The table of public recordings, by session (`arms.toml`)."""
     text = Path(__file__).with_name("arms.toml").read_text(encoding="utf-8")
     return dict(tomllib.loads(text))
 
 
-def recorded_causes() -> dict[str, dict[str, Any]]:
+def recorded_causes() -> dict[str, JsonRecord]:
     """The table of public recordings with a cause that was measured, by session
     (`recorded.toml`).
     """
@@ -142,7 +142,7 @@ def measured_causes(arm: str) -> dict[str, list[str]]:
     )
 
 
-def load_known(name: str, entry: Mapping[str, Any], folder: Path) -> Source:
+def load_known(name: str, entry: JsonTable, folder: Path) -> Source:
     """A session of one of the tables, below the folder of all recordings."""
     place = folder / entry["folder"]
     robot = entry.get("robot", "")
@@ -176,7 +176,7 @@ def load_known(name: str, entry: Mapping[str, Any], folder: Path) -> Source:
     return replace(source, weight=float(entry.get("weight", 1.0)))
 
 
-def _load_arrays(path: Path, entry: Mapping[str, Any]) -> Recording:
+def _load_arrays(path: Path, entry: JsonTable) -> Recording:
     """A run whose channels are arrays of all joints in an archive."""
     with np.load(path, allow_pickle=False) as archive:
         read = {
@@ -189,7 +189,7 @@ def _load_arrays(path: Path, entry: Mapping[str, Any]) -> Recording:
     )
 
 
-def _shortened(run: Recording, entry: Mapping[str, Any]) -> Recording:
+def _shortened(run: Recording, entry: JsonTable) -> Recording:
     """What of a run the table asks for, with the sign of the torque that it states."""
     count = int(
         np.searchsorted(run.time, run.time[0] + entry.get("longest_s", np.inf), side="right")
@@ -198,7 +198,7 @@ def _shortened(run: Recording, entry: Mapping[str, Any]) -> Recording:
     return rows.replace(effort=entry.get("effort_sign", 1) * rows.effort)
 
 
-def _settings_of(entry: Mapping[str, Any], place: Path) -> SessionFile:
+def _settings_of(entry: JsonTable, place: Path) -> SessionFile:
     if "joints" not in entry:
         return load_session_file(place / NAME) if (place / NAME).is_file() else SessionFile()
     joints = entry["joints"]

@@ -10,7 +10,8 @@ from made_up_cases import answer, finding, result, truth
 from ident.benchmark.cases import FULL_MIX, TWINS, Slot, draw_case, parse_mix, plan_slots
 from ident.benchmark.real_check import rows_of, tables
 from ident.benchmark.real_check import score as score_real
-from ident.benchmark.scoring import comparable, score_case
+from ident.benchmark.scoring import score_case
+from ident.benchmark.truth import comparable
 from ident.errors import InputError
 from ident.simulation.causes import CATALOGUE, OUTSIDE
 from ident.simulation.request import EffectRequest

@@ -12,7 +12,8 @@ from made_up_cases import answer, finding, result, truth
 from ident.benchmark.cases import FULL_MIX, Slot, draw_case, draw_world_of, name_by_evidence, plan_slots
 from ident.benchmark.run import edit_case, edited_arm, error_ratio, rms_left, tuned_arm, twins_of
 from ident.benchmark.score_rules import EDIT_WITHIN
-from ident.benchmark.scoring import Outcome, auroc, calibration_curve, calibration_error, mean, score_case, share
+from ident.benchmark.scores import auroc, calibration_curve, calibration_error, mean, share
+from ident.benchmark.scoring import Outcome, score_case
 from ident.benchmark.summary import BlindReport
 from ident.effects.transmission import SpringTorque
 from ident.export.identified import IdentifiedArm

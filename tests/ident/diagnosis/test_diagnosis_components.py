@@ -137,7 +137,7 @@ def test_folds_know_friction_by_their_own_pieces(fold_of_block: list[int]) -> No
     sums = FrictionSums(stretch, np.arange(6), (free[:, columns],), level[None], rank=0)
     folds = np.array(fold_of_block)
     own_sums = np.stack([free[folds == fold].sum(axis=0) for fold in range(3)])
-    rest, own = sums.part(own_sums, 0, spread, folds)
+    rest, own = sums.split_by_fold(own_sums, 0, spread, folds)
     for fold in range(3):
         for side, inside in ((own[fold], folds == fold), (rest[fold], folds != fold)):
             expected: Array = np.zeros((5, 5))

@@ -11,7 +11,10 @@ import pytest
 
 from ident.show.console import PlainConsole, wrap
 from ident.show.diagnosis_lines import print_diagnosis, untold_issues
-from ident.show.report.diagnosis_verdict import describe_noise, diagnosis_headline, first_action, place_words
+from ident.show.report.diagnosis_actions import first_action
+from ident.show.report.diagnosis_gap import describe_noise
+from ident.show.report.diagnosis_verdict import diagnosis_headline
+from ident.show.report.finding_words import place_words
 from ident.show.report.numbers import (
     IN_LAW,
     MEANS_FROM_ZERO,

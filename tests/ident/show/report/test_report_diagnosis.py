@@ -10,12 +10,10 @@ from rich.console import Console
 
 from ident.regression.discrepancy import BLOCKS
 from ident.show.diagnosis_lines import describe_gap, print_diagnosis
+from ident.show.report.diagnosis_actions import first_action
+from ident.show.report.diagnosis_doubts import describe_reservations
 from ident.show.report.diagnosis_pages import gap_rows, map_table, write_diagnosis_report
-from ident.show.report.diagnosis_verdict import (
-    describe_reservations,
-    diagnosis_headline,
-    first_action,
-)
+from ident.show.report.diagnosis_verdict import diagnosis_headline
 from ident.show.report.evaluation import ReportInput
 from ident.show.report.words import parameter_rows, with_units
 from tests.ident.show.report.reader import read

@@ -6,13 +6,9 @@ from typing import Any
 
 import pytest
 
-from ident.show.report.diagnosis_verdict import (
-    LONGEST_HEADLINE,
-    diagnosis_headline,
-    first_action,
-    in_order_of_joints,
-    order_of,
-)
+from ident.show.report.diagnosis_actions import first_action, order_of
+from ident.show.report.diagnosis_verdict import LONGEST_HEADLINE, diagnosis_headline
+from ident.show.report.leading_joint import in_order_of_joints
 from ident.show.terminal import describe_name, headline
 
 SCALE = {

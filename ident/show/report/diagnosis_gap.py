@@ -1,0 +1,169 @@
+"""What the names of a diagnosis leave, joint by joint: noise, errors, inertias tuned too far."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ident.diagnosis.next_experiment import joints_shown
+from ident.errors import join_words
+from ident.records import JsonTable
+from ident.show.report.finding_words import in_units_of, units_of
+from ident.show.report.words import fixed, pair, percent, significant
+from ident.units import TORQUE
+
+# Tuned on other runs a model that errs by so many times what it does untuned has learned what does
+# not carry over.
+OVERTUNED = 2.0
+# A chance of one in five that something is left at a joint is worth saying.
+WORTH_SAYING = 0.2
+
+
+def describe_largest_rest(record: JsonTable) -> str:
+    """Where the names leave most beyond noise, and how much."""
+    after = (record.get("heldout") or {}).get("rms_after_Nm", {})
+    gap = record.get("gap", {})
+    left = {}
+    for joint, rms in after.items():
+        if joint in gap:
+            left[joint] = rms**2 - gap[joint]["noise_floor_Nm"] ** 2
+    worst = max(left, key=left.__getitem__, default="")
+    if not worst or left[worst] <= 0.0:
+        return ""
+    size = in_units_of([worst], record, f"{significant(math.sqrt(left[worst]))} {TORQUE}")
+    return f"; most of the rest is at {worst}, {size} beyond noise"
+
+
+def likeliest_doubt(record: JsonTable) -> tuple[str, float]:
+    """Where a cause without a name is likeliest left, and how likely.
+
+    Returns:
+        The joint and the probability; "" and 0 where that is hardly likely.
+    """
+    left = record.get("leftover", {})
+    joint = max(left, key=left.__getitem__, default="")
+    if not joint or left[joint] < WORTH_SAYING:
+        return "", 0.0
+    return joint, left[joint]
+
+
+def noise_is_left(record: JsonTable) -> list[str]:
+    """Joints at which what the names leave is the noise, to the digits shown."""
+    after = (record.get("heldout") or {}).get("rms_after_Nm", {}) if record.get("findings") else {}
+    gaps = record.get("gap", {})
+    left = {joint: after.get(joint, gap["rms_Nm"]) for joint, gap in gaps.items()}
+    alike = []
+    for joint, gap in gaps.items():
+        noise = gap["noise_floor_Nm"]
+        if f"{left[joint]:.3f}" == f"{noise:.3f}":
+            alike.append(joint)
+    return alike
+
+
+def describe_noise(record: JsonTable) -> str:
+    """Why noise and what is left are one figure at some joints; "" where they are at none."""
+    alike = noise_is_left(record)
+    if not alike:
+        return ""
+    at_all = len(alike) == len(record["gap"])
+    where = "What is left" if at_all else f"What is left at {join_words(alike)}"
+    there = "at no joint" if at_all else "there"
+    likelier = "likelier than not"
+    sure = f"is a cause without a name {likelier}"
+    if not at_all:
+        sure = f"no cause without a name is {likelier}"
+    return f"{where} is counted as noise: {there} {sure}."
+
+
+def tuned_away_joints(record: JsonTable) -> list[str]:
+    """Joints whose torque only inertias beyond the URDF's tolerance explain, the loudest first."""
+    hidden = {}
+    for joint, gap in record.get("gap", {}).items():
+        if gap.get("tuned_away_Nm", 0.0) > gap["noise_floor_Nm"]:
+            hidden[joint] = gap["tuned_away_Nm"] / max(gap["noise_floor_Nm"], 1e-12)
+    return sorted(hidden, key=lambda joint: -hidden[joint])
+
+
+def overtuned_joints(record: JsonTable) -> list[str]:
+    """Joints that the tuned model, with the names, foretells worse on unseen runs than the model as
+    it was given.
+    """
+    after = (record.get("heldout") or {}).get("rms_after_Nm", {})
+    overtuned = []
+    for joint, gap in record.get("gap", {}).items():
+        left = min(gap["rms_Nm"], after.get(joint, math.inf))
+        if left > OVERTUNED * gap.get("fixed_rms_Nm", math.inf):
+            overtuned.append(joint)
+    return overtuned
+
+
+def joints_tuned_away(record: JsonTable) -> set[str]:
+    """Joints at which tuning hides a named effect, which is judged by the model before tuning."""
+    joints: set[str] = set()
+    for finding in record.get("findings", []):
+        if finding.get("evidence", {}).get("judged_against") == "urdf":
+            joints.update(joints_shown(finding))
+    return joints
+
+
+def describe_findings(record: JsonTable) -> str:
+    """How far the named effects shrink the gap: where tuning hides one, that of the model before
+    tuning.
+    """
+    heldout = record.get("heldout") or {}
+    gaps = record.get("gap", {})
+    findings = record.get("findings", [])
+    if not findings or "shrink" not in heldout:
+        return ""
+    absorbed = joints_tuned_away(record)
+    named = set[str]().union(*map(joints_shown, findings))
+    after = heldout.get("rms_after_Nm", {})
+    before = dict(heldout.get("rms_before_Nm", {}))
+    before.update({joint: gaps[joint]["fixed_rms_Nm"] for joint in absorbed})
+    share = heldout["shrink"]
+    since = ""
+    if absorbed:
+        rows = [(before[joint], after[joint], gaps[joint]["noise_floor_Nm"]) for joint in absorbed]
+        old, new, floor = (np.array(rows) ** 2).sum(axis=0)
+        share = (old - new) / max(old - floor, 1e-12)
+        since = ", counted from the model before tuning"
+    amount = "nothing" if share <= 0.0 else percent(share)
+    closes = f"On parts that the fit never saw all names close {amount} of what can be closed{since}"
+    errors = []
+    for joint in gaps:
+        if joint in named:
+            error = f"{significant(before.get(joint))} → {significant(after.get(joint))}"
+            errors.append(f"{joint} {error}")
+    if not errors:
+        return f"{closes}."
+    return f"{closes}. Torque error [{units_of(record)}]: {', '.join(errors)}."
+
+
+def describe_motion(record: JsonTable) -> str:
+    """By how much the replayed motion comes nearer, of the joints that the names are about."""
+    forward = (record.get("heldout") or {}).get("forward")
+    findings = record.get("findings")
+    if not findings or not forward:
+        return ""
+    before = forward["position_rms_rad"]["before"]
+    after = forward["position_rms_rad"]["after"]
+    named: set[str] = set()
+    for finding in findings:
+        named.update(finding["joints"])
+    errors = []
+    for joint in before:
+        if joint in named:
+            change = f"{fixed(1e3 * before[joint], 1)} → {fixed(1e3 * after[joint], 1)}"
+            errors.append(f"{joint} {change}")
+    if not errors:
+        return ""
+    window = f"after {1e3 * forward['window_s']:.0f} ms by [{units_of(record, 'mrad')}]"
+    what = "Replayed under the recorded torques, the motion is off"
+    return f"{what} {window}: {', '.join(errors)}."
+
+
+def energy_pair(heldout: JsonTable, when: str, runs: int) -> str:
+    """Mean energy error of a run, with its spread over the runs where there are several."""
+    spread = heldout.get(f"energy_error_{when}_std_J") if runs > 1 else None
+    return pair(heldout.get(f"energy_error_{when}_J"), spread)
