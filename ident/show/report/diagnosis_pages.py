@@ -16,7 +16,6 @@ from ident.show.report import numbers
 from ident.show.report.evaluation import ReportInput, evaluation_sections
 from ident.show.report.page import (
     EPOCH_FROM,
-    MOST_STAMPS,
     Section,
     describe_origin,
     facts_section,
@@ -43,6 +42,7 @@ from ident.show.report.words import (
 from ident.show.terminal import (
     describe_known,
     describe_notes,
+    describe_side,
     describe_spread,
     headline,
     limit_rows,
@@ -368,13 +368,6 @@ def render_comparison_report(record: Record) -> str:
         telemetry_section(record["telemetry"]),
         facts_section(provenance_facts(record)),
     ]
-    sides = [f"{name}: {_describe_side(record[name])}" for name in ("before", "after")]
+    sides = [f"{name}: {describe_side(record[name])}" for name in ("before", "after")]
     subtitle = " · ".join([record["robot"], *sides, describe_known(record)])
     return render_page(f"What changed: {record['robot']}", sections, subtitle)
-
-
-def _describe_side(side: Record) -> str:
-    """The sessions of a set, and how much was recorded."""
-    sessions = ", ".join(side["sessions"][:MOST_STAMPS])
-    more = " …" if len(side["sessions"]) > MOST_STAMPS else ""
-    return f"{sessions}{more} ({plural(side['runs'], 'run')}, {side['duration_s']:.0f} s)"
