@@ -6,7 +6,8 @@ number, unable to parse string as a number"), and leaves out what was given.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Protocol
 
 from ident.errors import InputError
 
@@ -18,38 +19,63 @@ NO_SWITCH = ("bool_type", "bool_parsing")
 OUT_OF_BOUNDS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 
 
-def misuse(error: Any, command: str) -> str:
+class Option(Protocol):
+    """An option or argument of a command, as the library has it."""
+
+    name: str
+    opts: list[str]
+    min: float | None
+    max: float | None
+
+
+class Misuse(Protocol):
+    """What the library raises where a command line is no command."""
+
+    message: str
+    ctx: object
+    __cause__: BaseException | None
+
+    def format_message(self) -> str:
+        """The fault in the library's words."""
+
+
+Fault = Mapping[str, object]
+
+
+def misuse(error: Misuse, command: str) -> str:
     """The line that tells a fault of the command line.
 
     Args:
         error: The library's exception.
         command: Name of the command, where the exception names none.
     """
-    path = getattr(getattr(error, "ctx", None), "command_path", command)
-    option = getattr(error, "param", None)
+    path = getattr(error.ctx, "command_path", command)
+    option: Option | None = getattr(error, "param", None)
     if option is None:
-        return f"{str(error.format_message()).rstrip('.')}; see {path} --help"
-    what, remedy = _told(_fault_of(error), option, error)
-    return str(InputError(_name_of(option), what, f"{remedy}; see {path} --help"))
+        return f"{error.format_message().rstrip('.')}; see {path} --help"
+    what, remedy = _told(error, option)
+    place = max(option.opts, key=len, default=option.name)
+    return str(InputError(place, what, f"{remedy}; see {path} --help"))
 
 
-def _fault_of(error: Any) -> dict[str, Any] | None:
-    """The first fault of a value, with its kind and what was given; None where nothing was given."""
+def _fault_of(error: Misuse) -> Fault | None:
+    """The first fault of a value, with its kind and what was given; None where it has no such."""
     faults = getattr(error.__cause__, "errors", None)
     return next(iter(faults()), None) if callable(faults) else None
 
 
-def _name_of(option: Any) -> str:
-    """An option or argument as the user writes it."""
-    return str(max(option.opts, key=len)) if option.opts else str(option.name)
-
-
-def _told(fault: dict[str, Any] | None, option: Any, error: Any) -> tuple[str, str]:
+def _told(error: Misuse, option: Option) -> tuple[str, str]:
     """What is wrong with an option, and what to give instead."""
-    if fault is None:
-        is_missing = type(error).__name__ == "MissingParameter"
-        what = "it is not given" if is_missing else str(error.message).rstrip(".")
-        return what, "add it" if is_missing else "give another value"
+    fault = _fault_of(error)
+    if fault is not None:
+        return _told_of_value(fault, option)
+    if type(error).__name__ == "MissingParameter":
+        return "it is not given", "add it"
+    return error.message.rstrip("."), "give another value"
+
+
+def _told_of_value(fault: Fault, option: Option) -> tuple[str, str]:
+    """What is wrong with a value, and what to give instead."""
     given = f"'{fault['input']}'"
     kind = fault["type"]
     if kind in NO_WHOLE_NUMBER:
@@ -65,9 +91,7 @@ def _told(fault: dict[str, Any] | None, option: Any, error: Any) -> tuple[str, s
     return f"{given}: {str(fault['msg']).rstrip('.')}", "give another value"
 
 
-def _bounds_of(option: Any) -> str:
+def _bounds_of(option: Option) -> str:
     """Between which numbers an option's value lies, in words that follow `a number`."""
-    least = getattr(option, "min", None)
-    most = getattr(option, "max", None)
-    ends = [f"{word} {end}" for word, end in (("from", least), ("to", most)) if end is not None]
-    return "".join(f" {end}" for end in ends)
+    ends = (("from", option.min), ("to", option.max))
+    return "".join(f" {word} {end}" for word, end in ends if end is not None)
