@@ -359,8 +359,8 @@ def render_comparison_report(record: Record) -> str:
         "order_of": verdict.order_of,
         "in_units_of": verdict.in_units_of,
         "units": verdict.units_of(record),
-        "spread": describe_spread(record),
-        "notes": [f"{sentence(line)}." for line in describe_notes(record)],
+        "spread": glue(describe_spread(record)),
+        "notes": [glue(f"{sentence(line)}.") for line in describe_notes(record)],
         "silent": silent_groups(without_still(record)),
     }
     sections = [
