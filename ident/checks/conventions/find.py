@@ -139,7 +139,7 @@ def _second(ranked: Sequence[Scored], usual_orders: Orders) -> Scored | None:
         is_more = bool(changes) and changes < others
         further = price(scored.hypothesis, usual_orders) - paid
         is_fitted = bool((others - changes) & OF_NUMBERS)
-        is_paid = not is_fitted and scored.cost - best.cost < 0.5 * further
+        is_paid = not is_fitted and scored.cost - best.cost < further
         if not is_more or is_paid:
             return scored
     return None

@@ -84,7 +84,7 @@ class Screening:
         for screened in self._screened(read(self.log, model, fresh), fresh):
             key = (screened.reading.motion, has_body)
             further = self.prices.of(screened.reading) - price_of_base
-            most = np.inf if base is None else of_base + 0.5 * max(further, 0.0)
+            most = np.inf if base is None else of_base + max(further, 0.0)
             self.seen[key] = screened.cost
             self._waiting[key] = replace(screened, most=most)
 

@@ -9,6 +9,7 @@ by more states, with masses and bodies, and the next changes are sought from the
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product
@@ -39,6 +40,8 @@ class Search:
         self.screening = Screening(log.thinned(SEARCH.screened), model, columns, prices)
         self.closely = CloseLook(log, model, columns, prices)
         self._expanded: set[Motion] = set()
+        # From how many readings of each order and unit changes were sought.
+        self._sought: Counter[tuple[object, ...]] = Counter()
 
     def run(self) -> list[Scored]:
         """The readings that were looked at closely, the likeliest first.
@@ -56,13 +59,11 @@ class Search:
         starts = self.motions.starts()
         self.screening.ask(starts, self.model, False)
         self._look(len(starts))
-        while True:
-            front = self._front(self.closely.ranked)
-            if not front or not self._has_time:
+        while self._has_time:
+            scored = self._next()
+            if scored is None:
                 return
-            for scored in front:
-                if self._has_time:
-                    self._expand(scored)
+            self._expand(scored)
             self._look(SEARCH.refined)
             self._settle()
 
@@ -89,6 +90,7 @@ class Search:
         has_body = scored.hypothesis.body is not None
         model = self._model_with(scored.hypothesis)
         self._expanded.add((reading.motion, has_body))
+        self._sought[self._shared(reading)] += 1
         self.screening.ask([reading], model, has_body)
         changed = list(self.motions.neighbours(reading))
         self.screening.ask(changed, model, has_body, reading)
@@ -155,31 +157,55 @@ class Search:
         for gravity, signs in product(gravities, (reading.effort_sign, opposite)):
             yield replace(of_torque, gravity=gravity, effort_sign=signs)
 
-    def _front(self, ranked: Sequence[Scored]) -> list[Scored]:
-        """The likeliest motions from which no change was sought yet, each of another order and unit
-        of all columns; the log's own first among equals.
+    def _next(self) -> Scored | None:
+        """The reading from which changes are sought next; None where none is left that is worth it.
+
+        The likeliest, where it explains well, without a body and with it: a body may stand for the
+        change that is missing. Else the log's own, and then of the likeliest orders and units of
+        all columns the one from which changes were sought least.
+        """
+        best = self.closely.ranked[0]
+        plain = self.motions.plain.motion
+        fresh = [scored for scored in self.closely.ranked if self._is_open(scored)]
+        if self._is_settled:
+            return next((each for each in fresh if each.hypothesis.motion == plain), None)
+        if best.explains > SEARCH.well_explained:
+            return self._of_best_motion(fresh)
+        if self._expanded:
+            own = [scored for scored in fresh if scored.hypothesis.motion == plain]
+            if own and (plain, False) not in self._expanded:
+                return own[0]
+            # What explains nothing leads nowhere, once another explains something.
+            fresh = [scored for scored in fresh if scored.explains > 0.0] or fresh[:1]
+        classes: dict[tuple[object, ...], Scored] = {}
+        for scored in fresh:
+            classes.setdefault(self._shared(scored.hypothesis), scored)
+        likeliest = list(classes.values())[: SEARCH.beam]
+        return min(likeliest, key=self._times_sought, default=None)
+
+    def _of_best_motion(self, fresh: Sequence[Scored]) -> Scored | None:
+        """The likeliest of some readings with the best one's motion: without a body, then with its
+        own; None where there is none.
+        """
+        best = self.closely.ranked[0].hypothesis
+        of_motion = [scored for scored in fresh if scored.hypothesis.motion == best.motion]
+        bodiless = [scored for scored in of_motion if scored.hypothesis.body is None]
+        beside_body = of_motion if best.body is not None else []
+        return next(iter([*bodiless, *beside_body]), None)
+
+    def _times_sought(self, scored: Scored) -> int:
+        """From how many readings of the same order and unit changes were sought."""
+        return self._sought[self._shared(scored.hypothesis)]
+
+    def _is_open(self, scored: Scored) -> bool:
+        """Whether no change was sought yet from a reading's motion, and one may be.
 
         A body under a reading that explains little mends what another change would: none is sought
         beside it.
         """
-        plain = self.motions.plain.motion
-        fresh: dict[Motion, Scored] = {}
-        for scored in ranked:
-            has_body = scored.hypothesis.body is not None
-            key = (scored.hypothesis.motion, has_body)
-            is_sought = scored.explains > SEARCH.well_explained or not has_body
-            if is_sought and key not in self._expanded:
-                fresh.setdefault(key, scored)
-        if self._is_settled:
-            return [scored for (motion, _), scored in fresh.items() if motion == plain][:1]
-        classes: dict[tuple[object, ...], Scored] = {}
-        for scored in fresh.values():
-            classes.setdefault(self._shared(scored.hypothesis), scored)
-        apart = list(classes.values())[: SEARCH.beam]
-        if self._expanded:
-            # What explains nothing leads nowhere, once another explains something.
-            return [scored for scored in apart if scored.explains > 0.0] or apart[:1]
-        return list(dict.fromkeys([*apart, fresh[plain, False]]))
+        has_body = scored.hypothesis.body is not None
+        is_sought = scored.explains > SEARCH.well_explained or not has_body
+        return is_sought and (scored.hypothesis.motion, has_body) not in self._expanded
 
     def _shared(self, hypothesis: Hypothesis) -> tuple[object, ...]:
         """What all columns of a reading share: an order, a unit."""
