@@ -22,7 +22,7 @@ from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, Hypothes
 from ident.checks.conventions.masses import guessed_masses
 from ident.checks.conventions.motions import Motions, Place, motion_of, place_of
 from ident.checks.conventions.readings import Log, Model, evidence_of_columns, telling
-from ident.checks.conventions.screening import Motion, Screening
+from ident.checks.conventions.screening import Body, Screening
 from ident.checks.conventions.torques import Columns
 from ident.robot.arm import ArmModel
 
@@ -39,7 +39,8 @@ class Search:
         self.motions = Motions(log, model)
         self.screening = Screening(log.thinned(SEARCH.screened), model, columns, prices)
         self.closely = CloseLook(log, model, columns, prices)
-        self._expanded: set[Motion] = set()
+        # Motions from which changes were sought, and whether beside a body.
+        self._expanded: set[tuple[tuple[object, ...], bool]] = set()
         # From how many readings of each order and unit changes were sought.
         self._sought: Counter[tuple[object, ...]] = Counter()
 
@@ -57,7 +58,7 @@ class Search:
     def _search(self) -> None:
         """Change after change, until none is left that is worth it."""
         starts = self.motions.starts()
-        self.screening.ask(starts, self.model, False)
+        self.screening.ask(starts, self.model, None)
         self._look(len(starts))
         while self._has_time:
             scored = self._next()
@@ -87,18 +88,18 @@ class Search:
         What is changed is seen beside the body, where there is one.
         """
         reading = motion_of(scored.hypothesis)
-        has_body = scored.hypothesis.body is not None
+        body = scored.hypothesis.body
         model = self._model_with(scored.hypothesis)
-        self._expanded.add((reading.motion, has_body))
+        self._expanded.add((reading.motion, body is not None))
         self._sought[self._shared(reading)] += 1
-        self.screening.ask([reading], model, has_body)
+        self.screening.ask([reading], model, body)
         changed = list(self.motions.neighbours(reading))
-        self.screening.ask(changed, model, has_body, reading)
-        places = self._by_place(reading, changed, has_body)
+        self.screening.ask(changed, model, body, reading)
+        places = self._by_place(reading, changed, body)
         together = [*self.motions.pairs(reading, places), *self.motions.of_joints(reading, places)]
         if not self._is_settled:
             together += self.motions.other_values(reading, places)
-        self.screening.ask(together, model, has_body, reading)
+        self.screening.ask(together, model, body, reading)
 
     def _model_with(self, reading: Hypothesis) -> Model:
         """The robot with the body that a reading has at its end."""
@@ -107,12 +108,12 @@ class Search:
         return Model(with_body(self.model.arm, reading))
 
     def _by_place(
-        self, reading: Hypothesis, changed: Sequence[Hypothesis], has_body: bool
+        self, reading: Hypothesis, changed: Sequence[Hypothesis], body: Body
     ) -> list[list[Hypothesis]]:
         """A reading's changes by the place where it is changed, the likeliest first."""
         places: dict[Place, list[Hypothesis]] = {}
         costs = self.screening.seen
-        for each in sorted(changed, key=lambda each: costs[each.motion, has_body]):
+        for each in sorted(changed, key=lambda each: costs[each.motion, body]):
             places.setdefault(place_of(reading, each), []).append(each)
         places.pop((), None)  # the reading itself
         return list(places.values())
