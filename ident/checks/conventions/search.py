@@ -173,9 +173,9 @@ class Search:
         if best.explains > SEARCH.well_explained:
             return self._of_best_motion(fresh)
         if self._expanded:
-            own = [scored for scored in fresh if scored.hypothesis.motion == plain]
-            if own and (plain, False) not in self._expanded:
-                return own[0]
+            unchanged = [scored for scored in fresh if scored.hypothesis.motion == plain]
+            if unchanged and (plain, False) not in self._expanded:
+                return unchanged[0]
             # What explains nothing leads nowhere, once another explains something.
             fresh = [scored for scored in fresh if scored.explains > 0.0] or fresh[:1]
         classes: dict[tuple[object, ...], Scored] = {}
