@@ -14,9 +14,10 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Any, NoReturn, Self, TextIO
+from typing import Any, NoReturn, Self, TextIO, cast
 
 from ident.errors import InputError, visible
+from ident.misuse import Misuse, misuse
 from ident.own_settings import keep_own_settings
 
 # Importable name -> extra of pyproject.toml. The core checks, fits without a net, diagnoses and writes pages.
@@ -121,8 +122,7 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         if signals.came or type(error).__name__ in ("Abort", "KeyboardInterrupt"):
             status = signals.status
         elif type(error).__module__.startswith(("click", "typer")) and hasattr(error, "format_message"):
-            path = getattr(getattr(error, "ctx", None), "command_path", name)
-            say(f"{error.format_message().rstrip('.')}; see {path} --help")
+            say(misuse(cast(Misuse, error), name))
             return USER
         elif isinstance(error, ImportError) and any(words in str(error) for words in UNMAPPED):
             say(MEMORY_FULL)

@@ -159,8 +159,10 @@ def fit_signed(
     triangle = np.asarray(np.linalg.qr(whole - free @ (free.T @ whole), mode="r"))
     weights, left = nnls(triangle[:, :-1], triangle[:, -1])
     gravity, inertia, *_ = np.where(live, weights / divisor, 0.0)
-    variance = float(tau.var())
-    explained = 1.0 - left**2 / len(tau) / variance if variance > 0.0 else 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # cells may hold any number
+        variance = float(tau.var())
+    is_known = 0.0 < variance < np.inf
+    explained = 1.0 - left**2 / len(tau) / variance if is_known else 0.0
     return SignedFit(float(explained), float(gravity), float(inertia))
 
 

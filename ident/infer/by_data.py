@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -29,10 +30,17 @@ LEAST_TIME = 1e-12
 AT_REST = 1e-9
 
 
-def find_rising(table: ForeignTable) -> str | None:
-    """The first column that rises evenly; one that counts samples if there is no other."""
+def find_rising(table: ForeignTable, others: Container[str] = ()) -> str | None:
+    """The first column that rises evenly; one that counts samples if there is no other.
+
+    Args:
+        table: Columns of numbers.
+        others: Names of columns that are none of time.
+    """
     counter = None
     for name, values in table.columns.items():
+        if name in others:
+            continue
         steps = np.diff(np.asarray(values, dtype=float))
         usual = float(np.median(steps)) if len(steps) else 0.0
         if usual <= 0.0:

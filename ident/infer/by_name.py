@@ -8,7 +8,13 @@ import numpy as np
 
 from ident.errors import RecordingError
 from ident.infer.by_data import find_rising
-from ident.infer.families import ColumnFamily, find_families, find_time, named_in_rows
+from ident.infer.families import (
+    ColumnFamily,
+    find_families,
+    find_time,
+    judge_words,
+    named_in_rows,
+)
 from ident.infer.guess import ForeignTable, Reason, Signals
 from ident.recordings.columns import listed, map_by_ending
 from ident.robot.arm import ArmModel
@@ -31,7 +37,9 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
         RecordingError: There is a position, but neither torque, current nor goal.
     """
     names = list(table.columns)
-    clock = find_time(names) or find_rising(table)
+    # An angle that rises all the time is no clock.
+    speaking = [name for name in names if judge_words(name)[0] is not None]
+    clock = find_time(names) or find_rising(table, speaking)
     joints_of_robot = () if arm is None else arm.joint_names
     families = find_families([name for name in names if name != clock], joints_of_robot)
     position = _choose(families, "position", arm)

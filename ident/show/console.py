@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 import time
@@ -53,9 +54,9 @@ def ladder_table(score: SessionScore) -> Table:
     payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
     from ident.show.report.words import fixed, pair  # a help text needs none of them
 
-    table = Table(
-        "model", "joint", title=f"{score.name}: {plural(len(score.runs), 'run')}{payload}", title_justify="left"
-    )
+    title = f"{score.name}: {plural(len(score.runs), 'run')}{payload}"
+    table = Table("model", title=title, title_justify="left")
+    table.add_column("joint", overflow="fold")  # names that begin alike stay apart
     for column in ("energy error [J]", "torque RMSE [N m]"):
         table.add_column(column, justify="right")
     for name, *rows in zip(score.rungs, score.energy_mean, score.energy_std, score.rmse_mean, strict=True):
@@ -171,14 +172,36 @@ def say_remedy(console: Console, text: str, indent: str = "") -> None:
             say(console, part.strip(), indent if number == 0 else hanging, hanging)
 
 
-def columns(table: Sequence[Sequence[str]], sides: str) -> list[str]:
-    """Lines of a table whose columns are as wide as their longest cell; `l` or `r` for the side each stands at."""
+def columns(table: Sequence[Sequence[str]], sides: str, longest: float = math.inf) -> list[str]:
+    """Lines of a table whose columns are as wide as their longest cell.
+
+    Where a line would be longer than `longest`, what its first column says stands above it.
+
+    Args:
+        table: Rows of cells.
+        sides: `l` or `r` for the side that each column stands at.
+        longest: Columns of the terminal.
+    """
+    lines = _aligned(table, sides, "  ")
+    if max(map(len, lines)) <= longest:
+        return lines
+    others = _aligned([row[1:] for row in table], sides[1:], "      ")
+    parted = []
+    for row, line in zip(table, others, strict=True):
+        if row[0]:
+            parted.append(f"  {row[0]}")
+        parted.append(line)
+    return parted
+
+
+def _aligned(table: Sequence[Sequence[str]], sides: str, indent: str) -> list[str]:
+    """Lines of a table whose columns are as wide as their longest cell."""
     widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
     lines = []
     for row in table:
         cells = zip(row, widths, sides, strict=True)
         padded = [cell.rjust(width) if side == "r" else cell.ljust(width) for cell, width, side in cells]
-        lines.append(("  " + "   ".join(padded)).rstrip())
+        lines.append((indent + "   ".join(padded)).rstrip())
     return lines
 
 

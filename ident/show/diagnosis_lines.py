@@ -9,7 +9,7 @@ from rich.console import Console
 
 from ident.checks.report import MISREAD
 from ident.errors import plural
-from ident.show.console import columns, print_issues, say
+from ident.show.console import columns, print_issues, say, text_width
 from ident.show.number_lines import print_numbers
 from ident.show.report.diagnosis_actions import PATCH, WRITE_NUMBERS, first_action, order_of
 from ident.show.report.diagnosis_doubts import describe_reservations, describe_unnamed
@@ -137,7 +137,7 @@ def _print_errors(console: Console, record: Mapping[str, Any]) -> None:
     title = f"Torque error, rms [{units_of(record)}]"
     console.print()
     say(console, f"{title}; {'; '.join(meanings)}" if meanings else title)
-    lines = columns(table, "l" + "r" * len(known))
+    lines = columns(table, "l" + "r" * len(known), text_width(console))
     console.print("\n".join(lines), soft_wrap=True, highlight=False)
     if noise := describe_noise(record):
         say(console, noise, "  ")

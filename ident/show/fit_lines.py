@@ -9,7 +9,7 @@ from ident.fitting.identification import describe
 from ident.model.carried import CarriedEffect
 from ident.model.hybrid import HybridModel
 from ident.model.net_gate import describe_gate
-from ident.show.console import columns
+from ident.show.console import TEXT_WIDTH, columns
 from ident.show.report.numbers import with_error
 from ident.show.report.words import (
     effect_name,
@@ -81,7 +81,8 @@ def describe_foretold(model: HybridModel) -> str:
 def foretold_lines(model: HybridModel) -> list[str]:
     """The error of each joint as a table."""
     rows = [joint.cells for joint in foretold_of(model)]
-    return columns([("joint", "error, rms", "torque, rms", "share"), *rows], "lrrr") if rows else []
+    table = [("joint", "error, rms", "torque, rms", "share"), *rows]
+    return columns(table, "lrrr", TEXT_WIDTH) if rows else []
 
 
 def describe_offsets(model: HybridModel) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -24,16 +25,24 @@ def print_numbers(console: Console, record: Mapping[str, Any], interval: str = G
     """
     rows = table_of(record)
     if rows:
-        lines = _number_lines(record, rows, interval, tolerant=True)
-        if max(map(len, lines)) > text_width(console):
-            lines = _number_lines(record, rows, interval, tolerant=False)
+        width = text_width(console)
+        lines = _number_lines(record, rows, interval)
+        if max(map(len, lines)) > width:
+            lines = _number_lines(record, rows, interval, width)
         console.print("\n".join(lines), soft_wrap=True, highlight=False)
 
 
 def _number_lines(
-    record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], interval: str, tolerant: bool
+    record: Mapping[str, Any],
+    rows: Sequence[Mapping[str, Any]],
+    interval: str,
+    longest: float = math.inf,
 ) -> list[str]:
-    """Of each joint damping, dry friction and rotor: what the URDF says → what was found."""
+    """Of each joint damping, dry friction and rotor: what the URDF says → what was found.
+
+    Where lines may only be so long, the intervals with the URDF's tolerance are left out.
+    """
+    tolerant = math.isinf(longest)
     table = [["", *(f"{name} [{units_in(record, key)}]" for key, (name, _) in LOSSES.items())]]
     wider = False
     for row in rows:
@@ -51,4 +60,4 @@ def _number_lines(
     title += ["(in brackets: if they are as far off as URDFs are)"] * wider
     title += ["(of your arm: without what the named effects add)"] * bool(record.get("findings"))
     title += [f"({meaning})" for meaning in describe_marks(record)]
-    return [*title, *columns(table, "l" * len(table[0]))]
+    return [*title, *columns(table, "l" * len(table[0]), longest)]

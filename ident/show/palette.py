@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 
 # Okabe and Ito's colours: distinguished by colour-blind eyes, and of different grey on paper.
 MEASURED = "#111111"
+# Of pictures: text and axes, the grid, and what stretches that are not judged lie on.
+INK, GRID, REST = "#333333", "#dddddd", "#e4e4df"
 # Of a gap: left by the model before tuning, by the tuned one, after the named effects, by a flexible function beside
 # them, noise.
 UNTUNED, TUNED, NAMED, FLEXIBLE, NOISE = "#cc79a7", "#d55e00", "#009e73", "#0072b2", "#9a9a9a"
@@ -69,6 +71,13 @@ DARK = LIGHT | {
     "heat": "#9c500e",
 }
 PRINTED = LIGHT | {"alarm": "#ffffff", "do": "#ffffff"}
+# Colours of pictures that turn with the page's dark mode, each with the page's own.
+OF_THE_PAGE = {
+    INK: "currentColor",
+    GRID: "var(--line)",
+    MEASURED: "currentColor",
+    REST: "var(--shade)",
+}
 RUNG_COLOURS = {
     "analytic": TUNED,
     "urdf": ORANGE,
@@ -102,6 +111,11 @@ def style_colours() -> str:
     dark = f"@media (prefers-color-scheme: dark) {{ {_properties(DARK)} }}"
     printed = f"@media print {{ {_properties(PRINTED, 'color-scheme: light')} }}"
     return "\n".join([_properties(LIGHT, "color-scheme: light dark"), dark, printed])
+
+
+def on_page(colour: str) -> str:
+    """A colour of a picture as a page has it, light, dark or printed."""
+    return OF_THE_PAGE.get(colour, colour)
 
 
 def _properties(colours: Mapping[str, str], *first: str) -> str:

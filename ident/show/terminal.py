@@ -208,7 +208,7 @@ def with_others(cause: Record) -> str:
 def print_comparison(console: Console, record: Record, details: bool = False) -> None:
     """Verdict and changes with what to do; all else where `details` are asked for."""
     for name in ("before", "after"):
-        console.print(f"{name}: {_describe_side(record[name])}")
+        console.print(f"{name}: {describe_side(record[name])}")
     say(console, describe_known(record), hanging="  ")
     print_issues(console, record["telemetry"], "warning")
     words, order = headline(record)
@@ -232,7 +232,7 @@ def print_comparison(console: Console, record: Record, details: bool = False) ->
         say(console, REST.format(", ".join(left)))
 
 
-def _describe_side(side: Record) -> str:
+def describe_side(side: Record) -> str:
     """The sessions of a set, and how much was recorded."""
     sessions = ", ".join(side["sessions"][:MOST_SESSIONS])
     more = " …" if len(side["sessions"]) > MOST_SESSIONS else ""

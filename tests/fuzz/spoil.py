@@ -436,12 +436,12 @@ def change_whole(pattern: re.Pattern[bytes]) -> Spoil:
             return data
         one = found[int(rng.integers(len(found)))]
         values = (str(rng.choice(NUMBERS)), str(rng.choice(PLAIN)), f"{rng.normal() * 10.0 ** rng.integers(-9, 10):g}")
-        value = values[int(rng.integers(len(values)))]
+        value = values[int(rng.integers(len(values)))].encode()
         words = one.group(1).split()
         if len(words) > 1 and rng.random() < 0.7:  # one number of several
-            words[int(rng.integers(len(words)))] = value.encode()
-            value = b" ".join(words).decode()
-        return data[: one.start(1)] + value.encode() + data[one.end(1) :]
+            words[int(rng.integers(len(words)))] = value
+            value = b" ".join(words)
+        return data[: one.start(1)] + value + data[one.end(1) :]
 
     return change
 

@@ -142,6 +142,27 @@ def test_without_time_and_velocity_the_rate_is_asked_for(run: Recording, tmp_pat
         new(tmp_path, "tm5-900", rate=0.0)
 
 
+def test_an_angle_that_rises_all_the_time_is_no_clock(run: Recording, tmp_path: Path) -> None:
+    """Law: a column whose name speaks of a channel is none of time, however evenly it rises."""
+    position = np.array(run.position)
+    position[:, 2] = np.linspace(-1.0, 1.0, len(position))
+    names = [f"{channel}_{j}" for channel in ("pos", "vel", "torque") for j in range(1, 7)]
+    path = text_table(tmp_path / "log.csv", names, np.hstack([position, run.velocity, run.effort]))
+    found = new(path, "tm5-900", rate=125.0)
+    assert found.settings["sample_rate_hz"] == 125.0
+    np.testing.assert_allclose(load_session(path).runs[0].position, position, atol=1e-5)
+
+
+def test_a_cell_beyond_any_torque_is_told_and_left_out(run: Recording, tmp_path: Path) -> None:
+    """Law: one cell of 1e300 stops no guess."""
+    effort = np.array(run.effort)
+    effort[60, 2] = 1e300
+    names = ["time", *(f"{channel}_{j}" for channel in ("pos", "vel", "torque") for j in range(1, 7))]
+    table = np.hstack([run.time[:, None], run.position, run.velocity, effort])
+    found = new(text_table(tmp_path / "log.csv", names, table), "tm5-900")
+    assert any(issue.issue == "garbage_cells" for issue in found.report.issues)
+
+
 def test_a_gain_unlike_its_neighbours_is_no_guess() -> None:
     """Law: one that is fifteen times off the others is left out; of gains that merely differ none is."""
     like = {"a": 0.1, "b": 0.12, "c": 0.09, "d": 0.14}

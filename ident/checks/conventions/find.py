@@ -102,7 +102,7 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     best = ranked[0]
     guess = next((scored for scored in ranked if scored.hypothesis.parameters is not None), None)
     of_masses = next((scored for scored in ranked if _changes_masses(scored)), None)
-    second = _second(ranked, model.usual_orders)
+    second = second_of(ranked, model.usual_orders)
     part = _part_of_urdf(ranked)
     is_guessed = has_placeholders(model.arm)
     return Conventions(as_it_is, best, second, part, guess, of_masses, is_guessed)
@@ -122,12 +122,19 @@ def _changes_masses(reading: Scored) -> bool:
     return bool(reading.hypothesis.changes) and is_of_masses(reading)
 
 
-def _second(ranked: Sequence[Scored], usual_orders: Orders) -> Scored | None:
+def second_of(ranked: Sequence[Scored], usual_orders: Orders) -> Scored | None:
     """The likeliest rival of the best.
 
-    What changes more than the best is a rival where its further changes explain most of what they
-    cost, and otherwise the best once more, of which less is known. Numbers that are fitted explain
-    a part of any log.
+    What changes more than the best is a rival where its further changes explain anything of what
+    they cost, and otherwise the best once more, of which less is known. Numbers that are fitted
+    explain a part of any log.
+
+    Args:
+        ranked: Readings, the likeliest first.
+        usual_orders: Orders in which logs have all columns otherwise than the robot has its joints.
+
+    Returns:
+        The rival, or None where there is none.
     """
     best = ranked[0]
     changes = set(best.hypothesis.changes)
@@ -139,7 +146,7 @@ def _second(ranked: Sequence[Scored], usual_orders: Orders) -> Scored | None:
         is_more = bool(changes) and changes < others
         further = price(scored.hypothesis, usual_orders) - paid
         is_fitted = bool((others - changes) & OF_NUMBERS)
-        is_paid = not is_fitted and scored.cost - best.cost < 0.5 * further
+        is_paid = not is_fitted and scored.cost - best.cost < further
         if not is_more or is_paid:
             return scored
     return None

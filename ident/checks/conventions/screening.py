@@ -25,8 +25,10 @@ from ident.checks.conventions.readings import (
 )
 from ident.checks.conventions.torques import Columns, Gravities, Torque, Torques
 
-# A reading of the motion, and whether a body is at the arm's end.
-Motion = tuple[tuple[object, ...], bool]
+# A body at the arm's end: mass [kg] and first moment [kg m]; None for none.
+Body = tuple[float, float, float, float] | None
+# A reading of the motion, and the body that it is seen beside.
+Motion = tuple[tuple[object, ...], Body]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,7 @@ class Screening:
         self,
         readings: Sequence[Hypothesis],
         model: Model,
-        has_body: bool,
+        body: Body,
         base: Hypothesis | None = None,
     ) -> None:
         """Compares readings of the motion that were not asked for yet.
@@ -68,23 +70,23 @@ class Screening:
         Args:
             readings: Of the motion alone.
             model: The robot, with the body where there is one.
-            has_body: Whether there is one.
+            body: The body, or None.
             base: What they are changed from: what explains less than half of what its change costs
                 is neither likelier nor a rival, and is not looked at closely.
         """
         asked = dict.fromkeys(readings)
-        fresh = [reading for reading in asked if (reading.motion, has_body) not in self.seen]
+        fresh = [reading for reading in asked if (reading.motion, body) not in self.seen]
         if not fresh:
             return
         of_base = np.inf
         price_of_base = 0.0
         if base is not None:
-            of_base = self.seen.get((base.motion, has_body), np.inf)
+            of_base = self.seen.get((base.motion, body), np.inf)
             price_of_base = self.prices.of(base)
         for screened in self._screened(read(self.log, model, fresh), fresh):
-            key = (screened.reading.motion, has_body)
+            key = (screened.reading.motion, body)
             further = self.prices.of(screened.reading) - price_of_base
-            most = np.inf if base is None else of_base + 0.5 * max(further, 0.0)
+            most = np.inf if base is None else of_base + max(further, 0.0)
             self.seen[key] = screened.cost
             self._waiting[key] = replace(screened, most=most)
 

@@ -9,6 +9,7 @@ by more states, with masses and bodies, and the next changes are sought from the
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product
@@ -21,7 +22,7 @@ from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, Hypothes
 from ident.checks.conventions.masses import guessed_masses
 from ident.checks.conventions.motions import Motions, Place, motion_of, place_of
 from ident.checks.conventions.readings import Log, Model, evidence_of_columns, telling
-from ident.checks.conventions.screening import Motion, Screening
+from ident.checks.conventions.screening import Body, Screening
 from ident.checks.conventions.torques import Columns
 from ident.robot.arm import ArmModel
 
@@ -38,7 +39,10 @@ class Search:
         self.motions = Motions(log, model)
         self.screening = Screening(log.thinned(SEARCH.screened), model, columns, prices)
         self.closely = CloseLook(log, model, columns, prices)
-        self._expanded: set[Motion] = set()
+        # Motions from which changes were sought, and whether beside a body.
+        self._expanded: set[tuple[tuple[object, ...], bool]] = set()
+        # From how many readings of each order and unit changes were sought.
+        self._sought: Counter[tuple[object, ...]] = Counter()
 
     def run(self) -> list[Scored]:
         """The readings that were looked at closely, the likeliest first.
@@ -54,15 +58,13 @@ class Search:
     def _search(self) -> None:
         """Change after change, until none is left that is worth it."""
         starts = self.motions.starts()
-        self.screening.ask(starts, self.model, False)
+        self.screening.ask(starts, self.model, None)
         self._look(len(starts))
-        while True:
-            front = self._front(self.closely.ranked)
-            if not front or not self._has_time:
+        while self._has_time:
+            scored = self._next()
+            if scored is None:
                 return
-            for scored in front:
-                if self._has_time:
-                    self._expand(scored)
+            self._expand(scored)
             self._look(SEARCH.refined)
             self._settle()
 
@@ -86,17 +88,18 @@ class Search:
         What is changed is seen beside the body, where there is one.
         """
         reading = motion_of(scored.hypothesis)
-        has_body = scored.hypothesis.body is not None
+        body = scored.hypothesis.body
         model = self._model_with(scored.hypothesis)
-        self._expanded.add((reading.motion, has_body))
-        self.screening.ask([reading], model, has_body)
+        self._expanded.add((reading.motion, body is not None))
+        self._sought[self._shared(reading)] += 1
+        self.screening.ask([reading], model, body)
         changed = list(self.motions.neighbours(reading))
-        self.screening.ask(changed, model, has_body, reading)
-        places = self._by_place(reading, changed, has_body)
+        self.screening.ask(changed, model, body, reading)
+        places = self._by_place(reading, changed, body)
         together = [*self.motions.pairs(reading, places), *self.motions.of_joints(reading, places)]
         if not self._is_settled:
             together += self.motions.other_values(reading, places)
-        self.screening.ask(together, model, has_body, reading)
+        self.screening.ask(together, model, body, reading)
 
     def _model_with(self, reading: Hypothesis) -> Model:
         """The robot with the body that a reading has at its end."""
@@ -105,12 +108,12 @@ class Search:
         return Model(with_body(self.model.arm, reading))
 
     def _by_place(
-        self, reading: Hypothesis, changed: Sequence[Hypothesis], has_body: bool
+        self, reading: Hypothesis, changed: Sequence[Hypothesis], body: Body
     ) -> list[list[Hypothesis]]:
         """A reading's changes by the place where it is changed, the likeliest first."""
         places: dict[Place, list[Hypothesis]] = {}
         costs = self.screening.seen
-        for each in sorted(changed, key=lambda each: costs[each.motion, has_body]):
+        for each in sorted(changed, key=lambda each: costs[each.motion, body]):
             places.setdefault(place_of(reading, each), []).append(each)
         places.pop((), None)  # the reading itself
         return list(places.values())
@@ -155,31 +158,55 @@ class Search:
         for gravity, signs in product(gravities, (reading.effort_sign, opposite)):
             yield replace(of_torque, gravity=gravity, effort_sign=signs)
 
-    def _front(self, ranked: Sequence[Scored]) -> list[Scored]:
-        """The likeliest motions from which no change was sought yet, each of another order and unit
-        of all columns; the log's own first among equals.
+    def _next(self) -> Scored | None:
+        """The reading from which changes are sought next; None where none is left that is worth it.
+
+        The likeliest, where it explains well, without a body and with it: a body may stand for the
+        change that is missing. Else the log's own, and then of the likeliest orders and units of
+        all columns the one from which changes were sought least.
+        """
+        best = self.closely.ranked[0]
+        plain = self.motions.plain.motion
+        fresh = [scored for scored in self.closely.ranked if self._is_open(scored)]
+        if self._is_settled:
+            return next((each for each in fresh if each.hypothesis.motion == plain), None)
+        if best.explains > SEARCH.well_explained:
+            return self._of_best_motion(fresh)
+        if self._expanded:
+            unchanged = [scored for scored in fresh if scored.hypothesis.motion == plain]
+            if unchanged and (plain, False) not in self._expanded:
+                return unchanged[0]
+            # What explains nothing leads nowhere, once another explains something.
+            fresh = [scored for scored in fresh if scored.explains > 0.0] or fresh[:1]
+        classes: dict[tuple[object, ...], Scored] = {}
+        for scored in fresh:
+            classes.setdefault(self._shared(scored.hypothesis), scored)
+        likeliest = list(classes.values())[: SEARCH.beam]
+        return min(likeliest, key=self._times_sought, default=None)
+
+    def _of_best_motion(self, fresh: Sequence[Scored]) -> Scored | None:
+        """The likeliest of some readings with the best one's motion: without a body, then with its
+        own; None where there is none.
+        """
+        best = self.closely.ranked[0].hypothesis
+        of_motion = [scored for scored in fresh if scored.hypothesis.motion == best.motion]
+        bodiless = [scored for scored in of_motion if scored.hypothesis.body is None]
+        beside_body = of_motion if best.body is not None else []
+        return next(iter([*bodiless, *beside_body]), None)
+
+    def _times_sought(self, scored: Scored) -> int:
+        """From how many readings of the same order and unit changes were sought."""
+        return self._sought[self._shared(scored.hypothesis)]
+
+    def _is_open(self, scored: Scored) -> bool:
+        """Whether no change was sought yet from a reading's motion, and one may be.
 
         A body under a reading that explains little mends what another change would: none is sought
         beside it.
         """
-        plain = self.motions.plain.motion
-        fresh: dict[Motion, Scored] = {}
-        for scored in ranked:
-            has_body = scored.hypothesis.body is not None
-            key = (scored.hypothesis.motion, has_body)
-            is_sought = scored.explains > SEARCH.well_explained or not has_body
-            if is_sought and key not in self._expanded:
-                fresh.setdefault(key, scored)
-        if self._is_settled:
-            return [scored for (motion, _), scored in fresh.items() if motion == plain][:1]
-        classes: dict[tuple[object, ...], Scored] = {}
-        for scored in fresh.values():
-            classes.setdefault(self._shared(scored.hypothesis), scored)
-        apart = list(classes.values())[: SEARCH.beam]
-        if self._expanded:
-            # What explains nothing leads nowhere, once another explains something.
-            return [scored for scored in apart if scored.explains > 0.0] or apart[:1]
-        return list(dict.fromkeys([*apart, fresh[plain, False]]))
+        has_body = scored.hypothesis.body is not None
+        is_sought = scored.explains > SEARCH.well_explained or not has_body
+        return is_sought and (scored.hypothesis.motion, has_body) not in self._expanded
 
     def _shared(self, hypothesis: Hypothesis) -> tuple[object, ...]:
         """What all columns of a reading share: an order, a unit."""

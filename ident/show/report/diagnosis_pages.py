@@ -27,7 +27,6 @@ from ident.show.report.finding_words import called, in_units_of, units_of
 from ident.show.report.leading_joint import in_order_of_joints
 from ident.show.report.page import (
     EPOCH_FROM,
-    MOST_STAMPS,
     Section,
     describe_origin,
     facts_section,
@@ -54,6 +53,7 @@ from ident.show.report.words import (
 from ident.show.terminal import (
     describe_known,
     describe_notes,
+    describe_side,
     describe_spread,
     headline,
     limit_rows,
@@ -370,8 +370,8 @@ def render_comparison_report(record: Record) -> str:
         "order_of": order_of,
         "in_units_of": in_units_of,
         "units": units_of(record),
-        "spread": describe_spread(record),
-        "notes": [f"{sentence(line)}." for line in describe_notes(record)],
+        "spread": glue(describe_spread(record)),
+        "notes": [glue(f"{sentence(line)}.") for line in describe_notes(record)],
         "silent": silent_groups(without_still(record)),
     }
     sections = [
@@ -379,13 +379,6 @@ def render_comparison_report(record: Record) -> str:
         telemetry_section(record["telemetry"]),
         facts_section(provenance_facts(record)),
     ]
-    sides = [f"{name}: {_describe_side(record[name])}" for name in ("before", "after")]
+    sides = [f"{name}: {describe_side(record[name])}" for name in ("before", "after")]
     subtitle = " · ".join([record["robot"], *sides, describe_known(record)])
     return render_page(f"What changed: {record['robot']}", sections, subtitle)
-
-
-def _describe_side(side: Record) -> str:
-    """The sessions of a set, and how much was recorded."""
-    sessions = ", ".join(side["sessions"][:MOST_STAMPS])
-    more = " …" if len(side["sessions"]) > MOST_STAMPS else ""
-    return f"{sessions}{more} ({plural(side['runs'], 'run')}, {side['duration_s']:.0f} s)"

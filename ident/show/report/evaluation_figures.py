@@ -17,7 +17,7 @@ from ident.model.evaluation import Evaluation, RunTrace, SessionScore
 from ident.model.hybrid import HybridModel
 from ident.model.loss import NAMES
 from ident.show.fit_lines import describe_carried, describe_foretold, foretold_of
-from ident.show.palette import MEASURED, model_colour, rung_colours, rung_name
+from ident.show.palette import INK, MEASURED, REST, model_colour, on_page, rung_colours, rung_name
 from ident.show.report.evaluation import ReportInput, pool_name
 from ident.show.report.figures import WIDE, binned, envelope, make_panel, thin, to_svg
 from ident.show.report.page import Section
@@ -25,8 +25,6 @@ from ident.show.report.words import fixed, sentence, significant, with_units
 from ident.units import ANGLE, unit_for
 
 TICK_WIDTH = 16  # [characters]
-REST = "#e4e4df"
-AXIS = "#333333"
 BINS = 14
 # Runs from which on no line parts them in a picture.
 MANY_RUNS = 60
@@ -154,7 +152,7 @@ def draw_bars(
         x = np.arange(len(sessions)) + (k - (len(models) - 1) / 2) * width
         axes.bar(x, mean[k], 0.88 * width, color=model_colour(k))
         axes.errorbar(x, mean[k], std[k], fmt="none", ecolor=MEASURED, elinewidth=0.9, capsize=2)
-    axes.axhline(0.0, color=AXIS, linewidth=0.6)
+    axes.axhline(0.0, color=INK, linewidth=0.6)
     axes.set_xticks(np.arange(len(sessions)), ticks)
     return {"title": sentence(label), "svg": to_svg(figure, f"{label} of {', '.join(models)}")}
 
@@ -184,7 +182,7 @@ def fits_section(source: ReportInput) -> Section:
         }
         runs.append(run)
     values = {
-        "legend": [("measured", MEASURED), *rungs, ("at rest: not judged", REST)],
+        "legend": [("measured", on_page(MEASURED)), *rungs, ("at rest: not judged", on_page(REST))],
         "runs": runs,
     }
     return Section("fits", "Torque, measured and modelled", "fits.html", values)
@@ -287,7 +285,7 @@ def draw_against(
             unit = units[j]
             sides = [_edges(x[np.isfinite(x)], 2 * BINS)]
         figure, axes = make_panel(f"{axis} [{unit}]", "residual [N m]")
-        axes.axhline(0.0, color=AXIS, linewidth=0.5)
+        axes.axhline(0.0, color=INK, linewidth=0.5)
         for rung in rungs:
             colour = colours[rung]
             y = np.concatenate([_residual(trace, rung)[:, j] for trace in traces])
@@ -325,7 +323,7 @@ def draw_over_time(traces: Sequence[RunTrace], rung: str) -> list[dict[str, Any]
             in_motion = residual[trace.motion.moving[:, j], j]
             medians.append(float(np.median(in_motion)) if len(in_motion) else np.nan)
         axes.hlines(medians, starts[:-1], starts[1:], color=MEASURED, linewidth=1.4)
-        axes.axhline(0.0, color=AXIS, linewidth=0.5)
+        axes.axhline(0.0, color=INK, linewidth=0.5)
         axes.margins(x=0.01)
         panels.append({"title": joint, "svg": to_svg(figure, f"{joint}: residual over time")})
     return panels
@@ -419,7 +417,7 @@ def draw_figures(models: Sequence[HybridModel], name: str) -> dict[str, Any]:
     axes.set_ylim(len(joints) - 0.4, -0.6)
     axes.grid(axis="x", color="#dddddd", linewidth=0.5)
     axes.grid(axis="y", visible=False)
-    axes.axvline(0.0, color=AXIS, linewidth=0.6)
+    axes.axvline(0.0, color=INK, linewidth=0.6)
     svg = to_svg(figure, f"{WORDS[name]} of every joint")
     return {"title": f"{WORDS[name]} [{unit}]", "svg": svg}
 

@@ -17,11 +17,10 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from ident.arrays import Array, Float
-from ident.show.palette import MEASURED
+from ident.show.palette import GRID, INK, OF_THE_PAGE
 
 PANEL = (3.5, 1.75)  # [inch]
 WIDE = (5.0, 2.4)
-GRID, INK = "#dddddd", "#333333"
 # More points than this on a line can't be seen in a panel.
 MOST_POINTS = 500
 # Text stays text: the page's own font is used, and the page stays small and can be searched.
@@ -67,7 +66,8 @@ def to_svg(figure: Figure, description: str) -> Markup:
     text = re.sub(r"(font: [\d.]+px )[^;\"]*", r"\1sans-serif", text)
     text = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), text)
     # Ink and grid are the page's own: they turn with its dark mode.
-    text = text.replace(INK, "currentColor").replace(GRID, "var(--line)").replace(MEASURED, "currentColor")
+    for drawn, of_page in OF_THE_PAGE.items():
+        text = text.replace(drawn, of_page)
     # Names unlike those of the page's other pictures; those that nobody uses are dropped.
     used, prefix = set(re.findall(r'(?:url\(|href=")#([^)"]+)', text)), f"f{next(_counter)}-"
     text = re.sub(r' id="([^"]+)"', lambda m: f' id="{prefix}{m[1]}"' if m[1] in used else "", text)
