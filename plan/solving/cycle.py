@@ -25,7 +25,7 @@ from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.progress import stage
 from plan.command_options import SolveOptions
-from plan.planners.base import Candidate, Ledger, processor_seconds
+from plan.planners.base import Candidate, Ledger, budget_seconds
 from plan.problem.cost import energy_cost
 from plan.problem.cycle_result import CycleResult, Leg
 from plan.problem.problem import PlanningProblem
@@ -320,7 +320,7 @@ def _interpolate(times: Float[Array, " k"], energies: Float[Array, " k"]) -> Pch
 
 def _plan(problem: PlanningProblem, options: SolveOptions, curve: Sequence[Look] | None) -> Leg:
     """One motion, planned until it stays within its torque at any slower pace."""
-    began = processor_seconds()
+    began = budget_seconds()
     duration = float(problem.durations.sum())
     known = None
     if curve is not None:
@@ -330,7 +330,7 @@ def _plan(problem: PlanningProblem, options: SolveOptions, curve: Sequence[Look]
             known = look_at(problem, duration, nearest, ledger).candidate
     task = problem
     for _ in range(TURNS):
-        result = solve(task, options, known=known, spent=processor_seconds() - began)
+        result = solve(task, options, known=known, spent=budget_seconds() - began)
         share = slowed_torque_share(problem, result)
         if share is None or share <= 1.0:
             break

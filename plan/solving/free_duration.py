@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plan.command_options import SolveOptions
-from plan.planners.base import Candidate, Ledger, Planner, processor_seconds
+from plan.planners.base import Candidate, Ledger, Planner, budget_seconds
 from plan.planners.sequential import Sequential, descend_on_knots
 from plan.problem.controllers import Controller
 from plan.problem.cost import energy_cost
@@ -70,13 +70,13 @@ def solve_free_duration(
         problem: The task, its longest duration given; its own duration is a first guess.
         options, planner, controller, spent: As for `solve`.
     """
-    began = processor_seconds()
+    began = budget_seconds()
     standby = problem.standby
     curve = energy_curve(problem, options)
     best = min(curve, key=lambda look: look.cost(standby), default=None)
     if best is None or best.candidate is None:
         best = Look(float(problem.durations.sum()), np.inf, None)
-    used = spent + processor_seconds() - began
+    used = spent + budget_seconds() - began
     result = solve(
         lasting(problem, best.duration),
         options,
