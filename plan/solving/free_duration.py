@@ -8,6 +8,7 @@ then closer about the least cost; the motion of the best duration is searched in
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,8 +33,14 @@ NEAR = 1.01
 # Search of the first motion, and share of the seconds that it and all looks may take.
 FIRST = Sequential(starts=4, kept=(2, 1), levels=1)
 SHARE = 0.5
+# A look may take so many times its even share of the time that is left.
+FAIR = 2.0
 # Steps of each look.
 STEPS = 40
+# A motion that takes longer than looked at by more than this share was slowed down in mending.
+MENDED = 0.005
+# Durations that differ by less than this share are the same.
+ROUNDING = 1e-9
 # The longest duration where nothing else bounds it, as a multiple of the shortest.
 LONGEST = 20.0
 
@@ -72,7 +79,7 @@ def solve_free_duration(
     """
     began = budget_seconds()
     standby = problem.standby
-    curve = energy_curve(problem, options)
+    curve = energy_curve(problem, options, spent=spent)
     best = min(curve, key=lambda look: look.cost(standby), default=None)
     if best is None or best.candidate is None:
         best = Look(float(problem.durations.sum()), np.inf, None)
@@ -85,26 +92,42 @@ def solve_free_duration(
         spent=used,
         known=best.candidate,
     )
-    rows = tuple((look.duration, look.energy) for look in curve if np.isfinite(look.energy))
+    rows = {look.duration: look.energy for look in curve if np.isfinite(look.energy)}
     history = []
     for count, seconds, energy in result.history:
         history.append((count, seconds, energy_cost(energy, best.duration, standby)))
     said = f"the duration is free: {best.duration:.3g} s costs least of {len(rows)} looked at"
+    result = replace(result, standby=standby, bound=None)
+    if result.solved and result.splines is not None:
+        duration = _looked_at(rows, float(result.splines.total[0]))
+        rows[duration] = result.cost - standby * duration
+        history[-1] = (*history[-1][:2], result.cost)
+        if duration > best.duration * (1.0 + MENDED):
+            said += f"; {duration:.3g} s are taken to keep the limits as it is executed"
     notes = (said, *result.notes) if rows else result.notes
     return replace(
-        result, standby=standby, energy_curve=rows, history=tuple(history), bound=None, notes=notes
+        result, history=tuple(history), notes=notes, energy_curve=tuple(sorted(rows.items()))
     )
 
 
+def _looked_at(durations: Iterable[float], duration: float) -> float:
+    """Of some durations the one that is this but for rounding; else this [s]."""
+    for other in durations:
+        if abs(other - duration) <= ROUNDING * duration:
+            return other
+    return duration
+
+
 def energy_curve(
-    problem: PlanningProblem, options: SolveOptions, share: float = SHARE
+    problem: PlanningProblem, options: SolveOptions, share: float = SHARE, spent: float = 0.0
 ) -> list[Look]:
     """Least energy over duration, the shortest first; empty where no motion was found.
 
     Args:
         problem: The task, its longest duration given.
         options: How.
-        share: The share of their seconds that it may take.
+        share: The share of their seconds that are left that it may take.
+        spent: Processor time that was spent on the task before, of these seconds [s].
     """
     assert problem.longest is not None
     shortest = BEGIN * shortest_duration(problem)
@@ -112,7 +135,7 @@ def energy_curve(
     if shortest <= 0.0 or longest < shortest or find_obstruction(lasting(problem, longest)):
         return []
     evaluations, most_seconds = options.budget
-    seconds = share * most_seconds
+    seconds = share * max(most_seconds - spent, 0.0)
     rng = np.random.default_rng(options.seed)
     ledger = Ledger(evaluations, seconds)
     middle = float(np.sqrt(shortest * longest))
@@ -126,21 +149,23 @@ def energy_curve(
         return []
     looks = [Look(float(first.splines.total[0]), first.cost, first)]
     grid = np.geomspace(shortest, longest, LOOKS)
-    middle = looks[0].duration
-    # A motion can be drawn out at once, and the longest mostly costs least; quicker ones need their
-    # neighbour's.
-    for duration in (*grid[grid > middle][::-1], *grid[grid < middle][::-1]):
-        if ledger.remaining == 0:
-            break
+    left = [float(duration) for duration in grid if apart(looks[0], float(duration)) > 1e-9]
+    # A motion can be drawn out at once, and without standby the longest mostly costs least.
+    duration = left[-1] if left else middle
+    while left and ledger.remaining > 0:
+        left.remove(duration)
         nearest = min(looks, key=lambda look: apart(look, duration))
-        looks.append(look_at(problem, float(duration), nearest, ledger))
-    for _ in range(CLOSER):
+        share = FAIR / (len(left) + 1 + CLOSER)
+        looks.append(look_at(problem, duration, nearest, ledger, share))
+        best = min(looks, key=lambda look: look.cost(problem.standby))
+        duration = min(left, key=lambda other: apart(best, other), default=duration)
+    for number in range(CLOSER):
         looks.sort(key=lambda look: look.duration)
         place = _closer(looks, problem.standby)
         if place is None or ledger.remaining == 0:
             break
         nearest = min(looks, key=lambda look: apart(look, place))
-        looks.append(look_at(problem, place, nearest, ledger))
+        looks.append(look_at(problem, place, nearest, ledger, FAIR / (CLOSER - number)))
     return sorted(looks, key=lambda look: look.duration)
 
 
@@ -149,14 +174,17 @@ def apart(look: Look, duration: float) -> float:
     return np.inf if look.candidate is None else abs(float(np.log(look.duration / duration)))
 
 
-def look_at(problem: PlanningProblem, duration: float, near: Look, ledger: Ledger) -> Look:
+def look_at(
+    problem: PlanningProblem, duration: float, near: Look, ledger: Ledger, share: float = 0.5
+) -> Look:
     """The least energy of a duration, searched from another duration's motion.
 
     Args:
         problem: The task.
         duration: In question [s].
         near: A look at another duration that found a motion.
-        ledger: Evaluations count there; half of its time that is left may be used.
+        ledger: Evaluations count there.
+        share: Of its time that is left, what may be used; half of it at most.
 
     Returns:
         A look of infinite cost and without a motion where none was found.
@@ -165,10 +193,10 @@ def look_at(problem: PlanningProblem, duration: float, near: Look, ledger: Ledge
     splines = near.candidate.splines
     moved = Splines(splines.points, splines.durations * (duration / near.duration))
     task = lasting(problem, duration).with_initial(moved, free="vias", label="another duration's")
-    share = Ledger(10**9, max(ledger.seconds_left, 0.0) / 2.0)
-    descend_on_knots(task, share, STEPS)
-    ledger.count(share.evaluations)
-    best = share.best
+    own = Ledger(10**9, min(share, 0.5) * max(ledger.seconds_left, 0.0))
+    descend_on_knots(task, own, STEPS)
+    ledger.count(own.evaluations)
+    best = own.best
     if best is None or not best.feasible:
         return Look(duration, np.inf, None)
     return Look(duration, best.cost, best)

@@ -19,7 +19,8 @@ from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential, descend_on_knots
 from plan.problem.certificate import Certificate, certify, keeps_limits
 from plan.problem.controllers import Controller
-from plan.problem.problem import Limits
+from plan.problem.cost import energy_cost
+from plan.problem.problem import Limits, PlanningProblem
 from plan.problem.ramps import find_time_law
 from plan.spline import Splines
 
@@ -61,7 +62,9 @@ CHECKS = {False: 2, True: 3}
 class Executed:
     """A motion as it is executed, and its dense check."""
 
-    cost: float  # as the search counts it: energy [J] or duration [s]
+    # As the search counts it: energy [J], where the duration is free with the cell's standby, or
+    # duration [s].
+    cost: float
     splines: Splines
     certificate: Certificate
 
@@ -168,7 +171,8 @@ class _Mending:
                 continue
             if self._chosen is None or executed.cost < self._chosen.cost:
                 self._chosen = executed
-            if executed.cost <= best.cost + HARDLY * abs(best.cost):
+            searched = _price(best)
+            if executed.cost <= searched + HARDLY * abs(searched):
                 break
         return self._chosen or first
 
@@ -195,7 +199,15 @@ class _Mending:
 
     def _is_cheapest(self, candidate: Candidate) -> bool:
         """Whether no motion that passed costs as little."""
-        return self._chosen is None or candidate.cost < self._chosen.cost
+        return self._chosen is None or _price(candidate) < self._chosen.cost
+
+    @property
+    def _may_last_longer(self) -> bool:
+        """Whether the task leaves it open how long the motion takes."""
+        problem = self._best.problem
+        if problem.longest is not None:
+            return True
+        return problem.objective == "time" and problem.searches_times
 
     def _search_again(
         self,
@@ -249,15 +261,17 @@ class _Mending:
         """The motion slowed down as little as keeps its limits, where time is free."""
         best = self._best
         problem = best.problem
-        if problem.objective != "time" or not problem.searches_times:
+        if not self._may_last_longer:
             return
         is_late = False
         for factor in factors:
             if is_late and factor != factors[-1]:
                 continue
             splines = Splines(best.splines.points, best.splines.durations * factor)
+            if not _is_short_enough(problem, splines):
+                return
             slower = problem.with_initial(splines)
-            candidate = Candidate(slower, slower.initial, best.cost * factor, 0.0)
+            candidate = Candidate(slower, slower.initial, _cost(slower, splines), 0.0)
             on_step = _put_on_step(candidate, self._controller)
             if not keeps_limits(slower, on_step, self._controller):
                 continue
@@ -279,13 +293,15 @@ class _Mending:
         passed between the search's samples.
         """
         best = self._best
-        timed = best.problem.objective == "time" and best.problem.searches_times
+        timed = best.problem.objective == "time"
         total = float(best.splines.total[0])
-        for longer in LONGER if timed else (1.0,):
+        for longer in LONGER if self._may_last_longer else (1.0,):
             whole = controller.whole(total * longer)
             if timed and self._chosen is not None and whole >= self._chosen.cost:
                 return
             moved = _with_knots_on_step(best.splines, controller, whole)
+            if longer > 1.0 and not _is_short_enough(best.problem, moved):
+                return
             seen = certificate
             for turn in range(MENDS):
                 if self._time <= 0.0:
@@ -327,6 +343,26 @@ class _Mending:
         return _with_limits(best, problem.limits)
 
 
+def _cost(problem: PlanningProblem, splines: Splines) -> float:
+    """What a motion costs by the search's own count: energy [J] or duration [s]."""
+    if problem.objective == "time":
+        return float(splines.total[0])
+    return float(problem.initial_evaluation.cost[0])
+
+
+def _price(candidate: Candidate) -> float:
+    """What a candidate costs, the cell's standby counted, so that durations can be compared."""
+    problem = candidate.problem
+    if problem.objective == "time" or problem.longest is None:
+        return candidate.cost
+    return energy_cost(candidate.cost, float(candidate.splines.total[0]), problem.standby)
+
+
+def _is_short_enough(problem: PlanningProblem, splines: Splines) -> bool:
+    """Whether a motion takes no longer than the task allows."""
+    return problem.longest is None or float(splines.total[0]) <= problem.longest
+
+
 def _put_on_step(candidate: Candidate, controller: Controller | None) -> Splines:
     """A candidate's motion, on its controller's step if there is one."""
     splines = candidate.splines
@@ -338,7 +374,7 @@ def _put_on_step(candidate: Candidate, controller: Controller | None) -> Splines
 def _execute(candidate: Candidate, controller: Controller | None) -> Executed:
     """A candidate as it is executed, and its dense check."""
     splines = _put_on_step(candidate, controller)
-    return Executed(candidate.cost, splines, certify(candidate.problem, splines, controller))
+    return Executed(_price(candidate), splines, certify(candidate.problem, splines, controller))
 
 
 def _with_limits(candidate: Candidate, limits: Limits) -> Candidate:

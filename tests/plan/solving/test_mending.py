@@ -123,6 +123,23 @@ def test_mending_takes_no_more_than_was_kept_back(
     assert splines.total[0] > 1.0
 
 
+@pytest.mark.parametrize("name", [None, "ros2_control", "ur_servoj"])
+@pytest.mark.parametrize("longest", [1.0, 1.2])
+def test_a_free_duration_is_mended_by_taking_longer(
+    name: str | None, longest: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: where the duration is free a motion is slowed down as far as its limits ask for, and the task allows."""
+    monkeypatch.setattr(mending, "descend_on_knots", lambda *_: None)
+    monkeypatch.setattr(mending, "MENDS", 0)
+    task = replace(quick_motion(), objective="energy", free="vias", longest=longest, standby=40.0)
+    own = Ledger(10**9, 60.0, best=Candidate(task, task.initial, 1.0, 0.0))
+    splines, certificate = certify_best(own, np.random.default_rng(0), None if name is None else CONTROLLERS[name])
+    assert splines is not None
+    assert certificate is not None
+    assert (not certificate.broken) == (longest > 1.05)
+    assert splines.total[0] <= longest
+
+
 @pytest.mark.parametrize("name", [None, "ros2_control", "tm_ros2", "ur_servoj"])
 @pytest.mark.parametrize("check", [0.02, 0.5])
 @pytest.mark.parametrize("case", ["energy", "energy, broken", "time"])
