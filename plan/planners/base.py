@@ -102,8 +102,10 @@ class Ledger:
     shown: bool = False  # whether whoever listens is told how much of the budget is spent
     # Evaluations that the search needs, where it knows that beforehand: what is told goes by them.
     expected: int = 0
-    # What is done once with the first candidate that is allowed, while the search still runs.
-    at_first_allowed: Callable[[Ledger, Candidate], None] | None = None
+    # What is done with each candidate that is allowed and the best so far, while the search runs.
+    at_allowed: Callable[[Ledger, Candidate], None] | None = None
+    # The best that keeps its limits as it is executed, where that was looked at on the way.
+    passed: Candidate | None = None
     evaluations: int = 0
     best: Candidate | None = None
     best_of: dict[str, Candidate] = field(default_factory=dict)
@@ -205,10 +207,8 @@ class Ledger:
             self.best = candidate
             cost = candidate.cost if candidate.feasible else np.inf
             self.history.append((self.evaluations, self.cpu_seconds, cost))
-            act = self.at_first_allowed
-            if act is not None and candidate.feasible:
-                self.at_first_allowed = None
-                act(self, candidate)
+            if self.at_allowed is not None and candidate.feasible:
+                self.at_allowed(self, candidate)
 
     def keep_back(self, seconds: float) -> None:
         """Keeps back so much of the whole from now on [s]."""

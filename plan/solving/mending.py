@@ -82,25 +82,35 @@ def share_kept_back(controller: Controller | None) -> float:
 
 
 def measure_check(controller: Controller | None) -> Callable[[Ledger, Candidate], None]:
-    """What a ledger does with the first motion that is allowed.
+    """What a ledger does with a motion that is allowed and the best so far.
 
-    The motion is checked once, and as much is kept back as the checks at the end will take. Of
-    least energy, a motion that keeps its limits on the controller's step as it is leaves no time
-    for a search on that; what takes the shortest time goes to its limits later.
+    The first is checked once, and as much is kept back as the checks at the end will take. Of least
+    energy, a motion that keeps its limits on the controller's step as it is leaves no time for a
+    search on that; it is remembered, as a better one may break them. What takes the shortest time
+    goes to its limits later.
 
     Args:
         controller: Who executes the plan; None for a plan by itself.
     """
+    checks: list[float] = []
+    usual = share_kept_back(controller)
 
     def measure(ledger: Ledger, candidate: Candidate) -> None:
-        before = ledger.cpu_seconds
-        executed = _execute(candidate, controller)
-        spent = ledger.cpu_seconds - before
-        share = share_kept_back(controller)
-        if executed.allowed and candidate.problem.objective == "energy":
+        is_first = not checks
+        if is_first:
+            before = ledger.cpu_seconds
+            passes = _execute(candidate, controller).allowed
+            checks.append(CHECKS[controller is not None] * (ledger.cpu_seconds - before))
+        elif candidate.problem.objective == "time" or usual == KEPT_BACK:
+            return
+        else:
+            on_step = _put_on_step(candidate, controller)
+            passes = keeps_limits(candidate.problem, on_step, controller)
+        share = usual
+        if passes and candidate.problem.objective == "energy":
             share = KEPT_BACK
-        checks = CHECKS[controller is not None] * spent
-        ledger.keep_back(max(share * ledger.whole, checks))
+            ledger.passed = candidate
+        ledger.keep_back(max(share * ledger.whole, checks[0]))
 
     return measure
 
@@ -174,6 +184,9 @@ class _Mending:
             searched = _price(best)
             if executed.cost <= searched + HARDLY * abs(searched):
                 break
+        passed = self._ledger.passed
+        if self._chosen is None and passed is not None:
+            self._chosen = self._check(passed)
         return self._chosen or first
 
     @property
@@ -289,8 +302,8 @@ class _Mending:
     ) -> Iterator[Executed]:
         """The motion searched anew with its knots on the controller's step.
 
-        Where time is free for longer and longer; each time with limits tighter by what the last one
-        passed between the search's samples.
+        Where time is free for longer and longer; each time with limits tighter by what all that was
+        found before passed between the search's samples.
         """
         best = self._best
         timed = best.problem.objective == "time"
@@ -303,15 +316,22 @@ class _Mending:
             if longer > 1.0 and not _is_short_enough(best.problem, moved):
                 return
             seen = certificate
+            limits = best.problem.limits
             for turn in range(MENDS):
                 if self._time <= 0.0:
                     return
-                limits = best.problem.limits
+                first, more = SLACK_ON_STEP
+                slack = first + more * turn
+                turns_left = MENDS - turn
                 if turn > 0:
-                    first, more = SLACK_ON_STEP
-                    slack = first + more * turn
                     limits = _tighter(limits, seen, slack)
-                mended = self._descend_on_step(moved, limits)
+                elif controller.points == "knots":
+                    # The plan stays as it is, and what the controller's curve passed at one joint
+                    # it will pass at any that comes to its limit.
+                    limits = _tighter(limits, seen, slack, alike=True)
+                else:
+                    turns_left = 1  # on other knots hardly more than rounding is left to mend
+                mended = self._descend_on_step(moved, limits, self._time / turns_left)
                 if mended is None:
                     break
                 if timed:
@@ -324,17 +344,18 @@ class _Mending:
                     return
                 seen = executed.certificate
 
-    def _descend_on_step(self, moved: Splines, limits: Limits) -> Candidate | None:
+    def _descend_on_step(self, moved: Splines, limits: Limits, seconds: float) -> Candidate | None:
         """The least energy on a motion's own knots; None where no motion there is allowed.
 
         Args:
             moved: The motion.
             limits: Those of the search: the task's, or tighter ones.
+            seconds: Processor time that it may take [s].
         """
         problem = self._best.problem
         fixed = {"objective": "energy", "free": "vias", "label": "on the controller's step"}
         task = problem.with_initial(moved, radius=ON_STEP, limits=limits, **fixed)
-        share = Ledger(10**9, self._time)
+        share = Ledger(10**9, seconds)
         descend_on_knots(task, share, ON_STEP_STEPS)
         self._ledger.count(share.evaluations)
         best = share.best
@@ -399,20 +420,35 @@ def _with_knots_on_step(splines: Splines, controller: Controller, whole: float) 
     return Splines(points[None], np.diff(shares * whole)[None])
 
 
-def _tighter(limits: Limits, seen: Certificate, slack: float, clearance: float = 0.0) -> Limits:
-    """Limits lower by what was seen above them, and a little more."""
+def _tighter(
+    limits: Limits,
+    seen: Certificate,
+    slack: float,
+    clearance: float = 0.0,
+    alike: bool = False,
+) -> Limits:
+    """Limits lower by what was seen above them, and a little more.
+
+    Args:
+        limits: Those of a search.
+        seen: What the dense check said of what it found.
+        slack: By how much more, as a factor.
+        clearance: By how much more clearance is asked for [m].
+        alike: Whether each joint's are lower by what was seen at the joint that passed most.
+    """
+
+    def lower(limit: Array, share: Array) -> Array:
+        passed = np.maximum(share * slack, 1.0)
+        return limit / (passed.max() if alike else passed)
+
+    def lower_known(limit: Array | None, share: Array | None) -> Array | None:
+        return limit if limit is None or share is None else lower(limit, share)
+
     return replace(
         limits,
-        torque=limits.torque / np.maximum(seen.torque_share * slack, 1.0),
-        speed=limits.speed / np.maximum(seen.speed_share * slack, 1.0),
-        acceleration=_tightened(limits.acceleration, seen.shares["acceleration"], slack),
-        jerk=_tightened(limits.jerk, seen.shares["jerk"], slack),
+        torque=lower(limits.torque, seen.torque_share),
+        speed=lower(limits.speed, seen.speed_share),
+        acceleration=lower_known(limits.acceleration, seen.shares["acceleration"]),
+        jerk=lower_known(limits.jerk, seen.shares["jerk"]),
         clearance=limits.clearance + clearance,
     )
-
-
-def _tightened(limit: Array | None, share: Array | None, slack: float) -> Array | None:
-    """A limit, lower by what was seen above it and a little more."""
-    if limit is None or share is None:
-        return limit
-    return limit / np.maximum(share * slack, 1.0)

@@ -178,6 +178,8 @@ def solve(
         InputError: No such method, or not for this task.
     """
     planner = planner or make_planner(options.method, problem.objective)
+    if controller is not None and isinstance(planner, Sequential) and problem.objective == "energy":
+        planner = replace(planner, parts=controller.parts(float(problem.durations.sum())))
     options = replace(options, method=planner.name)
     result = PlanResult(
         "infeasible",
@@ -198,7 +200,7 @@ def solve(
     rng = np.random.default_rng(options.seed)
     ledger = _ledger(options, spent, share_kept_back(controller))
     if options.seconds is not None:
-        ledger.at_first_allowed = measure_check(controller)
+        ledger.at_allowed = measure_check(controller)
     if known is not None:
         ledger.offer(known)
     if starts is None:
