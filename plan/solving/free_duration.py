@@ -8,7 +8,7 @@ then closer about the least cost; the motion of the best duration is searched in
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from plan.problem.cost import energy_cost
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.solving.obstruction import find_obstruction, shortest_duration
-from plan.solving.solve import solve
+from plan.solving.solve import search_and_certify
 from plan.spline import Splines
 
 # Durations of the first look, and how much longer than the shortest it begins.
@@ -32,11 +32,18 @@ CLOSER = 5
 NEAR = 1.01
 # Search of the first motion, and share of the seconds that it and all looks may take.
 FIRST = Sequential(starts=4, kept=(2, 1), levels=1)
-SHARE = 0.5
+SHARE = 0.4
 # A look may take so many times its even share of the time that is left.
 FAIR = 2.0
 # Steps of each look.
 STEPS = 40
+# Share of the seconds left that the first search in full takes, and of what it leaves the looks
+# about the motion that it found; these go so far, as factors of its duration. A second search
+# follows where they found this share less.
+FIRST_SEARCH = 0.8
+LOOKED_ABOUT = 0.5
+ABOUT = (0.8, 0.9, 1.1, 1.25)
+WORTH = 0.001
 # A motion that takes longer than looked at by more than this share was slowed down in mending.
 MENDED = 0.005
 # Durations that differ by less than this share are the same.
@@ -83,31 +90,83 @@ def solve_free_duration(
     best = min(curve, key=lambda look: look.cost(standby), default=None)
     if best is None or best.candidate is None:
         best = Look(float(problem.durations.sum()), np.inf, None)
-    used = spent + budget_seconds() - began
-    result = solve(
-        lasting(problem, best.duration),
-        options,
-        planner,
-        controller=controller,
-        spent=used,
-        known=best.candidate,
-    )
-    rows = {look.duration: look.energy for look in curve if np.isfinite(look.energy)}
-    history = []
-    for count, seconds, energy in result.history:
-        history.append((count, seconds, energy_cost(energy, best.duration, standby)))
-    said = f"the duration is free: {best.duration:.3g} s costs least of {len(rows)} looked at"
-    result = replace(result, standby=standby, bound=None)
+
+    def search(look: Look, share: float) -> Searched:
+        """The motion of one duration, in a share of what is left of seconds that were asked for."""
+        used = spent + budget_seconds() - began
+        asked = options
+        if options.seconds is not None:
+            left = max(options.seconds - used, 0.0)
+            asked = replace(options, seconds=used + share * left)
+        task = lasting(problem, look.duration)
+        result, found = search_and_certify(
+            task, asked, planner, controller=controller, spent=used, known=look.candidate
+        )
+        return Searched(look, result.with_standby(standby), found)
+
+    searched = search(best, FIRST_SEARCH if curve else 1.0)
+    if searched.result.solved and curve:
+        seconds = options.budget[1] - (spent + budget_seconds() - began)
+        nearby = look_about(problem, searched, Ledger(options.budget[0], LOOKED_ABOUT * seconds))
+        curve += nearby
+        best = min(nearby, key=lambda look: look.cost(standby))
+        if best.cost(standby) < searched.result.cost * (1.0 - WORTH):
+            searched = searched.or_cheaper(search(best, 1.0))
+    return _tell(searched, curve)
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """A motion that was searched in full."""
+
+    look: Look  # the duration that was asked for, and what was known of it
+    result: PlanResult
+    found: Candidate | None  # the motion before it was put on a controller's step
+
+    def or_cheaper(self, other: Searched) -> Searched:
+        """The cheaper of two searches, with what both took."""
+        evaluations = self.result.evaluations
+        seconds = self.result.cpu_seconds
+        cheaper = self
+        history = list(self.result.history)
+        if other.result.cost < self.result.cost:
+            cheaper = other
+            before = history[-1][2]
+            for count, spent, cost in other.result.history:
+                if cost < before:
+                    history.append((evaluations + count, seconds + spent, cost))
+        result = replace(
+            cheaper.result,
+            history=tuple(history),
+            evaluations=evaluations + other.result.evaluations,
+            seconds=self.result.seconds + other.result.seconds,
+            cpu_seconds=seconds + other.result.cpu_seconds,
+        )
+        return replace(cheaper, result=result)
+
+
+def _tell(searched: Searched, curve: Sequence[Look]) -> PlanResult:
+    """A plan of free duration with the energies that were looked at.
+
+    Args:
+        searched: The plan.
+        curve: All looks, several of one duration perhaps.
+    """
+    result = searched.result
+    rows: dict[float, float] = {}
+    for look in curve:
+        if np.isfinite(look.energy):
+            duration = _looked_at(rows, look.duration)
+            rows[duration] = min(look.energy, rows.get(duration, np.inf))
+    planned = searched.look.duration
+    said = f"the duration is free: {planned:.3g} s costs least of {len(rows)} looked at"
     if result.solved and result.splines is not None:
         duration = _looked_at(rows, float(result.splines.total[0]))
-        rows[duration] = result.cost - standby * duration
-        history[-1] = (*history[-1][:2], result.cost)
-        if duration > best.duration * (1.0 + MENDED):
+        rows[duration] = result.cost - result.standby * duration
+        if duration > planned * (1.0 + MENDED):
             said += f"; {duration:.3g} s are taken to keep the limits as it is executed"
     notes = (said, *result.notes) if rows else result.notes
-    return replace(
-        result, history=tuple(history), notes=notes, energy_curve=tuple(sorted(rows.items()))
-    )
+    return replace(result, bound=None, notes=notes, energy_curve=tuple(sorted(rows.items())))
 
 
 def _looked_at(durations: Iterable[float], duration: float) -> float:
@@ -148,10 +207,44 @@ def energy_curve(
     if first is None or not first.feasible:
         return []
     looks = [Look(float(first.splines.total[0]), first.cost, first)]
-    grid = np.geomspace(shortest, longest, LOOKS)
-    left = [float(duration) for duration in grid if apart(looks[0], float(duration)) > 1e-9]
+    grid = np.geomspace(shortest, longest, LOOKS).tolist()
+    return _explore(problem, looks, grid, ledger)
+
+
+def look_about(problem: PlanningProblem, searched: Searched, ledger: Ledger) -> list[Look]:
+    """Durations about that of a motion, looked at from that: another way's least lies elsewhere.
+
+    Args:
+        problem: The task.
+        searched: The motion.
+        ledger: What may be spent.
+
+    Returns:
+        The motion itself, and what was looked at.
+    """
+    found = searched.found
+    assert found is not None
+    assert problem.longest is not None
+    look = Look(float(found.splines.total[0]), found.cost, found)
+    shortest = BEGIN * shortest_duration(problem)
+    durations = np.clip(look.duration * np.array(ABOUT), shortest, problem.longest)
+    return _explore(problem, [look], np.unique(durations).tolist(), ledger)
+
+
+def _explore(
+    problem: PlanningProblem, looks: list[Look], durations: Sequence[float], ledger: Ledger
+) -> list[Look]:
+    """Looks at durations, those near the cheapest first, and then closer about that.
+
+    Args:
+        problem: The task.
+        looks: The first of them, with its motion.
+        durations: What is to be looked at [s].
+        ledger: What may be spent.
+    """
+    left = [duration for duration in durations if apart(looks[0], duration) > ROUNDING]
     # A motion can be drawn out at once, and without standby the longest mostly costs least.
-    duration = left[-1] if left else middle
+    duration = max(left, default=0.0)
     while left and ledger.remaining > 0:
         left.remove(duration)
         nearest = min(looks, key=lambda look: apart(look, duration))

@@ -177,6 +177,27 @@ def solve(
     Raises:
         InputError: No such method, or not for this task.
     """
+    found = search_and_certify(problem, options, planner, starts, controller, spent, known)
+    return found[0]
+
+
+def search_and_certify(
+    problem: PlanningProblem,
+    options: SolveOptions,
+    planner: Planner | None = None,
+    starts: Starts | None = None,
+    controller: Controller | None = None,
+    spent: float = 0.0,
+    known: Candidate | None = None,
+) -> tuple[PlanResult, Candidate | None]:
+    """The same, and the best motion as it was found, before it was put on a controller's step.
+
+    Args:
+        problem, options, planner, starts, controller, spent, known: As for `solve`.
+
+    Raises:
+        InputError: No such method, or not for this task.
+    """
     planner = planner or make_planner(options.method, problem.objective)
     if controller is not None and isinstance(planner, Sequential) and problem.objective == "energy":
         planner = replace(planner, parts=controller.parts(float(problem.durations.sum())))
@@ -193,10 +214,10 @@ def solve(
         carried=problem.carried,
     )
     if np.array_equal(problem.start, problem.goal):
-        return _stand_still(problem, controller, result)
+        return _stand_still(problem, controller, result), None
     reason = find_obstruction(problem)
     if reason:
-        return replace(result, reason=reason)
+        return replace(result, reason=reason), None
     rng = np.random.default_rng(options.seed)
     ledger = _ledger(options, spent, share_kept_back(controller))
     if options.seconds is not None:
@@ -230,7 +251,7 @@ def solve(
     )
     if options.gap and result.solved:
         result = replace(result, reference_gap=_gap(result, problems))
-    return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds)
+    return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds), ledger.best
 
 
 def _stand_still(
