@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arrays import Array
 from plan.planners.base import Candidate, Ledger, Planner
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential, descend_on_knots
-from plan.problem.certificate import Certificate, certify, keeps_limits
+from plan.problem.certificate import Certificate, Shares, certify, keeps_limits, limit_shares
 from plan.problem.controllers import Controller
 from plan.problem.cost import energy_cost
 from plan.problem.problem import Limits, PlanningProblem
@@ -252,7 +251,7 @@ class _Mending:
                 clearance = MORE_CLEARANCE * (turn + 1) * near
                 first, more = SLACK
                 slack = first + more * turn
-                limits = _tighter(problem.limits, certificate, slack, clearance)
+                limits = _tighter(problem.limits, certificate.shares, slack, clearance)
                 changes = {"limits": limits, "radius": NEARBY, "label": "mended"}
                 task = problem.with_initial(best.splines, **changes)
                 share = Ledger(10**9, seconds)
@@ -315,7 +314,7 @@ class _Mending:
             moved = _with_knots_on_step(best.splines, controller, whole)
             if longer > 1.0 and not _is_short_enough(best.problem, moved):
                 return
-            seen = certificate
+            seen = certificate.shares
             limits = best.problem.limits
             for turn in range(MENDS):
                 if self._time <= 0.0:
@@ -338,11 +337,16 @@ class _Mending:
                     mended = replace(mended, cost=whole)
                 if not self._is_cheapest(mended):
                     break
+                on_step = _put_on_step(mended, controller)
+                if not keeps_limits(best.problem, on_step, controller):
+                    # A check in full takes longer, and would find that, too.
+                    seen = limit_shares(best.problem, on_step, controller)
+                    continue
                 executed = self._check(mended)
                 yield executed
                 if executed.allowed:
                     return
-                seen = executed.certificate
+                seen = executed.certificate.shares
 
     def _descend_on_step(self, moved: Splines, limits: Limits, seconds: float) -> Candidate | None:
         """The least energy on a motion's own knots; None where no motion there is allowed.
@@ -422,7 +426,7 @@ def _with_knots_on_step(splines: Splines, controller: Controller, whole: float) 
 
 def _tighter(
     limits: Limits,
-    seen: Certificate,
+    seen: Shares,
     slack: float,
     clearance: float = 0.0,
     alike: bool = False,
@@ -431,24 +435,16 @@ def _tighter(
 
     Args:
         limits: Those of a search.
-        seen: What the dense check said of what it found.
+        seen: Peaks of what it found, as shares of these.
         slack: By how much more, as a factor.
         clearance: By how much more clearance is asked for [m].
         alike: Whether each joint's are lower by what was seen at the joint that passed most.
     """
 
-    def lower(limit: Array, share: Array) -> Array:
-        passed = np.maximum(share * slack, 1.0)
-        return limit / (passed.max() if alike else passed)
-
-    def lower_known(limit: Array | None, share: Array | None) -> Array | None:
-        return limit if limit is None or share is None else lower(limit, share)
-
-    return replace(
-        limits,
-        torque=lower(limits.torque, seen.torque_share),
-        speed=lower(limits.speed, seen.speed_share),
-        acceleration=lower_known(limits.acceleration, seen.shares["acceleration"]),
-        jerk=lower_known(limits.jerk, seen.shares["jerk"]),
-        clearance=limits.clearance + clearance,
-    )
+    lower = {}
+    for name, share in seen.items():
+        limit = getattr(limits, name)
+        if limit is not None and share is not None:
+            passed = np.maximum(share * slack, 1.0)
+            lower[name] = limit / (passed.max() if alike else passed)
+    return replace(limits, **lower, clearance=limits.clearance + clearance)
