@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -35,6 +36,8 @@ FIRST = Sequential(starts=4, kept=(2, 1), levels=1)
 SHARE = 0.4
 # A look may take so many times its even share of the time that is left.
 FAIR = 2.0
+# The first duration of all where the cell takes power, at most, as a multiple of the shortest.
+HASTE = 2.0
 # Steps of each look.
 STEPS = 40
 # Share of the seconds left that the first search in full takes, and of what it leaves the looks
@@ -99,10 +102,10 @@ def solve_free_duration(
             left = max(options.seconds - used, 0.0)
             asked = replace(options, seconds=used + share * left)
         task = lasting(problem, look.duration)
-        result, found = search_and_certify(
+        result, ledger = search_and_certify(
             task, asked, planner, controller=controller, spent=used, known=look.candidate
         )
-        return Searched(look, result.with_standby(standby), found)
+        return Searched(look, result.with_standby(standby), ledger.best)
 
     searched = search(best, FIRST_SEARCH if curve else 1.0)
     if searched.result.solved and curve:
@@ -199,7 +202,11 @@ def energy_curve(
     ledger = Ledger(evaluations, seconds)
     middle = float(np.sqrt(shortest * longest))
     first = None
-    for duration in (middle, longest):
+    starts = [middle, longest]
+    if problem.standby > 0.0:
+        # What the cell takes makes haste, and where the task allows much the middle is far off.
+        starts.insert(0, min(middle, HASTE * shortest))
+    for duration in starts:
         half = Ledger(evaluations, 0.5 * seconds)
         first = FIRST.run([lasting(problem, duration)], half, rng).best
         if first is not None and first.feasible:
@@ -243,8 +250,10 @@ def _explore(
         ledger: What may be spent.
     """
     left = [duration for duration in durations if apart(looks[0], duration) > ROUNDING]
-    # A motion can be drawn out at once, and without standby the longest mostly costs least.
-    duration = max(left, default=0.0)
+    duration = min(left, key=partial(apart, looks[0]), default=0.0)
+    if problem.standby == 0.0:
+        # A motion can be drawn out at once, and the longest mostly costs least.
+        duration = max(left, default=0.0)
     while left and ledger.remaining > 0:
         left.remove(duration)
         nearest = min(looks, key=lambda look: apart(look, duration))

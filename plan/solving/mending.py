@@ -99,7 +99,8 @@ def measure_check(controller: Controller | None) -> Callable[[Ledger, Candidate]
         if is_first:
             before = ledger.cpu_seconds
             passes = _execute(candidate, controller).allowed
-            checks.append(CHECKS[controller is not None] * (ledger.cpu_seconds - before))
+            ledger.check_seconds = ledger.cpu_seconds - before
+            checks.append(CHECKS[controller is not None] * ledger.check_seconds)
         elif candidate.problem.objective == "time" or usual == KEPT_BACK:
             return
         else:
@@ -207,6 +208,7 @@ class _Mending:
         executed = _execute(candidate, self._controller)
         spent = self._ledger.cpu_seconds - before
         self._dearest_check = max(self._dearest_check, spent)
+        self._ledger.check_seconds = max(self._ledger.check_seconds, spent)
         return executed
 
     def _is_cheapest(self, candidate: Candidate) -> bool:

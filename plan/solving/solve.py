@@ -189,8 +189,9 @@ def search_and_certify(
     controller: Controller | None = None,
     spent: float = 0.0,
     known: Candidate | None = None,
-) -> tuple[PlanResult, Candidate | None]:
-    """The same, and the best motion as it was found, before it was put on a controller's step.
+) -> tuple[PlanResult, Ledger]:
+    """The same, and the search's ledger: its best motion is as it was found, before it was put on
+    a controller's step.
 
     Args:
         problem, options, planner, starts, controller, spent, known: As for `solve`.
@@ -214,10 +215,10 @@ def search_and_certify(
         carried=problem.carried,
     )
     if np.array_equal(problem.start, problem.goal):
-        return _stand_still(problem, controller, result), None
+        return _stand_still(problem, controller, result), Ledger(0, 0.0)
     reason = find_obstruction(problem)
     if reason:
-        return replace(result, reason=reason), None
+        return replace(result, reason=reason), Ledger(0, 0.0)
     rng = np.random.default_rng(options.seed)
     ledger = _ledger(options, spent, share_kept_back(controller))
     if options.seconds is not None:
@@ -251,7 +252,7 @@ def search_and_certify(
     )
     if options.gap and result.solved:
         result = replace(result, reference_gap=_gap(result, problems))
-    return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds), ledger.best
+    return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds), ledger
 
 
 def _stand_still(
