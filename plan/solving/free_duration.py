@@ -43,7 +43,7 @@ STEPS = 40
 # Share of the seconds left that the first search in full takes, and of what it leaves the looks
 # about the motion that it found; these go so far, as factors of its duration. A second search
 # follows where they found this share less.
-FIRST_SEARCH = 0.8
+FIRST_SEARCH = 0.6
 LOOKED_ABOUT = 0.5
 ABOUT = (0.8, 0.9, 1.1, 1.25)
 WORTH = 0.001
