@@ -106,6 +106,7 @@ class Ledger:
     at_allowed: Callable[[Ledger, Candidate], None] | None = None
     # The best that keeps its limits as it is executed, where that was looked at on the way.
     passed: Candidate | None = None
+    checked: tuple[Candidate, object] | None = None  # one that was checked in full, and its check
     check_seconds: float = 0.0  # the dearest check of a motion in full that was seen [s]
     evaluations: int = 0
     best: Candidate | None = None

@@ -124,7 +124,7 @@ class Searched:
 
     look: Look  # the duration that was asked for, and what was known of it
     result: PlanResult
-    found: Candidate | None  # the motion before it was put on a controller's step
+    motion: Candidate | None  # before it was put on a controller's step
 
     def or_cheaper(self, other: Searched) -> Searched:
         """The cheaper of two searches, with what both took."""
@@ -229,10 +229,10 @@ def look_about(problem: PlanningProblem, searched: Searched, ledger: Ledger) -> 
     Returns:
         The motion itself, and what was looked at.
     """
-    found = searched.found
-    assert found is not None
+    motion = searched.motion
+    assert motion is not None
     assert problem.longest is not None
-    look = Look(float(found.splines.total[0]), found.cost, found)
+    look = Look(float(motion.splines.total[0]), motion.cost, motion)
     shortest = BEGIN * shortest_duration(problem)
     durations = np.clip(look.duration * np.array(ABOUT), shortest, problem.longest)
     return _explore(problem, [look], np.unique(durations).tolist(), ledger)
@@ -295,10 +295,10 @@ def look_at(
     splines = near.candidate.splines
     moved = Splines(splines.points, splines.durations * (duration / near.duration))
     task = lasting(problem, duration).with_initial(moved, free="vias", label="another duration's")
-    own = Ledger(10**9, min(share, 0.5) * max(ledger.seconds_left, 0.0))
-    descend_on_knots(task, own, STEPS)
-    ledger.count(own.evaluations)
-    best = own.best
+    given = Ledger(10**9, min(share, 0.5) * max(ledger.seconds_left, 0.0))
+    descend_on_knots(task, given, STEPS)
+    ledger.count(given.evaluations)
+    best = given.best
     if best is None or not best.feasible:
         return Look(duration, np.inf, None)
     return Look(duration, best.cost, best)

@@ -98,7 +98,9 @@ def measure_check(controller: Controller | None) -> Callable[[Ledger, Candidate]
         is_first = not checks
         if is_first:
             before = ledger.cpu_seconds
-            passes = _execute(candidate, controller).allowed
+            executed = _execute(candidate, controller)
+            passes = executed.allowed
+            ledger.checked = (candidate, executed)
             ledger.check_seconds = ledger.cpu_seconds - before
             checks.append(CHECKS[controller is not None] * ledger.check_seconds)
         elif candidate.problem.objective == "time" or usual == KEPT_BACK:
@@ -203,7 +205,12 @@ class _Mending:
         return time_for_mending(self._ledger, self._dearest_check)
 
     def _check(self, candidate: Candidate) -> Executed:
-        """A candidate as it is executed, checked."""
+        """A candidate as it is executed, checked; the same one is not checked twice."""
+        if self._ledger.checked is not None:
+            known, executed = self._ledger.checked
+            if known is candidate:
+                assert isinstance(executed, Executed)
+                return executed
         before = self._ledger.cpu_seconds
         executed = _execute(candidate, self._controller)
         spent = self._ledger.cpu_seconds - before

@@ -177,8 +177,7 @@ def solve(
     Raises:
         InputError: No such method, or not for this task.
     """
-    found = search_and_certify(problem, options, planner, starts, controller, spent, known)
-    return found[0]
+    return search_and_certify(problem, options, planner, starts, controller, spent, known)[0]
 
 
 def search_and_certify(

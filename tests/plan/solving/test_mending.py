@@ -201,6 +201,11 @@ def test_as_much_is_kept_back_as_a_check_was_seen_to_take(
     assert own.kept_back == pytest.approx(max(share * ASKED, checks))
     assert own.whole == pytest.approx(ASKED)
     assert own.whole_left == pytest.approx(ASKED - check)
+    assert own.checked is not None
+    own.best = own.checked[0]
+    if case == "energy" and name in (None, "ros2_control"):
+        certify_best(own, np.random.default_rng(0), controller)
+        assert clock.now == pytest.approx(check)  # the same motion is not checked a second time
 
 
 @pytest.mark.parametrize("seconds", [2.5, 6.5])
