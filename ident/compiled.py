@@ -3,15 +3,57 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import event
 
 from ident.user_cache import user_cache
 
 NUMBAS: Any = numba.config  # which no type checker knows
+# What numba calls the work of making one loop machine code, code that was kept not counted.
+COMPILING = "numba:compile"
+
+
+class _CompileClock(event.Listener):
+    """Adds up the processor time of compiling; one loop's may hold that of those it calls."""
+
+    def __init__(self) -> None:
+        self.spent = 0.0
+        self._depth = 0
+        self._began = 0.0
+
+    def on_start(self, event: event.Event) -> None:
+        """Begins to count where nothing is compiled yet."""
+        if self._depth == 0:
+            self._began = time.process_time()
+        self._depth += 1
+
+    def on_end(self, event: event.Event) -> None:
+        """Counts what the outermost loop took."""
+        self._depth -= 1
+        if self._depth == 0:
+            self.spent += time.process_time() - self._began
+
+
+@cache
+def _clock() -> _CompileClock:
+    """The process's only one, told of all that is compiled from its first use on."""
+    clock = _CompileClock()
+    event.register(COMPILING, clock)
+    return clock
+
+
+def compile_seconds() -> float:
+    """Processor time that this process has spent on making loops machine code [s].
+
+    Nought where all of them were kept by a process before: so only a first run pays.
+    """
+    return _clock().spent
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -30,6 +72,7 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any
         folder = given or ("" if beside else user_cache())
         NUMBAS.CACHE_DIR = str(folder or "")
         try:
+            _clock()
             return numba.njit(cache=folder is not None, **options)(function)
         finally:
             NUMBAS.CACHE_DIR = given

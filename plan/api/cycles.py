@@ -11,7 +11,7 @@ from ident.model.hybrid import HybridModel
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
 from plan.command_options import DEFAULT_METHOD, SolveOptions
-from plan.planners.base import processor_seconds
+from plan.planners.base import budget_seconds
 from plan.problem.cycle_result import CycleResult
 from plan.problem.driveless import hold_driveless
 from plan.problem.execution import DEFAULT_RATE, write_motion_file
@@ -34,15 +34,15 @@ def cycle(
     Args:
         scene: Scene file with `[[leg]]` tables, or the task that `load_task` read from it.
         model: Fitted model or its folder; the rigid arm without losses if None.
-        began: Processor time of the process at which the seconds that may be spent began to count
-            [s]; now if None.
+        began: Processor time of the process, without that of compiling loops, at which the seconds
+            that may be spent began to count [s]; now if None.
         options: Any field of `SolveOptions`, as the options of `plan cycle`.
 
     Raises:
         InputError: Scene or model can't be used, or a method other than the default is asked for.
         TypeError: No such option.
     """
-    began = processor_seconds() if began is None else began
+    began = budget_seconds() if began is None else began
     chosen = SolveOptions(**options)
     if chosen.method != DEFAULT_METHOD:
         raise InputError(
@@ -62,7 +62,7 @@ def cycle(
     fitted = None if model is None else HybridModel.given(model)
     task = choose_stops(task, fitted, chosen)
     problems = split_cycle(task, fitted, chosen)
-    result = solve_cycle(task, problems, chosen, spent=processor_seconds() - began)
+    result = solve_cycle(task, problems, chosen, spent=budget_seconds() - began)
     named = None if model is None or isinstance(model, HybridModel) else str(model)
     names = ("objective", "metric", "seed", "evaluations", "seconds")
     asked = {name: getattr(chosen, name) for name in names}

@@ -79,8 +79,9 @@ def solve(
     task = load_task(
         scene
     )  # before anything heavy is loaded: a slip of the pen is reported at once
-    from plan.api.planning import open_task
-    from plan.planners.base import processor_seconds
+    from ident.compiled import compile_seconds
+    from plan.api.planning import open_task, tell_compiling
+    from plan.planners.base import budget_seconds
 
     if out is not None:
         from plan.problem.execution import (
@@ -114,7 +115,8 @@ def solve(
     spent = (
         before + time.perf_counter() - began
     )  # loading Python and its libraries, all of it processor time, too
-    result = replace(result, seconds=spent, cpu_seconds=processor_seconds())
+    result = replace(result, seconds=spent, cpu_seconds=budget_seconds())
+    result = tell_compiling(result, compile_seconds())
     written = []
 
     def write_pictures() -> None:

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from ident.arrays import Array, Float
+from ident.compiled import compile_seconds
 from ident.robot.arm import ArmModel
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Box
@@ -373,8 +374,12 @@ def find_seeds(
         rng: Source of randomness.
         seconds: Processor time that may be spent, at most [s].
     """
-    end = time.process_time() + seconds
-    trees = Trees.of(problem, rng, lambda: end - time.process_time())
+
+    def now() -> float:
+        return time.process_time() - compile_seconds()
+
+    end = now() + seconds
+    trees = Trees.of(problem, rng, lambda: end - now())
     return list(iterate_seeds(problem, trees))
 
 

@@ -17,6 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.compiled import compile_seconds
 from ident.errors import InputError
 from ident.progress import step
 from plan.problem.problem import TOLERANCE, BatchEvaluation, PlanningProblem
@@ -45,6 +46,15 @@ def processor_seconds() -> float:
     """Processor time of this process and of those that it started and that have ended [s]."""
     times = os.times()
     return time.process_time() + times.children_user + times.children_system
+
+
+def budget_seconds() -> float:
+    """Processor time as budgets count it: without that of compiling loops [s].
+
+    That is done once on a computer, before the first plan, and would leave nothing of a short
+    budget.
+    """
+    return processor_seconds() - compile_seconds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +102,12 @@ class Ledger:
     shown: bool = False  # whether whoever listens is told how much of the budget is spent
     # Evaluations that the search needs, where it knows that beforehand: what is told goes by them.
     expected: int = 0
-    # What is done once with the first candidate that is allowed, while the search still runs.
-    at_first_allowed: Callable[[Ledger, Candidate], None] | None = None
+    # What is done with each candidate that is allowed and the best so far, while the search runs.
+    at_allowed: Callable[[Ledger, Candidate], None] | None = None
+    # The best that keeps its limits as it is executed, where that was looked at on the way.
+    passed: Candidate | None = None
+    checked: tuple[Candidate, object] | None = None  # one that was checked in full, and its check
+    check_seconds: float = 0.0  # the dearest check of a motion in full that was seen [s]
     evaluations: int = 0
     best: Candidate | None = None
     best_of: dict[str, Candidate] = field(default_factory=dict)
@@ -106,7 +120,7 @@ class Ledger:
 
     def __post_init__(self) -> None:
         self._started = time.perf_counter()
-        self._cpu_started = processor_seconds()
+        self._cpu_started = budget_seconds()
 
     @property
     def seconds(self) -> float:
@@ -115,8 +129,8 @@ class Ledger:
 
     @property
     def cpu_seconds(self) -> float:
-        """Processor time since the search began [s]."""
-        return processor_seconds() - self._cpu_started
+        """Processor time since the search began, without that of compiling loops [s]."""
+        return budget_seconds() - self._cpu_started
 
     @property
     def seconds_left(self) -> float:
@@ -195,10 +209,8 @@ class Ledger:
             self.best = candidate
             cost = candidate.cost if candidate.feasible else np.inf
             self.history.append((self.evaluations, self.cpu_seconds, cost))
-            act = self.at_first_allowed
-            if act is not None and candidate.feasible:
-                self.at_first_allowed = None
-                act(self, candidate)
+            if self.at_allowed is not None and candidate.feasible:
+                self.at_allowed(self, candidate)
 
     def keep_back(self, seconds: float) -> None:
         """Keeps back so much of the whole from now on [s]."""

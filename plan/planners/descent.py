@@ -306,15 +306,16 @@ def refine(course: Course, width: float, power: float, nodes: tuple[Array, Array
 def choose_parts(course: Course) -> Int[Array, " K"]:
     """Into how many parts each section goes, `count_finer` together.
 
-    For energy every section goes in two. The quickest motions switch from one limit to another: a
-    section in which acceleration or torque changes by much holds what is to be gained, so half of
-    the parts are shared out by that change, as a share of the limits, the others by length. A joint
-    counts by how much of the time it is at its limit: others could switch elsewhere as well.
+    For energy every section goes in two, but for those of a controller's single step. The quickest
+    motions switch from one limit to another: a section in which acceleration or torque changes by
+    much holds what is to be gained, so half of the parts are shared out by that change, as a share
+    of the limits, the others by length. A joint counts by how much of the time it is at its limit:
+    others could switch elsewhere as well.
     """
     local = course.local
     sections = local.grid.sections
     if not local.timed:
-        return np.full(sections, 2)
+        return np.where(local.grid.single_steps, 1, 2)
     q, dq, ddq = local.splines(course.x).states(ENDS)
     limits = local.problem.limits
     used = local.problem.model.torque(q, dq, ddq)[0] / limits.torque

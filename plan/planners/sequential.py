@@ -30,7 +30,7 @@ from plan.planners.descent import (
 )
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
-from plan.planners.transcription import Grid
+from plan.planners.transcription import Grid, on_steps
 from plan.problem.problem import SHARE, STRAIGHT, PlanningProblem
 from plan.spline import Splines
 
@@ -132,6 +132,9 @@ class Sequential(Planner):
     # Share of the cost that a finer grid must bring for the next to follow, for energy and time.
     gains: tuple[float, float] = (0.005, 0.001)
     levels: int = max(LEVELS)  # most refinements, of which no more than `LEVELS` are made
+    # Equal parts of the duration at whose ends all knots are set, where a controller takes its
+    # points there alone; None where they may lie anywhere.
+    parts: int | None = None
     name: ClassVar[str] = "sqp"
     explores: ClassVar[bool] = True
 
@@ -190,7 +193,8 @@ class Sequential(Planner):
         courses: list[Course] = []
         known: Refined = {}
         for problem in ways:
-            courses.append(self._try(begin_course(problem), ledger, courses))
+            course = begin_course(problem, self.parts)
+            courses.append(self._try(course, ledger, courses))
             if ledger.remaining == 0:
                 return
             if len(courses) == LEAD < self.starts:
@@ -379,10 +383,14 @@ def _with_vias(best: Candidate, count: int) -> Candidate:
     return Candidate(same, same.initial, best.cost, best.violation)
 
 
-def begin_course(problem: PlanningProblem) -> Course:
+def begin_course(problem: PlanningProblem, parts: int | None = None) -> Course:
     """A problem's initial trajectory on a grid of its own knots.
 
     Where these may grow, long sections are parted, and acceleration is zero at both ends.
+
+    Args:
+        problem: The task, started from the trajectory.
+        parts: Equal parts of the duration at whose ends knots are set; None for the knots' own.
     """
     timed = problem.objective == "time"
     if timed:
@@ -391,8 +399,9 @@ def begin_course(problem: PlanningProblem) -> Course:
     knots[-1] = 1.0
     if problem.grows:
         knots = _parted(knots, COARSE[timed])
+    knots = np.unique(on_steps(knots, parts))
     nodes, weights = _nodes(timed, len(knots) - 1)
-    grid = Grid(freeze(knots), problem.grows or problem.limits.jerk is not None, nodes)
+    grid = Grid(freeze(knots), problem.grows or problem.limits.jerk is not None, nodes, parts)
     return _course_on(problem, grid, weights, WIDTHS[0])
 
 

@@ -8,13 +8,13 @@ and acceleration with 1/T².
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ident.arrays import Array, Float, Int, freeze
+from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.compiled import compiled
 from plan.spline import Splines
 
@@ -73,6 +73,8 @@ class Grid:
     soft: bool = False  # whether acceleration is zero at both ends
     # Local times at which every section is looked at, 0 to 1.
     nodes: Float[Array, " m"] = field(default_factory=lambda: freeze(np.linspace(0.0, 1.0, 5)))
+    # Equal parts of the duration at whose ends knots are set; None where they may lie anywhere.
+    steps: int | None = None
 
     @property
     def sections(self) -> int:
@@ -208,15 +210,34 @@ class Grid:
         return np.asarray(np.linalg.lstsq(free, rest, rcond=None)[0])
 
     def parted(self, parts: Int[Array, " K"]) -> Grid:
-        """A grid with each section cut into so many equal ones, one number a section.
+        """A grid with each section cut into so many equal ones, one number a section; on steps
+        nearly equal ones, and fewer where there are no more steps.
 
         Every trajectory of this grid is one of that, too.
         """
         widths = np.repeat(np.diff(self.knots) / parts, parts)
         knots = np.concatenate([[0.0], np.cumsum(widths)])
+        knots = on_steps(knots, self.steps)
         whole = np.concatenate([[0], np.cumsum(parts)])
         knots[whole] = self.knots
-        return Grid(freeze(knots), self.soft, self.nodes)
+        return replace(self, knots=freeze(knots))
+
+    @property
+    def single_steps(self) -> Bool[Array, " K"]:
+        """Which sections are one step long, so that they can't be cut."""
+        if self.steps is None:
+            return np.zeros(self.sections, dtype=bool)
+        return np.diff(self.knots) * self.steps < 1.5
+
+
+def on_steps(knots: Float[Array, " K"], steps: int | None) -> Float[Array, " K"]:
+    """Knots, as shares of a duration, moved to the nearest ends of so many equal parts of it.
+
+    Args:
+        knots: Shares, from 0 to 1.
+        steps: How many parts; None leaves the knots where they are.
+    """
+    return knots if steps is None else np.asarray(np.round(knots * steps) / steps)
 
 
 def _acting(coefficients: Float[Array, "C n"], first: Int[Array, " m"]) -> Float[Array, "m 4 n"]:

@@ -34,6 +34,10 @@ LEAST_FINE = 4
 LEAST_DENSE = 12
 
 
+Shares = dict[str, Float[Array, " n"] | None]
+"""Peak speed, acceleration, jerk and torque of each joint as a share of its limit; None without."""
+
+
 @dataclass(frozen=True, eq=False)
 class Certificate:
     """What a motion is, computed afresh and densely, not as the search saw it."""
@@ -41,7 +45,7 @@ class Certificate:
     energy: dict[Metric, float]  # energy by every metric [J], and N² m² s for copper
     # Peak speed, acceleration, jerk and torque of each joint as a share of its limit; None without
     # a limit.
-    shares: dict[str, Float[Array, " n"] | None]
+    shares: Shares
     position_margin: float  # smallest distance to a position limit [rad]
     clearance: Clearance  # proven clearance, of all pairs but those that were cut
     asked_clearance: float  # clearance that the task asks for [m]
@@ -203,6 +207,18 @@ def keeps_limits(
     return not max(*largest, *law.shares) > 1.0 + ROUNDING
 
 
+def limit_shares(
+    problem: PlanningProblem, splines: Splines, controller: Controller | None = None
+) -> Shares:
+    """Peaks of the first of a batch of motions as shares of each joint's limits.
+
+    Args:
+        problem, splines, controller: As for `certify`.
+    """
+    curve = splines if controller is None else controller.make_curve(splines)
+    return _shares(problem, curve, controller)
+
+
 def _time_law(
     problem: PlanningProblem, splines: Splines, curve: Splines, controller: Controller | None
 ) -> TimeLaw:
@@ -212,16 +228,14 @@ def _time_law(
     return measure(problem, curve, TimeLaw(float(curve.total[0])))
 
 
-def _shares(
-    problem: PlanningProblem, curve: Splines, controller: Controller | None
-) -> dict[str, Float[Array, " n"] | None]:
+def _shares(problem: PlanningProblem, curve: Splines, controller: Controller | None) -> Shares:
     """Peak speed, acceleration, jerk and torque of each joint as a share of its limit.
 
     None without a limit.
     """
     limits = problem.limits
     tick = TICK if controller is None else controller.tick_s
-    shares: dict[str, Float[Array, " n"] | None] = {
+    shares: Shares = {
         "speed": curve.top_speed[0] / limits.speed,
         "acceleration": None,
         "jerk": None,

@@ -49,6 +49,8 @@ class Controller:
     source: str
     degrees: bool = False  # whether it is sent degrees
     joints: int | None = None  # how many joints it has; None for any number
+    # Whether it holds numbers in single precision: 24 bits, however many decimals it is sent.
+    single: bool = False
     before_end_s: tuple[float, ...] = ()  # where points are sent in any case, before the end
     lookahead_s: float = 0.0  # parameters of servoj
     gain: int = 0
@@ -104,6 +106,18 @@ class Controller:
         """How many steps a duration holds."""
         return max(int(whole / self.step_s + NEARLY), 1)
 
+    def parts(self, total: float) -> int | None:
+        """Equal parts of a duration at whose ends a plan's knots lie so that the step keeps it as
+        it is; None where that keeps them anywhere.
+
+        Args:
+            total: The duration [s].
+        """
+        if self.keeps_curve:
+            return None
+        whole = self.whole(total)
+        return self.sections(whole) if self.points == "even" else round(whole / self.stamp_s)
+
     def knots_on_step(self, knots: Float[Array, " K"], total: float) -> Float[Array, " k"]:
         """The nearest shares of a duration at which a spline may have its knots, so that the step
         keeps it as it is.
@@ -135,11 +149,14 @@ class Controller:
     def rounded(self, values: Float[Array, "K n"]) -> Float[Array, "K n"]:
         """Angles [rad] or speeds [rad/s] as they are after having been written and read.
 
-        They are rounded to so many decimals in the unit of the file, and come back in that of the
-        input.
+        They are rounded to so many decimals in the unit of the file, then to what the controller
+        holds, and come back in the unit of the input.
         """
         unit = np.degrees(1.0) if self.degrees else 1.0
-        return np.asarray(np.round(values * unit, self.digits) / unit)
+        numbers = np.round(values * unit, self.digits)
+        if self.single:
+            numbers = numbers.astype(np.float32).astype(float)
+        return np.asarray(numbers / unit)
 
     def make_curve(self, splines: Splines) -> Splines:
         """What the controller makes of a plan on its step, as cubic sections with velocities of

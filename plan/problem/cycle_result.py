@@ -23,6 +23,7 @@ class Leg:
     plan: PlanResult  # the motion and its certificate
     # Largest torque at any slower pace, as a share of its limit; None without a plan.
     slowed_torque_share: float | None
+    check_seconds: float = 0.0  # what a check in full takes [s]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Required, TypedDict
 
 import numpy as np
@@ -13,7 +13,7 @@ from ident.records import as_record
 from ident.results import Result
 from plan.dynamics.power import METRICS, Metric
 from plan.problem.certificate import Certificate
-from plan.problem.cost import plan_cost
+from plan.problem.cost import energy_cost, plan_cost
 from plan.problem.extrapolation import Extrapolation
 from plan.problem.ramps import STANDING, TimeLaw
 from plan.spline import Splines
@@ -93,6 +93,20 @@ class PlanResult(Result):
     def execution(self) -> TimeLaw:
         """How the motion is executed from rest to rest."""
         return STANDING if self.certificate is None else self.certificate.time_law
+
+    def with_standby(self, power: float) -> PlanResult:
+        """The same where the cell takes a power all the while, counted in costs found on the way.
+
+        Args:
+            power: What it takes [W].
+        """
+        if self.splines is None:
+            return replace(self, standby=power)
+        duration = float(self.splines.total[0])
+        history = []
+        for count, seconds, energy in self.history:
+            history.append((count, seconds, energy_cost(energy, duration, power)))
+        return replace(self, standby=power, history=tuple(history))
 
     @property
     def solved(self) -> bool:

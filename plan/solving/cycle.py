@@ -25,7 +25,7 @@ from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.progress import stage
 from plan.command_options import SolveOptions
-from plan.planners.base import Candidate, Ledger, processor_seconds
+from plan.planners.base import Candidate, Ledger, budget_seconds
 from plan.problem.cost import energy_cost
 from plan.problem.cycle_result import CycleResult, Leg
 from plan.problem.problem import PlanningProblem
@@ -35,7 +35,7 @@ from plan.solving.cycle_legs import leg_tasks, moving_time
 from plan.solving.free_duration import Look, apart, energy_curve, lasting, look_at
 from plan.solving.obstruction import require_valid_ends, shortest_duration
 from plan.solving.set_up import reach_goals, set_up
-from plan.solving.solve import LEAST_SECONDS, solve
+from plan.solving.solve import LEAST_SECONDS, search_and_certify
 
 # Slower paces at which the torque is looked at, as shares of the plan's own, and places of a
 # section.
@@ -55,6 +55,10 @@ PLANNED = 0.75
 # Those durations, as multiples of a motion's own.
 LONGER = (1.15, 1.3, 1.6)
 SHORTER = (0.87, 0.75, 0.6)
+# So many checks of each motion another round takes at the least, and what the looks may take of the
+# time left beyond that.
+CHECKS = 2
+AGAIN = 0.5
 # What brings no more than this share of the cost is not worth another round.
 HARDLY = 0.002
 
@@ -136,8 +140,12 @@ def solve_cycle(
     shared = share_duration(curves, needs, free, task)
     legs = _plan_all(problems, shared, curves, options, budget)
     cycle = CycleResult.of(task, problems[0], legs, shared.energy, shared.even)
-    while cycle.solved and budget.remaining > 0:
-        curves = [_curve_about(*pair, budget) for pair in zip(problems, cycle.legs, strict=True)]
+    while cycle.solved:
+        spare = budget.seconds_left - CHECKS * sum(leg.check_seconds for leg in cycle.legs)
+        if spare <= 0.0 or budget.remaining == 0:
+            break
+        looked = Ledger(most, AGAIN * spare)
+        curves = [_curve_about(*pair, looked) for pair in zip(problems, cycle.legs, strict=True)]
         shared = share_duration(curves, needs, free, task)
         if not _promises_more(shared, cycle):
             break
@@ -320,7 +328,7 @@ def _interpolate(times: Float[Array, " k"], energies: Float[Array, " k"]) -> Pch
 
 def _plan(problem: PlanningProblem, options: SolveOptions, curve: Sequence[Look] | None) -> Leg:
     """One motion, planned until it stays within its torque at any slower pace."""
-    began = processor_seconds()
+    began = budget_seconds()
     duration = float(problem.durations.sum())
     known = None
     if curve is not None:
@@ -328,16 +336,18 @@ def _plan(problem: PlanningProblem, options: SolveOptions, curve: Sequence[Look]
         if nearest.candidate is not None:
             ledger = Ledger(10**6, options.budget[1] / 4.0)
             known = look_at(problem, duration, nearest, ledger).candidate
-    task = problem
+    # Its duration is the cycle's to choose.
+    task = replace(problem, longest=None, standby=0.0)
     for _ in range(TURNS):
-        result = solve(task, options, known=known, spent=processor_seconds() - began)
+        used = budget_seconds() - began
+        result, ledger = search_and_certify(task, options, known=known, spent=used)
         share = slowed_torque_share(problem, result)
         if share is None or share <= 1.0:
             break
         lower = task.limits.torque / (share * LOWER)
         task = replace(task, limits=replace(task.limits, torque=lower))
         known = None
-    return Leg(result, share)
+    return Leg(result, share, ledger.check_seconds)
 
 
 def slowed_torque_share(problem: PlanningProblem, result: PlanResult) -> float | None:

@@ -30,7 +30,8 @@ def leg_tasks(task: Task, objective: str) -> list[Task]:
         if deeds[number]:
             holding = deeds[number] == GRIP
         leg = replace(task, stops=(), start=start, goal=goal)
-        leg = replace(leg, duration=None, longest=free, standby=0.0)
+        standby = task.standby if task.duration is None else 0.0
+        leg = replace(leg, duration=None, longest=free, standby=standby)
         if not holding:
             leg = replace(leg, attached=(), payload=None)
         legs.append(leg)

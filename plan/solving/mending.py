@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arrays import Array
 from plan.planners.base import Candidate, Ledger, Planner
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential, descend_on_knots
-from plan.problem.certificate import Certificate, certify, keeps_limits
+from plan.problem.certificate import Certificate, Shares, certify, keeps_limits, limit_shares
 from plan.problem.controllers import Controller
-from plan.problem.problem import Limits
+from plan.problem.cost import energy_cost
+from plan.problem.problem import Limits, PlanningProblem
 from plan.problem.ramps import find_time_law
 from plan.spline import Splines
 
@@ -61,7 +61,9 @@ CHECKS = {False: 2, True: 3}
 class Executed:
     """A motion as it is executed, and its dense check."""
 
-    cost: float  # as the search counts it: energy [J] or duration [s]
+    # As the search counts it: energy [J], where the duration is free with the cell's standby, or
+    # duration [s].
+    cost: float
     splines: Splines
     certificate: Certificate
 
@@ -79,25 +81,38 @@ def share_kept_back(controller: Controller | None) -> float:
 
 
 def measure_check(controller: Controller | None) -> Callable[[Ledger, Candidate], None]:
-    """What a ledger does with the first motion that is allowed.
+    """What a ledger does with a motion that is allowed and the best so far.
 
-    The motion is checked once, and as much is kept back as the checks at the end will take. Of
-    least energy, a motion that keeps its limits on the controller's step as it is leaves no time
-    for a search on that; what takes the shortest time goes to its limits later.
+    The first is checked once, and as much is kept back as the checks at the end will take. Of least
+    energy, a motion that keeps its limits on the controller's step as it is leaves no time for a
+    search on that; it is remembered, as a better one may break them. What takes the shortest time
+    goes to its limits later.
 
     Args:
         controller: Who executes the plan; None for a plan by itself.
     """
+    checks: list[float] = []
+    usual = share_kept_back(controller)
 
     def measure(ledger: Ledger, candidate: Candidate) -> None:
-        before = ledger.cpu_seconds
-        executed = _execute(candidate, controller)
-        spent = ledger.cpu_seconds - before
-        share = share_kept_back(controller)
-        if executed.allowed and candidate.problem.objective == "energy":
+        is_first = not checks
+        if is_first:
+            before = ledger.cpu_seconds
+            executed = _execute(candidate, controller)
+            passes = executed.allowed
+            ledger.checked = (candidate, executed)
+            ledger.check_seconds = ledger.cpu_seconds - before
+            checks.append(CHECKS[controller is not None] * ledger.check_seconds)
+        elif candidate.problem.objective == "time" or usual == KEPT_BACK:
+            return
+        else:
+            on_step = _put_on_step(candidate, controller)
+            passes = keeps_limits(candidate.problem, on_step, controller)
+        share = usual
+        if passes and candidate.problem.objective == "energy":
             share = KEPT_BACK
-        checks = CHECKS[controller is not None] * spent
-        ledger.keep_back(max(share * ledger.whole, checks))
+            ledger.passed = candidate
+        ledger.keep_back(max(share * ledger.whole, checks[0]))
 
     return measure
 
@@ -168,8 +183,12 @@ class _Mending:
                 continue
             if self._chosen is None or executed.cost < self._chosen.cost:
                 self._chosen = executed
-            if executed.cost <= best.cost + HARDLY * abs(best.cost):
+            searched = _price(best)
+            if executed.cost <= searched + HARDLY * abs(searched):
                 break
+        passed = self._ledger.passed
+        if self._chosen is None and passed is not None:
+            self._chosen = self._check(passed)
         return self._chosen or first
 
     @property
@@ -186,16 +205,30 @@ class _Mending:
         return time_for_mending(self._ledger, self._dearest_check)
 
     def _check(self, candidate: Candidate) -> Executed:
-        """A candidate as it is executed, checked."""
+        """A candidate as it is executed, checked; the same one is not checked twice."""
+        if self._ledger.checked is not None:
+            known, executed = self._ledger.checked
+            if known is candidate:
+                assert isinstance(executed, Executed)
+                return executed
         before = self._ledger.cpu_seconds
         executed = _execute(candidate, self._controller)
         spent = self._ledger.cpu_seconds - before
         self._dearest_check = max(self._dearest_check, spent)
+        self._ledger.check_seconds = max(self._ledger.check_seconds, spent)
         return executed
 
     def _is_cheapest(self, candidate: Candidate) -> bool:
         """Whether no motion that passed costs as little."""
-        return self._chosen is None or candidate.cost < self._chosen.cost
+        return self._chosen is None or _price(candidate) < self._chosen.cost
+
+    @property
+    def _may_last_longer(self) -> bool:
+        """Whether the task leaves it open how long the motion takes."""
+        problem = self._best.problem
+        if problem.longest is not None:
+            return True
+        return problem.objective == "time" and problem.searches_times
 
     def _search_again(
         self,
@@ -227,7 +260,7 @@ class _Mending:
                 clearance = MORE_CLEARANCE * (turn + 1) * near
                 first, more = SLACK
                 slack = first + more * turn
-                limits = _tighter(problem.limits, certificate, slack, clearance)
+                limits = _tighter(problem.limits, certificate.shares, slack, clearance)
                 changes = {"limits": limits, "radius": NEARBY, "label": "mended"}
                 task = problem.with_initial(best.splines, **changes)
                 share = Ledger(10**9, seconds)
@@ -249,15 +282,17 @@ class _Mending:
         """The motion slowed down as little as keeps its limits, where time is free."""
         best = self._best
         problem = best.problem
-        if problem.objective != "time" or not problem.searches_times:
+        if not self._may_last_longer:
             return
         is_late = False
         for factor in factors:
             if is_late and factor != factors[-1]:
                 continue
             splines = Splines(best.splines.points, best.splines.durations * factor)
+            if not _is_short_enough(problem, splines):
+                return
             slower = problem.with_initial(splines)
-            candidate = Candidate(slower, slower.initial, best.cost * factor, 0.0)
+            candidate = Candidate(slower, slower.initial, _cost(slower, splines), 0.0)
             on_step = _put_on_step(candidate, self._controller)
             if not keeps_limits(slower, on_step, self._controller):
                 continue
@@ -275,56 +310,91 @@ class _Mending:
     ) -> Iterator[Executed]:
         """The motion searched anew with its knots on the controller's step.
 
-        Where time is free for longer and longer; each time with limits tighter by what the last one
-        passed between the search's samples.
+        Where time is free for longer and longer; each time with limits tighter by what all that was
+        found before passed between the search's samples.
         """
         best = self._best
-        timed = best.problem.objective == "time" and best.problem.searches_times
+        timed = best.problem.objective == "time"
         total = float(best.splines.total[0])
-        for longer in LONGER if timed else (1.0,):
+        for longer in LONGER if self._may_last_longer else (1.0,):
             whole = controller.whole(total * longer)
             if timed and self._chosen is not None and whole >= self._chosen.cost:
                 return
             moved = _with_knots_on_step(best.splines, controller, whole)
-            seen = certificate
+            if longer > 1.0 and not _is_short_enough(best.problem, moved):
+                return
+            seen = certificate.shares
+            limits = best.problem.limits
             for turn in range(MENDS):
                 if self._time <= 0.0:
                     return
-                limits = best.problem.limits
+                first, more = SLACK_ON_STEP
+                slack = first + more * turn
+                turns_left = MENDS - turn
                 if turn > 0:
-                    first, more = SLACK_ON_STEP
-                    slack = first + more * turn
                     limits = _tighter(limits, seen, slack)
-                mended = self._descend_on_step(moved, limits)
+                elif controller.points == "knots":
+                    # The plan stays as it is, and what the controller's curve passed at one joint
+                    # it will pass at any that comes to its limit.
+                    limits = _tighter(limits, seen, slack, alike=True)
+                else:
+                    turns_left = 1  # on other knots hardly more than rounding is left to mend
+                mended = self._descend_on_step(moved, limits, self._time / turns_left)
                 if mended is None:
                     break
                 if timed:
                     mended = replace(mended, cost=whole)
                 if not self._is_cheapest(mended):
                     break
+                on_step = _put_on_step(mended, controller)
+                if not keeps_limits(best.problem, on_step, controller):
+                    # A check in full takes longer, and would find that, too.
+                    seen = limit_shares(best.problem, on_step, controller)
+                    continue
                 executed = self._check(mended)
                 yield executed
                 if executed.allowed:
                     return
-                seen = executed.certificate
+                seen = executed.certificate.shares
 
-    def _descend_on_step(self, moved: Splines, limits: Limits) -> Candidate | None:
+    def _descend_on_step(self, moved: Splines, limits: Limits, seconds: float) -> Candidate | None:
         """The least energy on a motion's own knots; None where no motion there is allowed.
 
         Args:
             moved: The motion.
             limits: Those of the search: the task's, or tighter ones.
+            seconds: Processor time that it may take [s].
         """
         problem = self._best.problem
         fixed = {"objective": "energy", "free": "vias", "label": "on the controller's step"}
         task = problem.with_initial(moved, radius=ON_STEP, limits=limits, **fixed)
-        share = Ledger(10**9, self._time)
+        share = Ledger(10**9, seconds)
         descend_on_knots(task, share, ON_STEP_STEPS)
         self._ledger.count(share.evaluations)
         best = share.best
         if best is None or not best.feasible:
             return None
         return _with_limits(best, problem.limits)
+
+
+def _cost(problem: PlanningProblem, splines: Splines) -> float:
+    """What a motion costs by the search's own count: energy [J] or duration [s]."""
+    if problem.objective == "time":
+        return float(splines.total[0])
+    return float(problem.initial_evaluation.cost[0])
+
+
+def _price(candidate: Candidate) -> float:
+    """What a candidate costs, the cell's standby counted, so that durations can be compared."""
+    problem = candidate.problem
+    if problem.objective == "time" or problem.longest is None:
+        return candidate.cost
+    return energy_cost(candidate.cost, float(candidate.splines.total[0]), problem.standby)
+
+
+def _is_short_enough(problem: PlanningProblem, splines: Splines) -> bool:
+    """Whether a motion takes no longer than the task allows."""
+    return problem.longest is None or float(splines.total[0]) <= problem.longest
 
 
 def _put_on_step(candidate: Candidate, controller: Controller | None) -> Splines:
@@ -338,7 +408,7 @@ def _put_on_step(candidate: Candidate, controller: Controller | None) -> Splines
 def _execute(candidate: Candidate, controller: Controller | None) -> Executed:
     """A candidate as it is executed, and its dense check."""
     splines = _put_on_step(candidate, controller)
-    return Executed(candidate.cost, splines, certify(candidate.problem, splines, controller))
+    return Executed(_price(candidate), splines, certify(candidate.problem, splines, controller))
 
 
 def _with_limits(candidate: Candidate, limits: Limits) -> Candidate:
@@ -363,20 +433,27 @@ def _with_knots_on_step(splines: Splines, controller: Controller, whole: float) 
     return Splines(points[None], np.diff(shares * whole)[None])
 
 
-def _tighter(limits: Limits, seen: Certificate, slack: float, clearance: float = 0.0) -> Limits:
-    """Limits lower by what was seen above them, and a little more."""
-    return replace(
-        limits,
-        torque=limits.torque / np.maximum(seen.torque_share * slack, 1.0),
-        speed=limits.speed / np.maximum(seen.speed_share * slack, 1.0),
-        acceleration=_tightened(limits.acceleration, seen.shares["acceleration"], slack),
-        jerk=_tightened(limits.jerk, seen.shares["jerk"], slack),
-        clearance=limits.clearance + clearance,
-    )
+def _tighter(
+    limits: Limits,
+    seen: Shares,
+    slack: float,
+    clearance: float = 0.0,
+    alike: bool = False,
+) -> Limits:
+    """Limits lower by what was seen above them, and a little more.
 
+    Args:
+        limits: Those of a search.
+        seen: Peaks of what it found, as shares of these.
+        slack: By how much more, as a factor.
+        clearance: By how much more clearance is asked for [m].
+        alike: Whether each joint's are lower by what was seen at the joint that passed most.
+    """
 
-def _tightened(limit: Array | None, share: Array | None, slack: float) -> Array | None:
-    """A limit, lower by what was seen above it and a little more."""
-    if limit is None or share is None:
-        return limit
-    return limit / np.maximum(share * slack, 1.0)
+    lower = {}
+    for name, share in seen.items():
+        limit = getattr(limits, name)
+        if limit is not None and share is not None:
+            passed = np.maximum(share * slack, 1.0)
+            lower[name] = limit / (passed.max() if alike else passed)
+    return replace(limits, **lower, clearance=limits.clearance + clearance)

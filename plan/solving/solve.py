@@ -177,7 +177,30 @@ def solve(
     Raises:
         InputError: No such method, or not for this task.
     """
+    return search_and_certify(problem, options, planner, starts, controller, spent, known)[0]
+
+
+def search_and_certify(
+    problem: PlanningProblem,
+    options: SolveOptions,
+    planner: Planner | None = None,
+    starts: Starts | None = None,
+    controller: Controller | None = None,
+    spent: float = 0.0,
+    known: Candidate | None = None,
+) -> tuple[PlanResult, Ledger]:
+    """The same, and the search's ledger: its best motion is as it was found, before it was put on
+    a controller's step.
+
+    Args:
+        problem, options, planner, starts, controller, spent, known: As for `solve`.
+
+    Raises:
+        InputError: No such method, or not for this task.
+    """
     planner = planner or make_planner(options.method, problem.objective)
+    if controller is not None and isinstance(planner, Sequential) and problem.objective == "energy":
+        planner = replace(planner, parts=controller.parts(float(problem.durations.sum())))
     options = replace(options, method=planner.name)
     result = PlanResult(
         "infeasible",
@@ -191,14 +214,14 @@ def solve(
         carried=problem.carried,
     )
     if np.array_equal(problem.start, problem.goal):
-        return _stand_still(problem, controller, result)
+        return _stand_still(problem, controller, result), Ledger(0, 0.0)
     reason = find_obstruction(problem)
     if reason:
-        return replace(result, reason=reason)
+        return replace(result, reason=reason), Ledger(0, 0.0)
     rng = np.random.default_rng(options.seed)
     ledger = _ledger(options, spent, share_kept_back(controller))
     if options.seconds is not None:
-        ledger.at_first_allowed = measure_check(controller)
+        ledger.at_allowed = measure_check(controller)
     if known is not None:
         ledger.offer(known)
     if starts is None:
@@ -228,7 +251,7 @@ def solve(
     )
     if options.gap and result.solved:
         result = replace(result, reference_gap=_gap(result, problems))
-    return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds)
+    return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds), ledger
 
 
 def _stand_still(

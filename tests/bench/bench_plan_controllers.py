@@ -4,10 +4,11 @@
                                                  [--first SEED] [--known] [--alone] [--rows FILE]
 
 Arms, models, scenes and tools as in bench_plan_checked.py; by turns energy and time, S processor
-seconds a task (4). Plans go to their limits of torque and speed (`beyond`), with --known they stay
-where the makers advise. What a controller makes of the written file is emulated from its own
-sources, and torque (dynamics written anew from the URDF), speed, clearance (Coal on the URDF's
-meshes), goal and duration of that motion are looked at.
+seconds a task (4). Plans go to their limits of torque and speed (`beyond`); with --known, as by
+default, they stay where the makers advise, durations are drawn for that, and acceleration is looked
+at, too. What a controller makes of the written file is emulated from its own sources, and torque
+(dynamics written anew from the URDF), speed, clearance (Coal on the URDF's meshes), goal and
+duration of that motion are looked at.
 
 One line a controller: tasks, plans, what is broken, largest share of a limit that was executed, and
 by how much the search on its step raised the cost over that of the same search without a
@@ -28,14 +29,17 @@ import numpy as np
 import pinocchio as pin
 import tomli_w
 
+from ident.arrays import Array
 from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.robot.arm import ArmModel
-from plan.api.planning import solve
+from plan.api.planning import open_task, solve
+from plan.command_options import SolveOptions
 from plan.geometry.scene import Scene
 from plan.problem.controllers import Controller, load_controllers
 from plan.problem.execution import write_motion_file
 from plan.problem.result import PlanResult
+from plan.solving.obstruction import shortest_duration
 from tests.bench.bench_plan_checked import BOXES, ROBOTS, TIPS, Bench, draw, prepared
 from tests.plan.checker import SHORT, Model, World
 from tests.plan.emulated_controllers import moved
@@ -49,6 +53,8 @@ ARMS = {
     "ur_servoj": ("ur5",),
     "ur_servoj_cb3": ("ur5",),
 }
+# Durations that are drawn where the makers advise, as multiples of the shortest.
+TIGHT = (1.05, 2.0)
 # Rounding that is let pass, as a share of a limit; how near to the goal the motion ends [rad]; positions looked at.
 ROUNDING, THERE, COARSE = 1e-6, 2e-5, 400
 
@@ -90,6 +96,16 @@ def one_task(number: int, controller: Controller, robot: str, bench: Bench, aske
     objective = ("energy", "time")[number % 2]
     path = folder / "scene.toml"
     path.write_text(tomli_w.dumps({"robot": robot.split("/")[0], **drawn}))
+    allowed = None
+    if asked.known:
+        try:
+            problem = open_task(path, bench.model, SolveOptions()).problem
+        except InputError:
+            return Row(controller.name, number, robot, objective, "refused")
+        allowed = problem.limits.acceleration
+        needed = shortest_duration(problem) * rng.uniform(*TIGHT)
+        drawn["task"]["duration_s"] = max(drawn["task"]["duration_s"], float(needed))
+        path.write_text(tomli_w.dumps({"robot": robot.split("/")[0], **drawn}))
     row = Row(controller.name, number, robot, objective, "refused")
     options = {
         "objective": objective,
@@ -109,7 +125,7 @@ def one_task(number: int, controller: Controller, robot: str, bench: Bench, aske
     row = replace(row, status=result.status, seconds=spent, reason=result.reason)
     if not result.solved:
         return row
-    broken, largest = look_at(result, controller, bench, path, folder)
+    broken, largest = look_at(result, controller, bench, path, folder, allowed)
     row = replace(row, broken=tuple(broken), largest=largest)
     if asked.alone:
         return row
@@ -118,7 +134,12 @@ def one_task(number: int, controller: Controller, robot: str, bench: Bench, aske
 
 
 def look_at(
-    result: PlanResult, controller: Controller, bench: Bench, scene: Path, folder: Path
+    result: PlanResult,
+    controller: Controller,
+    bench: Bench,
+    scene: Path,
+    folder: Path,
+    acceleration: Array | None,
 ) -> tuple[list[str], float]:
     """What is broken by the executed motion of a plan, and the largest share of a limit."""
     out = folder / f"motion{controller.suffix}"
@@ -142,6 +163,8 @@ def look_at(
         "torque": float((torque / bench.arm.effort_limit[:moving]).max()),
         "speed": float((speed / bench.arm.velocity_limit[:moving]).max()),
     }
+    if acceleration is not None:
+        shares["acceleration"] = float((np.abs(run.ddq[:, :moving]) / acceleration).max())
     broken = []
     for limit, share in shares.items():
         if share > 1.0 + ROUNDING:

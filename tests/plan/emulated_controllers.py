@@ -78,7 +78,9 @@ def read_urscript(path: Path) -> tuple[np.ndarray, float]:
     calls = re.findall(r"servoj\((\[[^\]]*\]), t=([0-9.e-]+),", path.read_text())
     periods = {float(period) for _, period in calls}
     assert len(periods) == 1
-    return np.array([json.loads(row) for row, _ in calls]), periods.pop()
+    # A script's numbers are floats of 24 bits, and nobody says that the targets are held in more.
+    targets = np.array([json.loads(row) for row, _ in calls], dtype=np.float32)
+    return targets.astype(float), periods.pop()
 
 
 def through_tm_driver(points: Points) -> Points:

@@ -10,7 +10,7 @@ from plan.dynamics.power import METRICS
 from plan.initial.limit_times import quickest_of_each_joint
 from plan.paper.brute_force import BruteForce
 from plan.planners import local_model, subproblem, velocity_reversals
-from plan.planners.descent import begin, choose_parts, count_finer, descend
+from plan.planners.descent import begin, choose_parts, count_finer, descend, refine
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
 from plan.planners.sequential import POLISHED, Sequential, begin_course
@@ -49,6 +49,22 @@ def test_coefficients_hold_the_same_spline(soft: bool, parts: list[int]) -> None
     states = grid.states(grid.coefficients(free, START, GOAL), 0.7)
     for a, b in zip(states[:2], first.at(grid.shares * 0.7)[:2], strict=True):
         assert a == pytest.approx(b, abs=1e-9)
+
+
+@pytest.mark.parametrize("steps", [12, 29, 400])
+def test_knots_stay_on_a_controllers_step(steps: int) -> None:
+    """Law: of every grid all knots end one of so many equal parts, and a finer one holds what the coarser held."""
+    course = begin_course(problem(duration=1.0), steps)
+    before = course.local.grid
+    for _ in range(3):
+        parts = choose_parts(course)
+        grid = course.local.grid.parted(parts)
+        assert grid.knots * steps == pytest.approx(np.round(grid.knots * steps), abs=1e-9)
+        assert (np.diff(grid.knots) > 0.5 / steps).all()
+        assert np.isin(before.knots, grid.knots).all()
+        assert len(grid.knots) - 1 == parts.sum() <= steps
+        before = grid
+        course = refine(course, 0.01, 0.5, (grid.nodes, course.local.weights))
 
 
 def test_a_finer_grid_is_finer_where_limits_switch() -> None:

@@ -69,6 +69,28 @@ def test_what_is_executed_keeps_all_limits(name: str, objective: str, tmp_path: 
         assert run.times[-1] - run.times[0] == pytest.approx(0.9, abs=2.1 * controller.tick_s)
 
 
+@pytest.mark.parametrize("name", ["tmscript", "ur_spline", "ur_servoj"])
+def test_least_energy_at_its_acceleration_limits_can_be_executed(name: str) -> None:
+    """Law: where least energy goes to its limits, it has its knots on the step and loses hardly anything by it."""
+    asked = problem(duration=0.9)
+    asked = replace(asked, limits=replace(asked.limits, acceleration=np.full(3, 5.0)))
+    alone = solve(asked, SolveOptions(gap=False, seconds=20.0), QUICK)
+    found = solve(asked, SolveOptions(gap=False, seconds=20.0), QUICK, controller=CONTROLLERS[name])
+    assert alone.solved
+    assert alone.certificate is not None
+    assert alone.certificate.shares["acceleration"].max() > 0.99
+    assert found.solved, found.reason
+    assert found.cost <= 1.01 * alone.cost
+
+
+def test_scripts_numbers_are_single_precision() -> None:
+    """Law: what a script's controller holds is what single precision makes of the written number."""
+    angles = np.random.default_rng(0).uniform(-6.0, 6.0, (50, 6))
+    held = CONTROLLERS["ur_servoj"].rounded(angles)
+    assert np.array_equal(held, held.astype(np.float32))
+    assert np.abs(held - angles).max() < 3e-7
+
+
 def test_a_curve_between_coarse_points_is_not_the_plans() -> None:
     """The same plan looked at by itself keeps its limits; on a step of 25 ms what is executed would not."""
     asked = task("time")

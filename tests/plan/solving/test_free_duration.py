@@ -13,7 +13,7 @@ from plan.command_options import CompareOptions, SolveOptions, TaskOptions
 from plan.planners.sequential import Sequential
 from plan.problem.result import PlanResult
 from plan.show.pictures import draw_energy_curve, require_curve, save_energy_curve
-from plan.solving.free_duration import lasting, solve_free_duration
+from plan.solving.free_duration import Look, Searched, lasting, solve_free_duration
 from plan.solving.solve import solve
 from tests.plan.worlds import problem
 
@@ -63,6 +63,22 @@ def test_the_curve_is_told(found: PlanResult, tmp_path: Path) -> None:
     assert len(draw_energy_curve(found).axes[0].lines) == 3
     with pytest.raises(InputError, match=r"end it in one of: \.png, \.svg, \.csv"):
         require_curve(tmp_path / "curve.txt")
+
+
+def test_of_two_searches_the_cheaper_is_told_with_what_both_took(found: PlanResult) -> None:
+    """Law: a history ends at the plan's own cost, after both searches' evaluations where the later one was cheaper."""
+    look = Look(1.0, 1.0, None)
+    cost = found.cost
+    early = replace(found, history=((1, 0.1, 2.0 * cost), (5, 0.5, 1.5 * cost)), standby=found.standby + 1.0)
+    failed = replace(found, status="infeasible", history=((2, 0.2, 0.5 * cost),))
+    for first, second in ((early, found), (found, early), (found, failed)):
+        both = Searched(look, first, None).or_cheaper(Searched(look, second, None)).result
+        assert both.solved
+        assert both.cost == pytest.approx(cost)
+        assert both.evaluations == first.evaluations + second.evaluations
+        assert both.history[-1][2] == pytest.approx(cost)
+        counts = [row[0] for row in both.history]
+        assert counts == sorted(counts)
 
 
 def test_without_standby_the_longest_duration_costs_least() -> None:

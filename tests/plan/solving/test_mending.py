@@ -123,6 +123,39 @@ def test_mending_takes_no_more_than_was_kept_back(
     assert splines.total[0] > 1.0
 
 
+def test_a_motion_that_passed_on_the_way_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: where the best motion can't be executed and nothing mends it, the best that could be is the plan."""
+    monkeypatch.setattr(mending, "descend_on_knots", lambda *_: None)
+    controller = CONTROLLERS["ur_servoj"]
+    task = replace(quick_motion(), objective="energy", free="vias")
+    free = replace(task, limits=replace(task.limits, speed=2.0 * task.limits.speed))
+    own = Ledger(10**9, 60.0, at_allowed=measure_check(controller))
+    own.offer(Candidate(free, free.initial, 2.0, 0.0))
+    own.offer(Candidate(task, task.initial, 1.0, 0.0))
+    assert own.best is not None
+    assert own.best.cost == 1.0
+    _, certificate = certify_best(own, np.random.default_rng(0), controller)
+    assert certificate is not None
+    assert not certificate.broken
+
+
+@pytest.mark.parametrize("name", [None, "ros2_control", "ur_servoj"])
+@pytest.mark.parametrize("longest", [1.0, 1.2])
+def test_a_free_duration_is_mended_by_taking_longer(
+    name: str | None, longest: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: where the duration is free a motion is slowed down as far as its limits ask for, and the task allows."""
+    monkeypatch.setattr(mending, "descend_on_knots", lambda *_: None)
+    monkeypatch.setattr(mending, "MENDS", 0)
+    task = replace(quick_motion(), objective="energy", free="vias", longest=longest, standby=40.0)
+    own = Ledger(10**9, 60.0, best=Candidate(task, task.initial, 1.0, 0.0))
+    splines, certificate = certify_best(own, np.random.default_rng(0), None if name is None else CONTROLLERS[name])
+    assert splines is not None
+    assert certificate is not None
+    assert (not certificate.broken) == (longest > 1.05)
+    assert splines.total[0] <= longest
+
+
 @pytest.mark.parametrize("name", [None, "ros2_control", "tm_ros2", "ur_servoj"])
 @pytest.mark.parametrize("check", [0.02, 0.5])
 @pytest.mark.parametrize("case", ["energy", "energy, broken", "time"])
@@ -156,7 +189,7 @@ def test_as_much_is_kept_back_as_a_check_was_seen_to_take(
         task = replace(task, limits=replace(task.limits, speed=2.0 * task.limits.speed))
     share = share_kept_back(controller)
     measure = measure_check(controller)
-    own = Ledger(10**9, (1.0 - share) * ASKED, share * ASKED, at_first_allowed=measure)
+    own = Ledger(10**9, (1.0 - share) * ASKED, share * ASKED, at_allowed=measure)
     own.offer(Candidate(task, task.initial, 2.0, 1.0))
     assert clock.now == 0.0
     for cost in (2.0, 1.0):
@@ -168,6 +201,11 @@ def test_as_much_is_kept_back_as_a_check_was_seen_to_take(
     assert own.kept_back == pytest.approx(max(share * ASKED, checks))
     assert own.whole == pytest.approx(ASKED)
     assert own.whole_left == pytest.approx(ASKED - check)
+    assert own.checked is not None
+    own.best = own.checked[0]
+    if case == "energy" and name in (None, "ros2_control"):
+        certify_best(own, np.random.default_rng(0), controller)
+        assert clock.now == pytest.approx(check)  # the same motion is not checked a second time
 
 
 @pytest.mark.parametrize("seconds", [2.5, 6.5])

@@ -7,14 +7,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ident.compiled import compile_seconds
 from ident.robot.arm import ArmModel
-from plan.api.planning import open_task
+from plan.api.planning import open_task, tell_compiling
 from plan.command_options import CompareOptions, SolveOptions
 from plan.dynamics.power import power_integral, section_nodes
 from plan.geometry.solids import Box
 from plan.initial.inverse_kinematics import reach_pose
 from plan.initial.vias import straight
-from plan.planners.base import Candidate, processor_seconds
+from plan.planners import base
+from plan.planners.base import Candidate, Ledger, budget_seconds
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
 from plan.problem.certificate import certify
@@ -186,9 +188,21 @@ def test_seconds_hold_all_that_a_task_takes() -> None:
     assert own.kept_back == 0.0
     spent = replace(asked, seconds=0.5)
     result = open_task(Path(__file__).parents[1] / "data" / "obstacle.toml", None, replace(spent, beyond=True))
-    found = result.solve(replace(spent, beyond=True, gap=False), began=processor_seconds() - 10.0)
+    found = result.solve(replace(spent, beyond=True, gap=False), began=budget_seconds() - 10.0)
     assert found.cpu_seconds >= 10.0  # what was spent before counts
     assert found.evaluations < 2000
+
+
+def test_seconds_do_not_hold_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: what compiling takes leaves a search its time, and is told beside what that took."""
+    own = Ledger(10**9, 3.0)
+    now = base.processor_seconds()
+    monkeypatch.setattr(base, "processor_seconds", lambda: now + 20.0)
+    monkeypatch.setattr(base, "compile_seconds", lambda: compile_seconds() + 20.0)
+    assert 0.0 < own.seconds_left <= 3.0
+    result = tell_compiling(solve(problem(), SolveOptions(evaluations=40, gap=False)), 20.0)
+    assert result.cpu_seconds >= 20.0
+    assert "20 s more were spent on compiling" in result.notes[-1]
 
 
 def test_comparison_counts_alike() -> None:
