@@ -105,15 +105,14 @@ class Names:
     @cached_property
     def batches(self) -> dict[int | None, list[Batch]]:
         """Candidates by number of columns: for each joint those that act there; for None all."""
-        widths = [len(group.columns) for group in self.groups]
-        of_width = {
-            width: Batch.of(self, [k for k, own in enumerate(widths) if own == width])
-            for width in dict.fromkeys(widths)
-        }
-        batches: dict[int | None, list[Batch]] = {None: list(of_width.values())}
+        slots_of_width: dict[int, list[int]] = {}
+        for slot, group in enumerate(self.groups):
+            slots_of_width.setdefault(len(group.columns), []).append(slot)
+        whole = [Batch.of(self, slots) for slots in slots_of_width.values()]
+        batches: dict[int | None, list[Batch]] = {None: whole}
         for joint in range(self.joints):
             near = [group.effect.rows == "all" or group.joint == joint for group in self.groups]
-            parts = [batch.part(near) for batch in of_width.values()]
+            parts = [batch.part(near) for batch in whole]
             batches[joint] = [part for part in parts if part.slots]
         return batches
 
