@@ -32,7 +32,7 @@ def test_the_page_tells_both_and_what_is_missing(tmp_path: Path) -> None:
     page = write_page(repeat, tmp_path)
     text = page.read_text()
     assert "1.25, 1.10 | 1.18 | 0.50, no plan | 0.50 | 2.0" in text
-    assert "7 epochs" in text
+    assert "7 of 500 epochs" in text
     assert "## Table 6\n\n| | paper" in text
     assert "|\n\n| | paper | ours |\n" in text
     assert "\n\n\n" not in text
