@@ -155,7 +155,7 @@ class _LimitFinder:
         self.evidence = best.model.sums.evidence
         self.needed_nats = conclusion.calibration.even_nats
         self.names = best.search.names
-        self.first = best.search.first
+        self.first = best.search.names.first
         self.scale = best.search.scale
         self.rest = best.search.beside(chosen)
         fixed = best.model.with_urdf(best.model.components.urdf.divided(FIXED))

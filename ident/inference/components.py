@@ -26,7 +26,7 @@ from scipy.linalg import cho_solve, solve_triangular
 
 from ident.arrays import Array, Float, Int
 from ident.inference.evidence import factorise, optimise
-from ident.inference.names import Names
+from ident.inference.names import LEAST_DEVIATION, Names
 from ident.inference.sums import SessionSums, without_negative_directions
 from ident.records import read_group
 from ident.regression.baseline import Baseline, UrdfError
@@ -40,8 +40,6 @@ URDF = read_group(__file__, "urdf")
 FEWEST_ROWS = 20
 # Variances of whitened coefficients that a block starts from where nothing is known of it.
 FIRST_VARIANCES = (1e-4, 1e-1)
-# Prior standard deviations of scaled coefficients are no smaller: it keeps their inverse finite.
-LEAST_DEVIATION = 1e-12
 
 
 @dataclass(frozen=True, eq=False)

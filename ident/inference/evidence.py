@@ -13,6 +13,9 @@ by the logarithm of a block's variance s is
 
 Source: MacKay 1992 (Bayesian interpolation, evidence); Searle, Casella and McCulloch 1992 (variance
 components).
+
+Coefficients that can't be negative are solved with that bound; their prior is half a normal, which
+is worth log 2 each.
 """
 
 from __future__ import annotations
@@ -21,11 +24,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh, qr
+from scipy.linalg import cho_solve, eigh, qr
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
 
 from ident.arrays import Array, Float
+from ident.regression.least_squares import solve_signed
 
 # Logarithms of variances of whitened coefficients that are looked at: beyond them a block is off,
 # or free [nats].
@@ -33,6 +37,7 @@ LEAST_LOG_VARIANCE, MOST_LOG_VARIANCE = -18.0, 16.0
 # Below this share of the largest eigenvalue, in units of the diagonal, double precision tells
 # nothing.
 ROUNDING = 1e-13
+LOG_TWO = float(np.log(2.0))
 
 
 def factorise(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
@@ -122,3 +127,68 @@ def optimise(
     return (
         BlockVariances(nats, variances) if nats > 0.0 else BlockVariances(0.0, np.zeros(len(sizes)))
     )
+
+
+@dataclass(frozen=True, eq=False)
+class FreeGains:
+    """What candidates add to a set with all coefficients free.
+
+    Attributes:
+        nats: Log evidence of each, without its name's odds; −∞ where rounding leaves none [nats].
+        sizes: Their coefficients in the columns' scale.
+    """
+
+    nats: Float[Array, " m"]
+    sizes: Float[Array, "m w"]
+
+
+def free_gains(
+    sums: Float[Array, "m w w"], target: Float[Array, "m w"], deviation: Float[Array, "m w"]
+) -> FreeGains:
+    """What candidates of equally many columns add to a set with all coefficients free.
+
+    Args:
+        sums, target: Sums of each one's columns and these times the torque, after the set.
+        deviation: Standard deviation of each coefficient beforehand.
+    """
+    inner = deviation[:, :, None] * sums * deviation[:, None, :]
+    inner = 0.5 * (inner + inner.transpose(0, 2, 1)) + np.eye(target.shape[1])
+    # With one added to every eigenvalue none is below one, but for rounding.
+    sound = np.linalg.eigvalsh(inner)[:, 0] > 0.5
+    inner[~sound] = np.eye(target.shape[1])
+    factor = np.linalg.cholesky(inner)
+    scaled = deviation * target
+    along = np.linalg.solve(inner, scaled[:, :, None])[:, :, 0]
+    log_root = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+    nats = 0.5 * np.sum(scaled * along, axis=1) - log_root
+    nats[~sound] = -np.inf
+    return FreeGains(nats, deviation * along)
+
+
+def solve_set(
+    sums: Float[Array, "k k"],
+    target: Float[Array, " k"],
+    deviation: Float[Array, " k"],
+    signed: Float[Array, " k"],
+) -> tuple[float, Float[Array, " k"]]:
+    """Log evidence of coefficients against none [nats], and their estimates.
+
+    Args:
+        sums, target: Sums of the columns, and of these times the torque.
+        deviation: Standard deviation of each beforehand.
+        signed: Which of them can't be negative.
+
+    Returns:
+        Log evidence, and the coefficients in the columns' scale; none of the signed ones is
+        negative.
+    """
+    inner = deviation[:, None] * sums * deviation
+    inner[np.diag_indices(len(inner))] += 1.0
+    factor = factorise(inner)
+    scaled = deviation * target
+    free = cho_solve((factor, True), scaled, check_finite=False)
+    if (free[signed] < 0.0).any():
+        free = solve_signed(inner, scaled, signed)
+    gain = float(scaled @ free - 0.5 * free @ inner @ free)
+    nats = gain - float(np.log(np.diag(factor)).sum()) + LOG_TWO * int(signed.sum())
+    return nats, deviation * free

@@ -329,14 +329,14 @@ def _of_shape(
     """
     search, model = fine.search, fine.model
     estimate = search.coefficients(fine.chosen)[group]
-    scaled = estimate * search.scale[group.columns - search.first]
+    scaled = estimate * search.scale[group.columns - search.names.first]
     certain = np.zeros((len(estimate), len(estimate)))
     parameters = group.effect.parameters(session, group.joint, group.variant, estimate, certain)
     unlike_any_arm = impossible(group.effect, session, group.joint, parameters)
     deviation = np.maximum(model.names.deviation[group], 1e-12)
     at = group.columns
     power = float(scaled @ model.gram[np.ix_(at, at)] @ scaled)
-    inside = at - search.first
+    inside = at - search.names.first
     left = float(scaled @ search.rest[np.ix_(inside, inside)] @ scaled)
     smooth_left = float(smooth_power[list(joints)].sum())
     power_here = power_at(model, group, scaled, joints)

@@ -21,10 +21,12 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.effects.base import SessionContext
+from ident.inference.evidence import LOG_TWO
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
 
-LOG_TWO = float(np.log(2.0))
+# Prior standard deviations of scaled coefficients are no smaller: it keeps their inverse finite.
+LEAST_DEVIATION = 1e-12
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,12 +19,12 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
-from ident.arrays import Array, Float, Int
+from ident.arrays import Array, Bool, Float, Int
 from ident.effects import optional
-from ident.inference.evidence import factorise
-from ident.inference.names import LOG_TWO, Names
+from ident.inference.evidence import factorise, free_gains, solve_set
+from ident.inference.names import LEAST_DEVIATION, Names
 from ident.regression.design import Group, Key
-from ident.regression.least_squares import Prior, solve_signed
+from ident.regression.least_squares import Prior
 
 # Rounds over all members of a set in which each may be swapped, after each addition; mostly one is
 # enough.
@@ -70,19 +70,6 @@ class Searchable(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class FreeGains:
-    """What candidates add to a set with all coefficients free.
-
-    Attributes:
-        nats: Log evidence of each, without its name's odds; −∞ where rounding leaves none [nats].
-        sizes: Their coefficients in the columns' scale.
-    """
-
-    nats: Float[Array, " m"]
-    sizes: Float[Array, "m w"]
-
-
-@dataclass(frozen=True, eq=False)
 class SumsAfter:
     """A candidate's sums after a set.
 
@@ -90,11 +77,13 @@ class SumsAfter:
         sums: Of its columns.
         target: Of these times the torque.
         deviation: Standard deviation of each coefficient beforehand.
+        signed: Which of them can't be negative.
     """
 
     sums: Float[Array, "w w"]
     target: Float[Array, " w"]
     deviation: Float[Array, " w"]
+    signed: Bool[Array, " w"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +127,6 @@ class SetSearch:
     """Sums of all candidates and the torque after the baseline."""
 
     names: Names
-    joints: int  # number of joints
-    first: int  # number of the first column in R
     rest: Float[Array, "c c"]  # R, the torque last
     scale: Float[Array, " c"]  # what each column was divided by
 
@@ -154,7 +141,7 @@ class SetSearch:
         half = solve_triangular(factor, across, lower=True, check_finite=False)
         rest = model.gram[tuned:, tuned:] - half.T @ half
         scale = np.append(model.sums.evidence.scale[tuned : model.last], 1.0)
-        return cls(model.names, layout.n, tuned, rest, scale)
+        return cls(model.names, rest, scale)
 
     def nats(self, chosen: Sequence[Group]) -> float:
         """Log evidence of a set of effects against none, log odds of its names included [nats].
@@ -164,8 +151,7 @@ class SetSearch:
         if not chosen:
             return 0.0
         nats, scaled = self._solve(chosen)
-        ends = np.cumsum([len(group.columns) for group in chosen])[:-1]
-        for group, part in zip(chosen, np.split(scaled, ends), strict=True):
+        for group, part in _parts(chosen, scaled):
             nats += self.names.log_odds[group] + self._for_size(group, part)
         return nats
 
@@ -178,7 +164,7 @@ class SetSearch:
         """
         if group.prior is None:
             return 0.0
-        return group.prior.beyond_normal(scaled / self.scale[group.columns - self.first])
+        return group.prior.beyond_normal(scaled / self.scale[group.columns - self.names.first])
 
     def coefficients(self, chosen: Sequence[Group]) -> dict[Group, Float[Array, " k"]]:
         """Coefficients of a set's effects, in the columns' own units.
@@ -188,11 +174,9 @@ class SetSearch:
         if not chosen:
             return {}
         _, scaled = self._solve(chosen)
-        ends = np.cumsum([len(group.columns) for group in chosen])[:-1]
-        parts = np.split(scaled, ends)
         return {
-            group: part / self.scale[group.columns - self.first]
-            for group, part in zip(chosen, parts, strict=True)
+            group: part / self.scale[group.columns - self.names.first]
+            for group, part in _parts(chosen, scaled)
         }
 
     def covariance(self, chosen: Sequence[Group], group: Group) -> Float[Array, "k k"]:
@@ -200,15 +184,20 @@ class SetSearch:
 
         Coefficients that their bound keeps at zero are as uncertain as if they were free.
         """
-        columns = np.concatenate([other.columns for other in chosen]) - self.first
-        deviation = np.concatenate([self.names.deviation[other] for other in chosen])
+        columns, deviation = self._stacked(chosen)
         inner = deviation[:, None] * self.rest[np.ix_(columns, columns)] * deviation
         inner[np.diag_indices(len(inner))] += 1.0
-        own = np.flatnonzero(np.isin(columns, group.columns - self.first))
+        own = np.flatnonzero(np.isin(columns, group.columns - self.names.first))
         factor = factorise(inner)
         part = cho_solve((factor, True), np.eye(len(inner))[:, own], check_finite=False)[own]
         scale = deviation[own] / self.scale[columns[own]]
         return np.asarray(scale[:, None] * part * scale)
+
+    def _stacked(self, chosen: Sequence[Group]) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
+        """Columns in R of a set's effects, one behind the other, and their prior deviations."""
+        columns = np.concatenate([group.columns for group in chosen]) - self.names.first
+        deviation = np.concatenate([self.names.deviation[group] for group in chosen])
+        return columns, deviation
 
     @cached_property
     def _solved(self) -> dict[tuple[Group, ...], tuple[float, Float[Array, " k"]]]:
@@ -223,8 +212,7 @@ class SetSearch:
         return self._solved[key]
 
     def _solve_anew(self, chosen: Sequence[Group]) -> tuple[float, Float[Array, " k"]]:
-        columns = np.concatenate([group.columns for group in chosen]) - self.first
-        deviation = np.concatenate([self.names.deviation[group] for group in chosen])
+        columns, deviation = self._stacked(chosen)
         starts = np.cumsum([0, *(len(group.columns) for group in chosen)])
         signed = np.zeros(len(columns), dtype=bool)
         for start, group in zip(starts, chosen, strict=False):
@@ -238,14 +226,20 @@ class SetSearch:
 
         The torque comes last; columns in the scale of `rest`.
         """
+        half = self._explained(chosen)
+        return self.rest - half.T @ half
+
+    def _explained(self, chosen: Sequence[Group]) -> Float[Array, "k c"]:
+        """Root of the sums that a set of effects takes off: HᵀH is what it explains of R."""
         if not chosen:
-            return self.rest
-        columns = np.concatenate([group.columns for group in chosen]) - self.first
-        deviation = np.concatenate([self.names.deviation[group] for group in chosen])
-        inner = self.rest[np.ix_(columns, columns)] + np.diag(np.maximum(deviation, 1e-12) ** -2.0)
+            return np.zeros((0, len(self.rest)))
+        columns, deviation = self._stacked(chosen)
+        inner = self.rest[np.ix_(columns, columns)] + np.diag(
+            np.maximum(deviation, LEAST_DEVIATION) ** -2.0
+        )
         factor = factorise(inner)
         half = solve_triangular(factor, self.rest[columns], lower=True, check_finite=False)
-        return self.rest - half.T @ half
+        return np.asarray(half)
 
     def gains(self, chosen: Sequence[Group], joint: int | None = None) -> Float[Array, " g"]:
         """What each candidate adds to a set's log evidence [nats]; −∞ of what can't be added.
@@ -255,24 +249,17 @@ class SetSearch:
             joint: Where candidates have to act; anywhere if None.
         """
         bounds = self._bounds(chosen, joint)
+        gains = bounds.most.copy()
         for k in bounds.bent:
-            bounds.most[k] = bounds.exactly(k)
-        return bounds.most
+            gains[k] = bounds.exactly(k)
+        return gains
 
     def _bounds(self, chosen: Sequence[Group], joint: int | None) -> Bounds:
         """The most that each candidate may add to a set (see `gains`).
 
         Coefficients that can't be negative are free here, which can only add more.
         """
-        half = np.zeros((0, len(self.rest)))
-        if chosen:
-            columns = np.concatenate([group.columns for group in chosen]) - self.first
-            deviation = np.concatenate([self.names.deviation[group] for group in chosen])
-            inner = self.rest[np.ix_(columns, columns)] + np.diag(
-                np.maximum(deviation, 1e-12) ** -2.0
-            )
-            factor = factorise(inner)
-            half = solve_triangular(factor, self.rest[columns], lower=True, check_finite=False)
+        half = self._explained(chosen)
         target = self.rest[:, -1] - half.T @ half[:, -1]
         keys = {group.key for group in chosen}
         most = np.full(len(self.names.groups), -np.inf)
@@ -282,13 +269,13 @@ class SetSearch:
             beside = np.ascontiguousarray(half[:, columns].transpose(1, 2, 0))
             taken = beside @ beside.transpose(0, 2, 1)
             sums = self.rest[columns[:, :, None], columns[:, None, :]] - taken
-            free = _free_gains(sums, target[columns], batch.deviation)
+            free = free_gains(sums, target[columns], batch.deviation)
             gains = free.nats + batch.known
             below = (batch.signed & (free.sizes < 0.0)).any(axis=1) & (gains > 0.0)
             for k in np.flatnonzero(batch.sized & np.isfinite(gains) & ~below):
                 gains[k] += self._for_size(self.names.groups[batch.slots[k]], free.sizes[k])
             for k in np.flatnonzero(below):
-                after = SumsAfter(sums[k], target[columns[k]], batch.deviation[k])
+                after = SumsAfter(sums[k], target[columns[k]], batch.deviation[k], batch.signed[k])
                 if batch.sized[k]:  # what more is known of the size may add to it
                     gains[k] = self.gain_within(self.names.groups[batch.slots[k]], after)
                 else:
@@ -307,8 +294,7 @@ class SetSearch:
             group: The candidate.
             after: Its sums after a set.
         """
-        signed = np.isin(np.arange(len(after.target)), group.signed)
-        nats, size = solve_set(after.sums, after.target, after.deviation, signed)
+        nats, size = solve_set(after.sums, after.target, after.deviation, after.signed)
         return nats + self.names.log_odds[group] + self._for_size(group, size)
 
     def best(
@@ -349,13 +335,13 @@ class SetSearch:
             The set, empty where no effect improves on none. Its size is bounded by the number of
             joints.
         """
-        chosen = self._swapped(self.without_idle(list(start)), set(range(self.joints)))
-        while len(chosen) < MOST_NAMES * self.joints:
+        chosen = self._swapped(self.without_idle(list(start)), set(range(self.names.joints)))
+        while len(chosen) < MOST_NAMES * self.names.joints:
             addition = self.best(chosen)
             if addition is None or addition[0] <= 0.0:
                 break
             before = self.nats(chosen)
-            near = set(addition[1].acts_on(self.joints))
+            near = set(addition[1].acts_on(self.names.joints))
             fuller = self.without_idle(self._swapped([*chosen, addition[1]], near))
             if self.nats(fuller) <= before + 1e-6:
                 break
@@ -386,7 +372,7 @@ class SetSearch:
         for _ in range(SWAP_ROUNDS):
             moved: set[int] = set()
             for k, group in enumerate(chosen):
-                acts = set(group.acts_on(self.joints))
+                acts = set(group.acts_on(self.names.joints))
                 if not acts & (near | moved):
                     continue
                 others = rest_of(chosen, group)
@@ -398,65 +384,21 @@ class SetSearch:
                     alone = self.nats(chosen) - self.nats(others)
                 if better is not None and better[1] is not group and better[0] > alone + 1e-6:
                     chosen = [*others[:k], better[1], *others[k:]]
-                    moved |= acts | set(better[1].acts_on(self.joints))
+                    moved |= acts | set(better[1].acts_on(self.names.joints))
             if not moved:
                 break
             near = moved
         return chosen
 
 
+def _parts(
+    chosen: Sequence[Group], scaled: Float[Array, " k"]
+) -> Iterator[tuple[Group, Float[Array, " w"]]]:
+    """A set's effects, each with its own of all their coefficients."""
+    ends = np.cumsum([len(group.columns) for group in chosen])[:-1]
+    return zip(chosen, np.split(scaled, ends), strict=True)
+
+
 def rest_of(chosen: Sequence[Group], group: Group) -> list[Group]:
     """A set without one of its effects, which is told by identity; the order stays."""
     return [other for other in chosen if other is not group]
-
-
-def _free_gains(
-    sums: Float[Array, "m w w"], target: Float[Array, "m w"], deviation: Float[Array, "m w"]
-) -> FreeGains:
-    """What candidates of equally many columns add to a set with all coefficients free.
-
-    Args:
-        sums, target: Sums of each one's columns and these times the torque, after the set.
-        deviation: Standard deviation of each coefficient beforehand.
-    """
-    inner = deviation[:, :, None] * sums * deviation[:, None, :]
-    inner = 0.5 * (inner + inner.transpose(0, 2, 1)) + np.eye(target.shape[1])
-    # With one added to every eigenvalue none is below one, but for rounding.
-    sound = np.linalg.eigvalsh(inner)[:, 0] > 0.5 if len(inner) else np.zeros(0, dtype=bool)
-    inner[~sound] = np.eye(target.shape[1])
-    factor = np.linalg.cholesky(inner)
-    scaled = deviation * target
-    along = np.linalg.solve(inner, scaled[:, :, None])[:, :, 0]
-    log_root = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-    nats = 0.5 * np.sum(scaled * along, axis=1) - log_root
-    nats[~sound] = -np.inf
-    return FreeGains(nats, deviation * along)
-
-
-def solve_set(
-    sums: Float[Array, "k k"],
-    target: Float[Array, " k"],
-    deviation: Float[Array, " k"],
-    signed: Float[Array, " k"],
-) -> tuple[float, Float[Array, " k"]]:
-    """Log evidence of coefficients against none [nats], and their estimates.
-
-    Args:
-        sums, target: Sums of the columns, and of these times the torque.
-        deviation: Standard deviation of each beforehand.
-        signed: Which of them can't be negative.
-
-    Returns:
-        Log evidence, and the coefficients in the columns' scale; none of the signed ones is
-        negative.
-    """
-    inner = deviation[:, None] * sums * deviation
-    inner[np.diag_indices(len(inner))] += 1.0
-    factor = factorise(inner)
-    scaled = deviation * target
-    free = cho_solve((factor, True), scaled, check_finite=False)
-    if (free[signed] < 0.0).any():
-        free = solve_signed(inner, scaled, signed)
-    gain = float(scaled @ free - 0.5 * free @ inner @ free)
-    nats = gain - float(np.log(np.diag(factor)).sum()) + LOG_TWO * int(signed.sum())
-    return nats, deviation * free

@@ -6,8 +6,9 @@ import pytest
 from ident.diagnosis.diagnose import Analysis
 from ident.effects.optional import Linearised, stands_for
 from ident.inference.components import ModelSums
+from ident.inference.evidence import solve_set
 from ident.inference.infer import Inferred
-from ident.inference.search import SetSearch, solve_set
+from ident.inference.search import SetSearch
 from ident.regression.design import Group
 
 
