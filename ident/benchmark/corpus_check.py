@@ -17,7 +17,6 @@ from ident.arrays import Array, Float
 from ident.benchmark.calibrate import (
     SIGNS,
     current_commit,
-    fit_calibration,
     fit_further,
     further_record,
     read_results,
@@ -29,6 +28,7 @@ from ident.benchmark.corpus import INDEX, count_kinds, make_index, make_real, re
 from ident.benchmark.corpus_run import run_all
 from ident.benchmark.corpus_table import CANDIDATE, FINDING, Table, load_table, store
 from ident.benchmark.corpus_worlds import make_world_cases, plan_world_cases
+from ident.benchmark.name_odds import fit_calibration
 from ident.benchmark.outcomes import apply_rule
 from ident.benchmark.run import BlindOptions, Progress, Say
 from ident.benchmark.score_table import lines_of, score

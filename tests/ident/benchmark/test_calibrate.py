@@ -8,17 +8,7 @@ import numpy as np
 import pytest
 from made_up_corpus import BASE, SLOPE, candidate, entry, make_corpus, truth, write_result
 
-from ident.benchmark.calibrate import (
-    GROUPS,
-    ROWS,
-    SESSIONS,
-    SIGNS,
-    calibration_record,
-    fit_calibration,
-    judged,
-    read_signs,
-    row_weights,
-)
+from ident.benchmark.calibrate import SIGNS, calibration_record, read_signs
 from ident.benchmark.calibration_file import read_calibration, write_calibration
 from ident.benchmark.corpus_check import calibrate_corpus, check_corpus
 from ident.benchmark.corpus_table import Table, load_table, store
@@ -27,6 +17,7 @@ from ident.benchmark.labels import RIGHT, UNKNOWN
 from ident.benchmark.law_shares import Miss, fit_widths
 from ident.benchmark.leave_out import Problem, left_out, select_features
 from ident.benchmark.logistic import fit_logistic, log_score
+from ident.benchmark.name_odds import GROUPS, ROWS, SESSIONS, fit_calibration, judged, row_weights
 from ident.benchmark.run import BlindOptions
 from ident.benchmark.tempering import Choice, fit_growing_temper
 from ident.errors import InputError
