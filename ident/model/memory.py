@@ -259,7 +259,8 @@ def fit_memory(unexplained: Unexplained, seed: int) -> JointMemory:
         seed: Of the trees.
     """
     count = sum(len(values) for values in unexplained.left)
-    rows = _thinned(unexplained, -(-count // MOST_ROWS))
+    every = -(-count // MOST_ROWS)
+    rows = _thinned(unexplained, every)
     by_block = np.zeros(rows.left.shape)
     by_run = np.zeros(rows.left.shape)
     chosen = []
@@ -272,7 +273,8 @@ def fit_memory(unexplained: Unexplained, seed: int) -> JointMemory:
             folds = rows.run % FOLDS
             by_run[:, joint] = _foretell_kind(rows, joint, folds, seed, chosen[joint])
     gate = shrink_between(by_block, by_run, *witnesses)
-    whole = _thinned(unexplained, -(-count // FITTED_ROWS))
+    fewer = -(-count // FITTED_ROWS)
+    whole = rows if fewer == every else _thinned(unexplained, fewer)
     trees: list[Trees | None] = []
     for joint, verdict in enumerate(gate):
         if not verdict.kept:
