@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -130,14 +131,11 @@ def describe_findings(record: JsonTable) -> str:
         since = ", counted from the model before tuning"
     amount = "nothing" if share <= 0.0 else percent(share)
     closes = f"On parts that the fit never saw all names close {amount} of what can be closed{since}"
-    errors = []
-    for joint in gaps:
-        if joint in named:
-            error = f"{significant(before.get(joint))} → {significant(after.get(joint))}"
-            errors.append(f"{joint} {error}")
+    shown = [joint for joint in gaps if joint in named]
+    errors = _changes(shown, before, after, significant)
     if not errors:
         return f"{closes}."
-    return f"{closes}. Torque error [{units_of(record)}]: {', '.join(errors)}."
+    return f"{closes}. Torque error [{units_of(record)}]: {errors}."
 
 
 def describe_motion(record: JsonTable) -> str:
@@ -151,16 +149,29 @@ def describe_motion(record: JsonTable) -> str:
     named: set[str] = set()
     for finding in findings:
         named.update(finding["joints"])
-    errors = []
-    for joint in before:
-        if joint in named:
-            change = f"{fixed(1e3 * before[joint], 1)} → {fixed(1e3 * after[joint], 1)}"
-            errors.append(f"{joint} {change}")
+    shown = [joint for joint in before if joint in named]
+    errors = _changes(shown, before, after, _milliradians)
     if not errors:
         return ""
     window = f"after {1e3 * forward['window_s']:.0f} ms by [{units_of(record, 'mrad')}]"
     what = "Replayed under the recorded torques, the motion is off"
-    return f"{what} {window}: {', '.join(errors)}."
+    return f"{what} {window}: {errors}."
+
+
+def _changes(
+    joints: Sequence[str],
+    before: JsonTable,
+    after: JsonTable,
+    words: Callable[[float | None], str],
+) -> str:
+    """Errors of some joints before and after, one behind the other; empty without a joint."""
+    pairs = [(joint, words(before.get(joint)), words(after.get(joint))) for joint in joints]
+    return ", ".join(f"{joint} {old} → {new}" for joint, old, new in pairs)
+
+
+def _milliradians(error: float | None) -> str:
+    """An error, given in radians, in mrad."""
+    return fixed(None if error is None else 1e3 * error, 1)
 
 
 def energy_pair(heldout: JsonTable, when: str, runs: int) -> str:
