@@ -27,6 +27,8 @@ FEATURES = (
     "smooth_share",
     "log_dispersion",
     "log_left_over_noise",
+    "repeated_share",
+    "repeated_in_errors",
 )
 RIDGES = np.geomspace(1e-3, 1.0, 7)
 SEEN_FROM = 1.0  # visible size, in floors of the noise, from which a cause can be asked for

@@ -152,7 +152,14 @@ def diagnose(
         catalogue=tuple(catalogue),
         settings=settings,
     )
-    return Analysis(baseline, session, conclusion.evidence, conclusion, remaining.series, diagnosis)
+    return Analysis(
+        baseline,
+        session,
+        conclusion.evidence,
+        remaining.conclusion,
+        remaining.series,
+        diagnosis,
+    )
 
 
 def still_joints(motions: Sequence[Motion], arm: ArmModel) -> list[int]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arrays import Float
 from ident.checks.report import MISREAD
-from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling, share_repeated
+from ident.diagnosis.gap.ceiling import Ceiling, find_repeated, measure_ceiling
 from ident.diagnosis.gap.gap_map import Place, View
 from ident.diagnosis.gap.improvement import (
     Improvement,
@@ -83,6 +83,7 @@ class Remaining:
 
     series: tuple[RunResidual, ...]  # residuals of every run
     ceilings: tuple[Ceiling, ...]  # what a flexible function explains of each joint's error
+    conclusion: Conclusion  # the names, with what repeats by the angle among what is left
     gap_probability: Float[np.ndarray, " n"]  # that a cause without a name is left at each joint
     floors: Float[np.ndarray, " n"]  # what no model of the names goes below [N m]
     noise: Float[np.ndarray, " n"]  # the torque's noise and friction's variation [N m]
@@ -112,13 +113,14 @@ def measure_remaining(
         session, baseline, evidence, views, models.groups, conclusion.held_out
     )
     steady = [item.without_friction_level(evidence.spread) for item in series]
-    repeated = [share_repeated(steady, j, settings.gap.ceiling) for j in range(session.n)]
-    probability = conclusion.gap_probability(repeated)
+    repeated = [find_repeated(steady, j, settings.gap.ceiling) for j in range(session.n)]
+    conclusion = conclusion.with_repeated(repeated)
+    probability = conclusion.gap_probability()
     is_open = probability >= EVEN_ODDS
     ceilings = []
-    for j, share in enumerate(repeated):
+    for j, again in enumerate(repeated):
         if is_open[j]:
-            ceilings.append(measure_ceiling(steady, j, *_largest_share(conclusion, j, share)))
+            ceilings.append(measure_ceiling(steady, j, *_largest_share(conclusion, j, again.share)))
         else:
             ceilings.append(measure_ceiling(steady, j, 0.0, None))
     # Of a joint without a cause that has no name, whatever is left is noise.
@@ -131,6 +133,7 @@ def measure_remaining(
     return Remaining(
         series=tuple(series),
         ceilings=tuple(ceilings),
+        conclusion=conclusion,
         gap_probability=probability,
         floors=floors,
         noise=np.where(is_open, floors, np.maximum(noise, np.minimum(floors, last))),

@@ -20,7 +20,7 @@ from ident.inference.calibration import Calibration, load_calibration
 from ident.inference.estimate import Estimate, Reason, estimate
 from ident.inference.features import Described, Scorers, describe
 from ident.inference.infer import Inference, Inferred, infer
-from ident.inference.joints_left import JointLeft, describe_joints
+from ident.inference.joints_left import JointLeft, Repeated, describe_joints
 from ident.inference.refine import refine
 from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut, HeldOutScore
@@ -118,22 +118,22 @@ class Conclusion:
         """Cross-validation of models on left-out parts of the session, beside tuned inertias."""
         return self.scorers.tuned
 
-    def gap_probability(self, repeated: Sequence[float] = ()) -> Float[np.ndarray, " n"]:
-        """For each joint the probability, from 0 to 1, that a cause without a name is left there.
+    def with_repeated(self, repeated: Sequence[Repeated]) -> Conclusion:
+        """The same causes, with what the same angles of other runs predict of each joint's residual
+        among what is left there.
+        """
+        joints = {j: left.with_repeated(repeated[j]) for j, left in self.joints.items()}
+        return replace(self, joints=joints)
 
-        Args:
-            repeated: For each joint the share of its residual squares that the same angles of other
-                runs predict: a function of the state, too, though no smooth one. If empty, nothing
-                is predicted at any joint.
+    def gap_probability(self) -> Float[np.ndarray, " n"]:
+        """For each joint the probability, from 0 to 1, that a cause without a name is left there.
 
         Returns:
             By joint; 0 for a joint without rows.
         """
-        n = self.evidence.layout.n
-        probability = np.zeros(n)
+        probability = np.zeros(self.evidence.layout.n)
         for joint, left in self.joints.items():
-            again = repeated[joint] if len(repeated) else 0.0
-            probability[joint] = self.calibration.gaps.probability(left.with_repeated(again))
+            probability[joint] = self.calibration.gaps.probability(left.features)
         return probability
 
 

@@ -6,15 +6,34 @@ A second calibration turns them into the probability that something without a na
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.inference.components import discrepancy_at
 from ident.inference.infer import Inferred
-from ident.inference.scales import signed_log
+from ident.inference.scales import signed_log, squashed
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """What the same angles of other runs predict of what is left at a joint: a function of the
+    state, too, though no smooth one.
+
+    Attributes:
+        share: Share of the residual squares, at most 1; below 0 where the prediction is worse than
+            none.
+        error: Its standard error over parts of the session.
+    """
+
+    share: float
+    error: float
+
+
+NOT_TESTED = Repeated(0.0, 1.0)
+"""Where too little is there to look for what repeats."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,24 +49,13 @@ class JointLeft:
         """Share of the joint's squares that its discrepancy explains."""
         return self.features["smooth_share"]
 
-    def with_repeated(self, share: float) -> dict[str, float]:
-        """The features where what repeats by the angle explains a share of the squares.
-
-        A share r of N squares of noise is worth −½ N log (1 − r) nats.
-
-        Args:
-            share: The share, from 0 to 1. One that is not above the smooth share changes nothing.
-
-        Returns:
-            A new dict; `smooth_share` and `log_smooth_nats_a_row` may be raised.
-        """
-        features = dict(self.features)
-        if share > self.share:
-            nats_a_row = -0.5 * float(np.log1p(-min(share, 1.0 - 1e-12)))
-            features["smooth_share"] = share
-            again = float(np.log1p(1e3 * nats_a_row))
-            features["log_smooth_nats_a_row"] = max(features["log_smooth_nats_a_row"], again)
-        return features
+    def with_repeated(self, repeated: Repeated) -> JointLeft:
+        """The same with what repeats by the angle among the features."""
+        again = {
+            "repeated_share": max(repeated.share, 0.0),
+            "repeated_in_errors": squashed(max(repeated.share, 0.0), repeated.error),
+        }
+        return replace(self, features={**self.features, **again})
 
 
 def describe_joints(fine: Inferred, names: Sequence[Group], tuned: HeldOut) -> list[JointLeft]:
@@ -87,5 +95,6 @@ def describe_joints(fine: Inferred, names: Sequence[Group], tuned: HeldOut) -> l
             "names_a_joint": len(names) / evidence.layout.n,
             "log_rows": float(np.log(evidence.samples[j])),
         }
-        left.append(JointLeft(j, features, residual.kind_of(j)))
+        here_left = JointLeft(j, features, residual.kind_of(j))
+        left.append(here_left.with_repeated(NOT_TESTED))
     return left

@@ -16,6 +16,7 @@ from scipy.spatial import KDTree
 from ident.arrays import Array, Float
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_CEILING, CeilingSettings
+from ident.inference.joints_left import NOT_TESTED, Repeated
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,16 +51,13 @@ def measure_ceiling(
     return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind)
 
 
-def share_repeated(
+def find_repeated(
     series: Sequence[RunResidual], joint: int, settings: CeilingSettings = USUAL_CEILING
-) -> float:
-    """Share of a joint's residual squares that the same angles of other runs predict.
+) -> Repeated:
+    """What the same angles of other runs predict of a joint's residual.
 
     Args:
         series, joint, settings: Residuals of all runs, index of the joint, and how it is tested.
-
-    Returns:
-        From 0 to 1; 0 where too little is there to test, or chance would do as much.
     """
     lefts = []
     angles = []
@@ -74,21 +72,18 @@ def share_repeated(
         pieces.append(np.full(int(moving.sum()), item.index))
     left = np.concatenate(lefts)
     if len(left) == 0:
-        return 0.0
+        return NOT_TESTED
     angle = np.concatenate(angles)
     speed = np.concatenate(speeds)
     # Samples of opposite motion are no neighbours.
     each_way = angle + np.where(speed < 0.0, 2.0 * np.ptp(angle), 0.0)
-    return _share_repeated_by_angle(each_way, left, np.concatenate(pieces), settings)
+    return _repeated_by_angle(each_way, left, np.concatenate(pieces), settings)
 
 
-def _share_repeated_by_angle(
+def _repeated_by_angle(
     q: Float[Array, " t"], y: Float[Array, " t"], piece: Array, settings: CeilingSettings
-) -> float:
-    """Share of the mean square that the same angles of other runs predict.
-
-    0 where it is not significant.
-    """
+) -> Repeated:
+    """What the same angles of other pieces predict of the mean square."""
     if len(np.unique(piece)) < settings.folds:
         piece = np.arange(len(y)) * 3 * settings.folds // max(len(y), 1)
     step = max(1, len(y) // settings.most_samples)
@@ -96,7 +91,7 @@ def _share_repeated_by_angle(
     y = y[::step]
     piece = piece[::step]
     if len(y) < settings.least_samples:
-        return 0.0
+        return NOT_TESTED
     fold = np.unique(piece, return_inverse=True)[1] % settings.folds
     falls = []
     for k in range(settings.folds):
@@ -105,11 +100,8 @@ def _share_repeated_by_angle(
         left = y[held] - _neighbours(q[rest], y[rest], q[held], settings)
         square = max(float(np.mean(y[held] ** 2)), 1e-300)
         falls.append(1.0 - float(np.mean(left**2)) / square)
-        if sum(fall <= 0 for fall in falls) > settings.folds - settings.sure_folds:
-            return 0.0
-    mean = float(np.mean(falls))
     error = float(np.std(falls, ddof=1)) / np.sqrt(settings.folds)
-    return mean if mean > max(settings.least_fall, error) else 0.0
+    return Repeated(float(np.mean(falls)), error)
 
 
 def _neighbours(
