@@ -7,9 +7,10 @@ fitted to them.
 `CASES` is what `python -m ident.benchmark.real_check make … --compare` writes. `store` compares
 each pair and writes what it said with a row for each change of the likeliest set, its features and
 rivals; what is there already is not made again. `fit` takes those that are what was planted, or of
-its class, for right and all others for wrong, and prints how the probabilities hold on arms that
-were left out whole. With the probabilities are fitted how far the evidence between rivals is to be
-believed, and how wide intervals have to be, as for a diagnosis.
+its class, for right and all others for wrong, each row alike, and prints how the probabilities hold
+on arms that were left out whole: features and ridge are chosen anew without each. With the
+probabilities are fitted how far the evidence between rivals is to be believed, and how wide
+intervals have to be, as for a diagnosis.
 """
 
 from __future__ import annotations
@@ -23,9 +24,17 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from ident.arrays import Array, Bool, Float
+from ident.arrays import Array, Float
+from ident.benchmark.calibrate import SIGNS, read_signs
 from ident.benchmark.law_shares import Miss, Widths, fit_widths
-from ident.benchmark.logistic import Logistic, fit_logistic, log_score
+from ident.benchmark.leave_out import (
+    Problem,
+    best_ridge,
+    judge_left_out,
+    score_ridges,
+    select_features,
+)
+from ident.benchmark.logistic import Logistic
 from ident.benchmark.real_rows import holds
 from ident.benchmark.tempering import Choice, fit_temper
 from ident.diagnosis.change.from_reports import compare_reports
@@ -38,16 +47,9 @@ from ident.records import JsonRecord, JsonTable, as_json
 from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources
 
-# Features, and the way in which each speaks by its meaning. More of them (shares of the gap, what
-# is left, rivals, the number of names) hold worse on arms that are left out.
-SIGNS = {
-    "log_nats": 1,
-    "log_size_over_runs": 1,
-    "log_share_of_evidence": 1,
-    "gain_in_errors": 1,
-    "closed_in_errors": 1,
-}
-RIDGES = np.geomspace(1e-3, 1.0, 7)
+# Features that a diagnosis has not, and the way in which each speaks by its meaning.
+OF_CHANGES = {"log_size_over_runs": 1, "log_null_ratio": -1}
+EITHER = 0  # sign of features that tell one law from another
 NAMED_FROM = 0.5
 # Where what was found of the pairs of a folder lies.
 RESULTS = "results"
@@ -119,25 +121,34 @@ class Pairs:
                     misses += _misses(row, effect["parameters"], answer["arm"])
         return misses
 
-    def table(self, temper: float) -> Rows:
+    @property
+    def signs(self) -> dict[str, int]:
+        """Features that the changes have, and the way in which each speaks by its meaning."""
+        stored = {name for _, row in self.rows() for name in row["features"]}
+        usual = {name: sign for name, sign in read_signs(SIGNS).items() if sign != EITHER}
+        return {name: sign for name, sign in {**usual, **OF_CHANGES}.items() if name in stored}
+
+    def table(self, temper: float) -> Problem:
         """Features and labels of all changes.
 
         Args:
             temper: Exponent of the evidence between rivals, which says what is of a class.
         """
+        signs = self.signs
         features = []
         right = []
-        arm = []
-        case_of = []
+        arms = []
         for case, row in self.rows():
             most = np.log(CLASS_ODDS)
             near = [rival for rival in row["rivals"] if temper * rival["deficit"] <= most]
             finding = as_finding(row, near)
-            features.append([row["features"][name] for name in SIGNS])
+            features.append([row["features"][name] for name in signs])
             right.append(any(holds(finding, effect) for effect in self.answers[case]["effects"]))
-            arm.append(self.answers[case]["arm"])
-            case_of.append(case)
-        return Rows(np.array(features), np.array(right), np.array(arm), np.array(case_of))
+            arms.append(self.answers[case]["arm"])
+        alike = np.ones(len(right))
+        return Problem(
+            np.array(features), tuple(signs), np.array(right), alike, np.array(arms), signs
+        )
 
 
 def _misses(row: Row, truth: JsonTable, arm: str) -> list[Miss]:
@@ -164,23 +175,6 @@ def _misses(row: Row, truth: JsonTable, arm: str) -> list[Miss]:
         )
         misses.append(Miss(name, abs(error), half, sizes[name], arm))
     return misses
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Changes of all pairs."""
-
-    features: Float[Array, "N k"]
-    right: Bool[Array, " N"]
-    arm: Array  # of each row
-    case: Array  # of each row
-
-    @property
-    def weights(self) -> Float[Array, " N"]:
-        """Weight of each row, by which each arm counts alike; 1 on average."""
-        counts = {arm: int((self.arm == arm).sum()) for arm in np.unique(self.arm)}
-        weights = np.array([1.0 / counts[arm] for arm in self.arm])
-        return np.asarray(weights * len(weights) / weights.sum())
 
 
 def as_finding(row: Row, near: Sequence[Row], alone: bool = False) -> Row:
@@ -232,74 +226,51 @@ def compare_pair(sides: Sequence[Path], robot: Path) -> Row:
     return record
 
 
-def leave_arms_out(rows: Rows, ridge: float) -> Float[Array, " N"]:
-    """Probability of each row by a fit without its arm."""
-    probability = np.zeros(len(rows.right))
-    for arm in np.unique(rows.arm):
-        out = rows.arm == arm
-        model = _fit(rows, ridge, ~out)
-        probability[out] = model.probability(rows.features[out])
-    return probability
-
-
-def _fit(rows: Rows, ridge: float, chosen: Bool[Array, " N"]) -> Logistic:
-    features = rows.features[chosen]
-    right = rows.right[chosen]
-    return fit_logistic(features, right, rows.weights[chosen], tuple(SIGNS), ridge, SIGNS)
-
-
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """A calibration with how it holds on arms that were left out."""
 
     names: Logistic
     ridge: float  # that which holds best on arms left out
-    held_out: Float[Array, " N"]  # probabilities there
+    held_out: Float[Array, " N"]  # probabilities there, features and ridge chosen without the arm
     temper: float
     widths: Widths
+    pairs: int  # number of pairs that have a change
+
+    @classmethod
+    def of(cls, pairs: Pairs) -> tuple[Fitted, Problem]:
+        """The whole calibration of pairs, and the rows that it was fitted to.
+
+        Raises:
+            InputError: Too few parameters are known for the widths of intervals.
+        """
+        temper = fit_temper(pairs.choices())
+        widths = fit_widths(pairs.misses())
+        if widths is None:
+            what = "too few changes are what was planted"
+            raise InputError("RESULTS", what, "store more pairs")
+        rows = pairs.table(temper)
+        names, ridge, held_out = fit(rows)
+        count = len({case for case, _ in pairs.rows()})
+        return cls(names, ridge, held_out, temper, widths, count), rows
 
 
-def fit(rows: Rows) -> tuple[Logistic, float, Float[Array, " N"]]:
+def fit(rows: Problem) -> tuple[Logistic, float, Float[Array, " N"]]:
     """The regression, its ridge, and the probabilities on arms left out.
 
-    Of ridges that hold as well as the best on arms left out, within one standard error over the
-    arms, it is the largest (Breiman et al. 1984): what few arms say is not to be believed further.
+    These are of features and a ridge that were chosen without the arm, too.
     """
-    held_out = {float(ridge): leave_arms_out(rows, float(ridge)) for ridge in RIDGES}
-    scores = {ridge: _scores_by_arm(rows, held_out[ridge]) for ridge in held_out}
-    best = max(scores.values(), key=lambda by_arm: by_arm.mean())
-    least = best.mean() - best.std(ddof=1) / np.sqrt(len(best))
-    chosen = max(ridge for ridge, by_arm in scores.items() if by_arm.mean() >= least)
-    return _fit(rows, chosen, np.ones(len(rows.right), dtype=bool)), chosen, held_out[chosen]
+    held_out = np.zeros(len(rows.right))
+    for arm, model in judge_left_out(rows).items():
+        is_of_arm = rows.units == arm
+        places = [rows.names.index(name) for name in model.names]
+        held_out[is_of_arm] = model.probability(rows.features[is_of_arm][:, places])
+    chosen = select_features(rows)
+    ridge = best_ridge(score_ridges(chosen))
+    return chosen.fit(ridge), ridge, held_out
 
 
-def _scores_by_arm(rows: Rows, probability: Float[Array, " N"]) -> Float[Array, " A"]:
-    """Mean log score of each arm's rows [nats]."""
-    scores = []
-    for arm in np.unique(rows.arm):
-        is_of_arm = rows.arm == arm
-        scores.append(
-            log_score(probability[is_of_arm], rows.right[is_of_arm], np.ones(int(is_of_arm.sum())))
-        )
-    return np.array(scores)
-
-
-def fit_all(pairs: Pairs) -> tuple[Fitted, Rows]:
-    """The whole calibration of pairs, and the rows that it was fitted to.
-
-    Raises:
-        InputError: Too few parameters are known for the widths of intervals.
-    """
-    temper = fit_temper(pairs.choices())
-    widths = fit_widths(pairs.misses())
-    if widths is None:
-        raise InputError("RESULTS", "too few changes are what was planted", "store more pairs")
-    rows = pairs.table(temper)
-    names, ridge, held_out = fit(rows)
-    return Fitted(names, ridge, held_out, temper, widths), rows
-
-
-def write(fitted: Fitted, rows: Rows, out: Path) -> None:
+def write(fitted: Fitted, rows: Problem, out: Path) -> None:
     """Writes the calibration, as TOML with what it was fitted to, into a file."""
     model = fitted.names
     terms = {}
@@ -313,9 +284,9 @@ def write(fitted: Fitted, rows: Rows, out: Path) -> None:
         "intercept": model.intercept,
         "ridge": fitted.ridge,
         "temper": fitted.temper,
-        "pairs": len(np.unique(rows.case)),
+        "pairs": fitted.pairs,
         "rows": len(rows.right),
-        "arms": sorted(np.unique(rows.arm).tolist()),
+        "arms": sorted(np.unique(rows.units).tolist()),
         "widths": {
             "factor": fitted.widths.factor,
             "share": fitted.widths.share,
@@ -341,24 +312,23 @@ def main() -> None:
         for cases in given.cases:
             store(cases)
         return
-    fitted, rows = fit_all(Pairs.read(given.cases))
+    fitted, rows = Fitted.of(Pairs.read(given.cases))
     write(fitted, rows, given.out)
     print("\n".join(summary_lines(fitted, rows)))
 
 
-def summary_lines(fitted: Fitted, rows: Rows) -> list[str]:
+def summary_lines(fitted: Fitted, rows: Problem) -> list[str]:
     """How the calibration holds, in words."""
     named = fitted.held_out >= NAMED_FROM
-    score = log_score(fitted.held_out, rows.right, rows.weights)
+    score = rows.score(fitted.held_out)
     widths = fitted.widths
-    pairs = len(np.unique(rows.case))
     right = int((named & rows.right).sum())
     wrong = int((named & ~rows.right).sum())
     fit = f"ridge {fitted.ridge:.3g}; held-out log score {score:.3f} nats a change"
     figures = f"factor {widths.factor:.2f}, law's share {widths.share:.3f}"
     held = f"they hold {widths.coverage:.3f} on arms left out"
     return [
-        f"{len(rows.right)} changes of {pairs} pairs, {int(rows.right.sum())} of them right",
+        f"{len(rows.right)} changes of {fitted.pairs} pairs, {int(rows.right.sum())} of them right",
         f"{fit}; temper {fitted.temper:.3f}",
         f"named on arms left out: {right} right, {wrong} wrong",
         f"intervals of {widths.count} parameters: {figures}; {held}",

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.benchmark.change_calibration import SIGNS, Fitted, Rows, fit, write
+from ident.benchmark.change_calibration import Fitted, fit, write
 from ident.benchmark.law_shares import Widths
+from ident.benchmark.leave_out import Problem
 from ident.diagnosis.change.change_features import describe_changes, later_scorers
 from ident.diagnosis.change.change_sets import choose_set
 from ident.diagnosis.change.laws import PLAIN_FRICTION
@@ -93,18 +94,21 @@ def test_a_fit_learns_what_tells_right_from_wrong_and_is_read_again(tmp_path: Pa
     """
     rng, count = np.random.default_rng(2), 200
     right = rng.uniform(size=count) < 0.5
-    features = rng.standard_normal((count, len(SIGNS)))
+    names = ("log_nats", "gain_in_errors", "others_here")
+    features = rng.standard_normal((count, len(names)))
     features[:, 0] += 2.0 * right
     arms = np.array([f"arm_{k % 5}" for k in range(count)])
-    rows = Rows(features, right, arms, np.arange(count).astype(str))
+    rows = Problem(features, names, right, np.ones(count), arms, {"log_nats": 1, "others_here": -1})
     model, ridge, held_out = fit(rows)
+    assert "log_nats" in model.names
     widths = Widths(1.1, 0.02, 0.0, 0.95, 40)
     assert held_out[right].mean() > held_out[~right].mean() + 0.3
     out = tmp_path / "calibration_changes.toml"
-    write(Fitted(model, ridge, held_out, 0.2, widths), rows, out)
+    write(Fitted(model, ridge, held_out, 0.2, widths, count), rows, out)
     calibration = load_names(out)
     assert calibration.temper == 0.2
     assert calibration.widths is not None
     assert calibration.widths.share == 0.02
-    again = calibration.names.probability(dict(zip(SIGNS, features[0], strict=True)))
-    assert again == pytest.approx(model.probability(features[:1])[0], rel=1e-9)
+    again = calibration.names.probability(dict(zip(names, features[0], strict=True)))
+    kept = [names.index(name) for name in model.names]
+    assert again == pytest.approx(model.probability(features[:1, kept])[0], rel=1e-9)
