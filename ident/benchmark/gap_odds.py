@@ -18,9 +18,11 @@ from ident.arrays import Array, Bool, Float
 from ident.benchmark.corpus import Entry, Truth
 from ident.benchmark.labels import Name, matching
 from ident.benchmark.logistic import Logistic, fit_logistic, log_score
+from ident.inference.joints_left import BESIDE, COMPARED, beside_others
 from ident.records import JsonTable
 
-# What is left at a joint alone: how many rows or names an arm has tells arms apart, not gaps.
+# What is left at a joint alone, and how far it stands out among the arm's joints: how many rows or
+# names an arm has tells arms apart, not gaps.
 FEATURES = (
     "log_smooth_nats",
     "log_smooth_nats_a_row",
@@ -29,6 +31,7 @@ FEATURES = (
     "log_left_over_noise",
     "repeated_share",
     "repeated_in_errors",
+    *(f"{name}{BESIDE}" for name in COMPARED),
 )
 RIDGES = np.geomspace(1e-3, 1.0, 7)
 SEEN_FROM = 1.0  # visible size, in floors of the noise, from which a cause can be asked for
@@ -85,13 +88,14 @@ def _labelled(
     left.
     """
     rows = []
-    for row in joints:
+    compared = beside_others([row["features"] for row in joints])
+    for row, features in zip(joints, compared, strict=True):
         here = [truth for truth in entry.truth if _may_stand(truth, row["joint"])]
         missed = [truth for truth in here if not _is_said(truth, named)]
         if any(_size_at(truth, row["joint"]) >= SEEN_FROM for truth in missed):
-            rows.append((row["features"], True))
+            rows.append((features, True))
         elif entry.group not in ("real", "kept") and not missed and not _anywhere(entry):
-            rows.append((row["features"], False))
+            rows.append((features, False))
     return rows
 
 

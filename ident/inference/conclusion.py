@@ -20,7 +20,7 @@ from ident.inference.calibration import Calibration, load_calibration
 from ident.inference.estimate import Estimate, Reason, estimate
 from ident.inference.features import Described, Scorers, describe
 from ident.inference.infer import Inference, Inferred, infer
-from ident.inference.joints_left import JointLeft, Repeated, describe_joints
+from ident.inference.joints_left import JointLeft, Repeated, beside_others, describe_joints
 from ident.inference.refine import refine
 from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut, HeldOutScore
@@ -132,8 +132,9 @@ class Conclusion:
             By joint; 0 for a joint without rows.
         """
         probability = np.zeros(self.evidence.layout.n)
-        for joint, left in self.joints.items():
-            probability[joint] = self.calibration.gaps.probability(left.features)
+        features = beside_others([left.features for left in self.joints.values()])
+        for joint, values in zip(self.joints, features, strict=True):
+            probability[joint] = self.calibration.gaps.probability(values)
         return probability
 
 

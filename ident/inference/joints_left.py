@@ -1,6 +1,9 @@
 """What is left at each joint beside the named effects, in numbers that carry over between arms.
 
 A second calibration turns them into the probability that something without a name is left there.
+What drives a whole arm's error (friction that drifts, a coarse encoder, a loose loop) is at all its
+joints; a cause at one of them stands out beside the others. So each joint is told by what is left
+there and by how far that is above the others' median.
 """
 
 from __future__ import annotations
@@ -15,6 +18,18 @@ from ident.inference.infer import Inferred
 from ident.inference.scales import signed_log, squashed
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
+
+
+# Features that are compared with those of the arm's other joints.
+COMPARED = (
+    "log_smooth_nats",
+    "log_smooth_nats_a_row",
+    "smooth_share",
+    "log_dispersion",
+    "log_left_over_noise",
+    "log_friction_spread",
+)
+BESIDE = "_beside_others"
 
 
 @dataclass(frozen=True)
@@ -98,3 +113,22 @@ def describe_joints(fine: Inferred, names: Sequence[Group], tuned: HeldOut) -> l
         here_left = JointLeft(j, features, residual.kind_of(j))
         left.append(here_left.with_repeated(NOT_TESTED))
     return left
+
+
+def beside_others(joints: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
+    """Each joint's features, with how far they are above the median of the arm's other joints.
+
+    Args:
+        joints: Features of all joints that have rows.
+
+    Returns:
+        New dicts in the same order; the differences are 0 for an only joint.
+    """
+    table = np.array([[features[name] for name in COMPARED] for features in joints])
+    compared = []
+    for k, features in enumerate(joints):
+        others = np.delete(table, k, axis=0)
+        above = table[k] - np.median(others, axis=0) if len(others) else np.zeros(len(COMPARED))
+        differences = {f"{name}{BESIDE}": float(x) for name, x in zip(COMPARED, above, strict=True)}
+        compared.append({**features, **differences})
+    return compared
