@@ -87,7 +87,7 @@ def _labelled(
     """Features of the joints of a session of which it is known whether a cause without a name is
     left.
     """
-    rows = []
+    rows: list[tuple[Mapping[str, float], bool]] = []
     compared = beside_others([row["features"] for row in joints])
     for row, features in zip(joints, compared, strict=True):
         here = [truth for truth in entry.truth if _may_stand(truth, row["joint"])]

@@ -19,7 +19,6 @@ from ident.inference.scales import signed_log, squashed
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
 
-
 # Features that are compared with those of the arm's other joints.
 COMPARED = (
     "log_smooth_nats",
