@@ -19,6 +19,7 @@ from ident.benchmark.truth import (
     visible_amplitude,
 )
 from ident.diagnosis.verdict import above_noise
+from ident.inference.conclusion import EVEN_ODDS
 from ident.records import JsonRecord, JsonTable
 from ident.simulation.request import Answer, TrueEffect
 
@@ -294,7 +295,7 @@ def joints_told(record: JsonTable) -> list[str]:
     leftover = record.get("leftover", {})
     sizes = {}
     for joint, gap in record["gap"].items():
-        sizes[joint] = _gap_size(gap, is_unexplained=leftover.get(joint, 0.0) > 1.0)
+        sizes[joint] = _gap_size(gap, is_unexplained=leftover.get(joint, 0.0) >= EVEN_ODDS)
     where = [max(sizes, key=lambda joint: sizes[joint])] if sizes else []
     if record["findings"]:
         where += record["findings"][0]["joints"]

@@ -21,6 +21,7 @@ from ident.benchmark.name_odds import GROUPS, ROWS, SESSIONS, fit_calibration, j
 from ident.benchmark.run import BlindOptions
 from ident.benchmark.tempering import Choice, fit_growing_temper
 from ident.errors import InputError
+from ident.inference.joints_left import COMPARED
 
 FEATURES = ("evidence", "nothing")
 
@@ -216,8 +217,9 @@ def write_other(folder: Path, sessions: int, arms: tuple[str, ...]) -> None:
             row = candidate("spring_torque", "joint_1", features=features)
             # What is left at the joint of a cause that has no name is larger.
             left = {joint: 2.0 * (joint == hidden and not right) for joint in ("joint_1", "joint_2")}
+            words = sorted({*GAP_FEATURES, *COMPARED})
             joints = [
-                {"joint": joint, "features": {word: float(rng.normal(size)) for word in GAP_FEATURES}}
+                {"joint": joint, "features": {word: float(rng.normal(size)) for word in words}}
                 for joint, size in left.items()
             ]
             write_result(folder / "results", f"other/{arm}_{name}", row, joints=joints)
