@@ -173,7 +173,8 @@ def _misses(row: Row, truth: JsonTable, arm: str) -> list[Miss]:
             if error > 0.0
             else interval["value"] - interval["low"]
         )
-        misses.append(Miss(name, abs(error), half, sizes[name], arm))
+        if half > 0.0:  # an end at the value itself stays there, however wide the other is
+            misses.append(Miss(name, abs(error), half, sizes[name], arm))
     return misses
 
 
