@@ -1,0 +1,151 @@
+"""How the share of what was learnt falls with the distance from poses that were seen.
+
+A joint's memory counts by
+
+    share / (1 + d² / reach²),
+
+d being the distance in joint space to the nearest of some poses of the training runs. Share and
+reach are what blocks and runs left out ask for, of each joint: their rows lie at many distances
+from the poses that were left, and least squares over all of them say how fast the benefit falls.
+Of reaches that foretell as well as the best, within a standard error of the difference over blocks,
+the shortest counts: at distances that no row left out has, nothing speaks for more.
+
+Source: Stone 1974 (choice by cross-validation); Breiman, Friedman, Olshen and Stone 1984, section
+3.4.3 (the one-standard-error rule).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arrays import Array, Float, Int, freeze
+
+# Reaches that are tried [rad], the longest first; with the first a share never falls.
+REACHES = (np.inf, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)
+# Poses that are kept of the training runs.
+POSES = 512
+# Rows whose distances are reckoned at once.
+ROWS = 2048
+# Square of a distance that is as good as endless [rad²].
+FAR = 1e12
+# Least square of what is said, below which it is nothing [N² m²].
+LEAST_SQUARE = 1e-30
+
+
+@dataclass(frozen=True, eq=False)
+class Nearness:
+    """Poses that training runs went through, and how far from them each joint's memory reaches."""
+
+    poses: Float[Array, "k n"]  # [rad]
+    reach: Float[Array, " n"]  # distance at which half of a share is left; endless: it never falls
+
+    def __post_init__(self) -> None:
+        for name in ("poses", "reach"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+        if self.poses.ndim != 2 or not len(self.poses) or not np.isfinite(self.poses).all():
+            raise ValueError("the poses that were seen are damaged")
+        if self.reach.shape != self.poses.shape[1:] or not np.all(self.reach > 0.0):
+            raise ValueError("a reach is missing or not above zero")
+
+    @property
+    def steepness(self) -> Float[Array, " n"]:
+        """1 / reach² of each joint [1/rad²]."""
+        return np.asarray(self.reach**-2.0)
+
+    def fall(self, q: Float[Array, "T n"]) -> Float[Array, "T n"]:
+        """What is left of each joint's share at some positions: from 1 down to 0."""
+        if not self.steepness.any():
+            return np.ones(q.shape)
+        return fall(nearest_square(q, self.poses)[:, None], self.steepness)
+
+
+def fall(square: Float[Array, "*T"], steepness: float | Float[Array, " n"]) -> Float[Array, "*T"]:
+    """1 / (1 + d² / reach²).
+
+    Args:
+        square: Squares of distances [rad²].
+        steepness: 1 / reach² [1/rad²].
+    """
+    return np.asarray(1.0 / (1.0 + square * steepness))
+
+
+def nearest_square(q: Float[Array, "T n"], poses: Float[Array, "k n"]) -> Float[Array, " T"]:
+    """Square of the distance from each position to the nearest pose [rad²]; `FAR` without any."""
+    nearest = np.full(len(q), FAR)
+    if not len(poses):
+        return nearest
+    size = (poses**2).sum(axis=1)
+    for start in range(0, len(q), ROWS):
+        rows = q[start : start + ROWS]
+        across = size - 2.0 * rows @ poses.T
+        nearest[start : start + ROWS] = across.min(axis=1) + (rows**2).sum(axis=1)
+    return np.maximum(nearest, 0.0)
+
+
+def spread_poses(count: int) -> Int[Array, " k"]:
+    """Numbers of at most `POSES` of so many rows, evenly spread over them."""
+    return np.arange(0, count, max(1, -(-count // POSES)))
+
+
+def nearest_left_out(q: Float[Array, "T n"], folds: Int[Array, " T"]) -> Float[Array, " T"]:
+    """Square of the distance from each row to the nearest pose of other folds [rad²].
+
+    Args:
+        q: Positions.
+        folds: Which rows are left out together.
+    """
+    places = spread_poses(len(q))
+    square = np.zeros(len(q))
+    for fold in np.unique(folds):
+        asked = folds == fold
+        seen = places[folds[places] != fold]
+        square[asked] = nearest_square(q[asked], q[seen])
+    return square
+
+
+@dataclass(frozen=True, eq=False)
+class Foretold:
+    """What was said of rows that were left out in one way."""
+
+    torque: Float[Array, " T"]  # [N m]
+    square: Float[Array, " T"]  # of their distance to the nearest pose that was seen [rad²]
+
+
+def choose_share(
+    foretold: Sequence[Foretold], left: Float[Array, " T"], blocks: Int[Array, " T"]
+) -> tuple[float, float]:
+    """Share at no distance, and reach, that rows left out ask for.
+
+    Args:
+        foretold: What was said of the rows, for each way of leaving out: all count alike.
+        left: What there is to foretell [N m].
+        blocks: Number of each row's block, over which doubt is counted.
+
+    Returns:
+        The share, from 0 to 1, and the reach [rad].
+    """
+    _, place = np.unique(blocks, return_inverse=True)
+    shares = []
+    squares = []
+    for reach in REACHES:
+        said = [of_way.torque * fall(of_way.square, reach**-2.0) for of_way in foretold]
+        along = sum(float(torque @ left) for torque in said)
+        size = sum(float(torque @ torque) for torque in said)
+        share = float(np.clip(along / max(size, LEAST_SQUARE), 0.0, 1.0))
+        error = np.sum([(left - share * torque) ** 2 for torque in said], axis=0)
+        shares.append(share)
+        squares.append(np.bincount(place, weights=error))
+    best = squares[int(np.argmin([error.sum() for error in squares]))]
+    chosen = max(k for k, error in enumerate(squares) if _is_as_good(error, best))
+    return shares[chosen], REACHES[chosen]
+
+
+def _is_as_good(error: Float[Array, " b"], best: Float[Array, " b"]) -> bool:
+    """Whether squares are more than the best by at most a standard error over the blocks."""
+    more = error - best
+    if len(more) < 2:
+        return bool(more.sum() <= 0.0)
+    return bool(more.mean() <= more.std(ddof=1) / np.sqrt(len(more)))
