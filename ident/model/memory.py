@@ -319,8 +319,7 @@ def _choose_shares(
             ways.append((by_run, of_run))
         moving = rows.moving[:, joint]
         foretold = [Foretold(torque[moving], square[moving]) for torque, square in ways]
-        chosen = choose_share(foretold, rows.left[moving, joint], rows.blocks[moving])
-        weight[joint], reach[joint] = chosen
+        weight[joint], reach[joint] = choose_share(foretold, rows.left[moving, joint])
     return weight, reach
 
 

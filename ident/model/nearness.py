@@ -7,11 +7,9 @@ A joint's memory counts by
 d being the distance in joint space to the nearest of some poses of the training runs. Share and
 reach are what blocks and runs left out ask for, of each joint: their rows lie at many distances
 from the poses that were left, and least squares over all of them say how fast the benefit falls.
-Of reaches that foretell as well as the best, within a standard error of the difference over blocks,
-the shortest counts: at distances that no row left out has, nothing speaks for more.
+Where they all lie near, nothing says that it falls, and it does not.
 
-Source: Stone 1974 (choice by cross-validation); Breiman, Friedman, Olshen and Stone 1984, section
-3.4.3 (the one-standard-error rule).
+Source: Stone 1974 (choice by cross-validation).
 """
 
 from __future__ import annotations
@@ -114,38 +112,27 @@ class Foretold:
     square: Float[Array, " T"]  # of their distance to the nearest pose that was seen [rad²]
 
 
-def choose_share(
-    foretold: Sequence[Foretold], left: Float[Array, " T"], blocks: Int[Array, " T"]
-) -> tuple[float, float]:
-    """Share at no distance, and reach, that rows left out ask for.
+def choose_share(foretold: Sequence[Foretold], left: Float[Array, " T"]) -> tuple[float, float]:
+    """Share at no distance, and reach, that leave least squares of rows left out.
+
+    The longest reach where they tell none apart.
 
     Args:
         foretold: What was said of the rows, for each way of leaving out: all count alike.
         left: What there is to foretell [N m].
-        blocks: Number of each row's block, over which doubt is counted.
 
     Returns:
         The share, from 0 to 1, and the reach [rad].
     """
-    _, place = np.unique(blocks, return_inverse=True)
-    shares = []
-    squares = []
+    chosen = (0.0, np.inf)
+    least = np.inf
     for reach in REACHES:
         said = [of_way.torque * fall(of_way.square, reach**-2.0) for of_way in foretold]
         along = sum(float(torque @ left) for torque in said)
         size = sum(float(torque @ torque) for torque in said)
         share = float(np.clip(along / max(size, LEAST_SQUARE), 0.0, 1.0))
-        error = np.sum([(left - share * torque) ** 2 for torque in said], axis=0)
-        shares.append(share)
-        squares.append(np.bincount(place, weights=error))
-    best = squares[int(np.argmin([error.sum() for error in squares]))]
-    chosen = max(k for k, error in enumerate(squares) if _is_as_good(error, best))
-    return shares[chosen], REACHES[chosen]
-
-
-def _is_as_good(error: Float[Array, " b"], best: Float[Array, " b"]) -> bool:
-    """Whether squares are more than the best by at most a standard error over the blocks."""
-    more = error - best
-    if len(more) < 2:
-        return bool(more.sum() <= 0.0)
-    return bool(more.mean() <= more.std(ddof=1) / np.sqrt(len(more)))
+        squares = share**2 * size - 2.0 * share * along
+        if squares < least:
+            chosen = (share, reach)
+            least = squares
+    return chosen
