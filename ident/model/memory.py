@@ -277,8 +277,9 @@ def fit_memory(unexplained: Unexplained, seed: int) -> JointMemory:
         chosen.append(kind)
     witnesses = (rows.left, rows.moving, rows.travel, rows.blocks, rows.run)
     kept = np.array([verdict.kept for verdict in shrink_bounded(by_block, *witnesses)])
-    weight, reach = _choose_shares(rows, by_block, np.where(kept, chosen, NOBODYS), seed)
     square = nearest_left_out(rows.q, rows.blocks % FOLDS)
+    kinds = np.where(kept, chosen, NOBODYS)
+    weight, reach = _choose_shares(rows, by_block, square, kinds, seed)
     gate = gate_of(weight, by_block * fall(square[:, None], reach**-2.0), *witnesses)
     fewer = -(-count // FITTED_ROWS)
     whole = rows if fewer == every else _thinned(unexplained, fewer)
@@ -297,17 +298,21 @@ def fit_memory(unexplained: Unexplained, seed: int) -> JointMemory:
 
 
 def _choose_shares(
-    rows: _Rows, by_block: Float[Array, "T n"], kinds: Int[Array, " n"], seed: int
+    rows: _Rows,
+    by_block: Float[Array, "T n"],
+    of_block: Float[Array, " T"],
+    kinds: Int[Array, " n"],
+    seed: int,
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Share and reach [rad] of each joint's memory, by blocks and whole runs left out.
 
     Args:
         rows: The rows.
         by_block: What was said of them by trees that did not see their block [N m].
+        of_block: Square of their distance to the poses that those saw [rad²].
         kinds: Whose inputs each joint's trees are given; `NOBODYS` where it has none.
         seed: Of the trees.
     """
-    of_block = nearest_left_out(rows.q, rows.blocks % FOLDS)
     of_run = nearest_left_out(rows.q, rows.run % FOLDS)
     several = len(np.unique(rows.run)) >= FEWEST_RUNS
     weight = np.zeros(len(kinds))
