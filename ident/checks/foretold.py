@@ -29,10 +29,6 @@ TRANSITION_RAD_S = 0.02  # as for the sign of a torque
 LOSSES = 4  # columns of a joint's losses: dry and viscous friction, its rotor, an offset
 ROUNDING = 1e-12  # of sums, below which columns are the same
 LEAST_SQUARE = 1e-24  # [(N m)²], so that logarithms stay finite
-# Combinations of inertial numbers that move a joint's torque by less than this share of the most
-# are said by no run; random states that tell them.
-RANK_TOLERANCE = 1e-9
-STATES_FOR_RANK = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,10 +164,10 @@ def felt_directions(arm: ArmModel, scale: Float[Array, " m"]) -> Float[Array, "n
         scale: Scale of each.
     """
     rng = np.random.default_rng(0)
-    q, dq, ddq = (rng.uniform(-np.pi, np.pi, (STATES_FOR_RANK, arm.n)) for _ in range(3))
+    q, dq, ddq = (rng.uniform(-np.pi, np.pi, (len(scale), arm.n)) for _ in range(3))
     rows = (arm.regressor(q, dq, ddq) * scale).transpose(1, 0, 2)
-    _, sizes, directions = np.linalg.svd(rows, full_matrices=False)
-    rank = int((sizes > RANK_TOLERANCE * sizes[:, :1]).sum(axis=1).max())
+    _, _, directions = np.linalg.svd(rows)
+    rank = int(np.linalg.matrix_rank(rows).max())
     return np.asarray(directions[:, :rank].transpose(0, 2, 1))
 
 

@@ -38,7 +38,7 @@ from ident.model.folds import FEWEST_RUNS, FOLDS
 from ident.model.joint_nets import joint_features
 from ident.model.linearisation import stop_operator
 from ident.model.nearness import (
-    Foretold,
+    LeftOut,
     Nearness,
     choose_share,
     fall,
@@ -276,11 +276,11 @@ def fit_memory(unexplained: Unexplained, seed: int) -> JointMemory:
         by_block[:, joint], kind = _foretell(rows, joint, rows.blocks % FOLDS, seed)
         chosen.append(kind)
     witnesses = (rows.left, rows.moving, rows.travel, rows.blocks, rows.run)
-    kept = np.array([verdict.kept for verdict in shrink_bounded(by_block, *witnesses)])
+    helped = [verdict.kept for verdict in shrink_bounded(by_block, *witnesses)]
     square = nearest_left_out(rows.q, rows.blocks % FOLDS)
-    kinds = np.where(kept, chosen, NOBODYS)
+    kinds = np.where(helped, chosen, NOBODYS)
     weight, reach = _choose_shares(rows, by_block, square, kinds, seed)
-    gate = gate_of(weight, by_block * fall(square[:, None], reach**-2.0), *witnesses)
+    gate = gate_of(weight, by_block * fall(square[:, None], reach), *witnesses)
     fewer = -(-count // FITTED_ROWS)
     whole = rows if fewer == every else _thinned(unexplained, fewer)
     trees: list[Trees | None] = []
@@ -323,8 +323,8 @@ def _choose_shares(
             by_run = _foretell_kind(rows, joint, rows.run % FOLDS, seed, int(kinds[joint]))
             ways.append((by_run, of_run))
         moving = rows.moving[:, joint]
-        foretold = [Foretold(torque[moving], square[moving]) for torque, square in ways]
-        weight[joint], reach[joint] = choose_share(foretold, rows.left[moving, joint])
+        left_out = [LeftOut(torque[moving], square[moving]) for torque, square in ways]
+        weight[joint], reach[joint] = choose_share(left_out, rows.left[moving, joint])
     return weight, reach
 
 

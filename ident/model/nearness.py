@@ -20,17 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float, Int, freeze
+from ident.model.joint_nets import ROWS
 
 # Reaches that are tried [rad], the longest first; with the first a share never falls.
-REACHES = (np.inf, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)
+REACHES = (np.inf, *np.geomspace(8.0, 1.0 / 32.0, 9).tolist())
 # Poses that are kept of the training runs.
 POSES = 512
-# Rows whose distances are reckoned at once.
-ROWS = 2048
 # Square of a distance that is as good as endless [rad²].
-FAR = 1e12
-# Least square of what is said, below which it is nothing [N² m²].
-LEAST_SQUARE = 1e-30
+FAR = float(np.sqrt(np.finfo(float).max))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,23 +48,23 @@ class Nearness:
     @property
     def steepness(self) -> Float[Array, " n"]:
         """1 / reach² of each joint [1/rad²]."""
-        return np.asarray(self.reach**-2.0)
+        return np.asarray(1.0 / self.reach**2)
 
     def fall(self, q: Float[Array, "T n"]) -> Float[Array, "T n"]:
         """What is left of each joint's share at some positions: from 1 down to 0."""
         if not self.steepness.any():
             return np.ones(q.shape)
-        return fall(nearest_square(q, self.poses)[:, None], self.steepness)
+        return fall(nearest_square(q, self.poses)[:, None], self.reach)
 
 
-def fall(square: Float[Array, "*T"], steepness: float | Float[Array, " n"]) -> Float[Array, "*T"]:
+def fall(square: Float[Array, "*T"], reach: float | Float[Array, " n"]) -> Float[Array, "*T"]:
     """1 / (1 + d² / reach²).
 
     Args:
         square: Squares of distances [rad²].
-        steepness: 1 / reach² [1/rad²].
+        reach: Distance at which half is left [rad].
     """
-    return np.asarray(1.0 / (1.0 + square * steepness))
+    return np.asarray(1.0 / (1.0 + square / reach**2))
 
 
 def nearest_square(q: Float[Array, "T n"], poses: Float[Array, "k n"]) -> Float[Array, " T"]:
@@ -105,20 +102,20 @@ def nearest_left_out(q: Float[Array, "T n"], folds: Int[Array, " T"]) -> Float[A
 
 
 @dataclass(frozen=True, eq=False)
-class Foretold:
+class LeftOut:
     """What was said of rows that were left out in one way."""
 
     torque: Float[Array, " T"]  # [N m]
     square: Float[Array, " T"]  # of their distance to the nearest pose that was seen [rad²]
 
 
-def choose_share(foretold: Sequence[Foretold], left: Float[Array, " T"]) -> tuple[float, float]:
+def choose_share(ways: Sequence[LeftOut], left: Float[Array, " T"]) -> tuple[float, float]:
     """Share at no distance, and reach, that leave least squares of rows left out.
 
     The longest reach where they tell none apart.
 
     Args:
-        foretold: What was said of the rows, for each way of leaving out: all count alike.
+        ways: What was said of the rows, for each way of leaving out: all count alike.
         left: What there is to foretell [N m].
 
     Returns:
@@ -127,10 +124,10 @@ def choose_share(foretold: Sequence[Foretold], left: Float[Array, " T"]) -> tupl
     chosen = (0.0, np.inf)
     least = np.inf
     for reach in REACHES:
-        said = [of_way.torque * fall(of_way.square, reach**-2.0) for of_way in foretold]
+        said = [of_way.torque * fall(of_way.square, reach) for of_way in ways]
         along = sum(float(torque @ left) for torque in said)
         size = sum(float(torque @ torque) for torque in said)
-        share = float(np.clip(along / max(size, LEAST_SQUARE), 0.0, 1.0))
+        share = float(np.clip(along / size, 0.0, 1.0)) if size > 0.0 else 0.0
         squares = share**2 * size - 2.0 * share * along
         if squares < least:
             chosen = (share, reach)

@@ -7,7 +7,7 @@ from ident.arrays import Array
 from ident.model.nearness import (
     POSES,
     REACHES,
-    Foretold,
+    LeftOut,
     Nearness,
     choose_share,
     fall,
@@ -27,8 +27,8 @@ def drawn_rows(seed: int) -> tuple[Array, Array, Array]:
 def test_the_reach_that_rows_left_out_have_is_found(reach: float) -> None:
     """The benefit falls as it was made to fall, and starts from the share that it has at no distance."""
     said, noise, distance = drawn_rows(1)
-    left = 0.8 * said * fall(distance**2, reach**-2.0) + noise
-    share, found = choose_share([Foretold(said, distance**2)], left)
+    left = 0.8 * said * fall(distance**2, reach) + noise
+    share, found = choose_share([LeftOut(said, distance**2)], left)
     assert 0.5 * reach <= found <= 2.0 * reach
     assert share == pytest.approx(0.8, abs=0.2)
 
@@ -36,7 +36,7 @@ def test_the_reach_that_rows_left_out_have_is_found(reach: float) -> None:
 def test_what_no_distance_tells_does_not_fall() -> None:
     """Rows that all lie where training was say nothing of elsewhere: the longest reach counts, the share is whole."""
     said, noise, _ = drawn_rows(2)
-    share, reach = choose_share([Foretold(said, np.zeros(2000))], said + noise)
+    share, reach = choose_share([LeftOut(said, np.zeros(2000))], said + noise)
     assert reach == max(REACHES)
     assert share == pytest.approx(1.0, abs=0.05)
 
@@ -44,13 +44,13 @@ def test_what_no_distance_tells_does_not_fall() -> None:
 def test_what_holds_at_every_distance_falls_little() -> None:
     """A benefit as large far off as near keeps most of its share at all distances that rows left out have."""
     said, noise, distance = drawn_rows(3)
-    share, reach = choose_share([Foretold(said, distance**2)], said + 0.1 * noise)
-    assert share * fall(distance**2, reach**-2.0).min() > 0.8
+    share, reach = choose_share([LeftOut(said, distance**2)], said + 0.1 * noise)
+    assert share * fall(distance**2, reach).min() > 0.8
 
 
 def test_what_foretells_the_contrary_has_no_share() -> None:
     said, noise, distance = drawn_rows(4)
-    share, _ = choose_share([Foretold(said, distance**2)], noise - said)
+    share, _ = choose_share([LeftOut(said, distance**2)], noise - said)
     assert share == 0.0
 
 
