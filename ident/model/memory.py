@@ -13,7 +13,13 @@ standard error of that fall, and does not surely make the work worse: a veto of 
 standard error cost torque on most of eight real arms. What is to come is between more of the same
 motion, which blocks left out foretell, and another motion, which whole runs left out foretell. The
 share that counts falls with the distance from poses that were seen, as both of them together ask
-for (`nearness`). Trees of a joint's own inputs alone leave 6 % more torque.
+for (`nearness`). With a share for all motions, the mean of what each asks for, 16 of 237 joints on
+36 splits of twelve real arms got worse by more than half a per cent and 4 surely, over eight
+stretches of runs that nobody saw; so 10 and 1, and torque is less by 1.8 % (geometric mean). On
+twenty other splits 9 of 134 got worse, so 7, none surely, and torque is less by 1.3 %. The shortest
+reach within a standard error of the best made 4 and 6 worse, but where all that was left out lies
+near, as in runs that repeat their paths, it gave up what holds on others. Trees of a joint's own
+inputs alone leave 6 % more torque.
 A net needs whole runs for its gate, since it makes up torques where it never was; trees do not.
 
 States that do not follow one another, as a planner's nodes, have no memory: there the net counts.
