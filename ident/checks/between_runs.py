@@ -46,11 +46,12 @@ def find_difference(compared: ComparedRuns) -> RunDifference | None:
     """
     if len(compared.runs) < FEWEST_RUNS:
         return None
-    all_partings = [Parting(compared, odd) for odd in partings(len(compared.runs))]
-    least = float(np.log(len(all_partings) / LIMIT.chance))
-    suspects = sorted(all_partings, key=lambda parting: parting.excess(), reverse=True)
+    all_odd = partings(len(compared.runs))
+    least = float(np.log(len(all_odd) / LIMIT.chance))
+    suspects = sorted(all_odd, key=lambda odd: Parting(compared, odd).excess(), reverse=True)
     differences: list[RunDifference] = []
-    for parting in suspects[: LIMIT.suspects]:
+    for odd in suspects[: LIMIT.suspects]:
+        parting = Parting(compared, odd)
         if parting.possible() < least:
             continue
         other = parting.another_arm(least)

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -75,7 +74,8 @@ class RunTables:
     def __init__(self, arm: ArmModel, runs: Sequence[RunStates]) -> None:
         self._arm = arm
         self._stated = np.array(arm.inertial_parameters)
-        self._scale = PRIOR_SHARE["consistent"] * parameter_scale(arm)
+        scale = PRIOR_SHARE["consistent"] * parameter_scale(arm)
+        self._directions = scale[:, None] * felt_directions(arm, scale)
         speed = np.concatenate([run.dq for run in runs]).std(axis=0)
         acceleration = np.concatenate([run.ddq for run in runs]).std(axis=0)
         torque = np.concatenate([run.tau for run in runs]).std(axis=0)
@@ -94,8 +94,8 @@ class RunTables:
         """Each joint's columns in a run, and last what its torque is beyond the URDF's, shape (n,
         T, c).
 
-        The columns are the scaled inertial parameters', then friction's, the rotor's and the
-        offset's.
+        The columns are combinations of the inertial parameters that the joint feels, in units of
+        the prior, then friction's, the rotor's and the offset's.
         """
         regressor = self._arm.regressor(run.q, run.dq, run.ddq).transpose(1, 0, 2)
         dry = np.tanh(run.dq / TRANSITION_RAD_S)
@@ -103,7 +103,8 @@ class RunTables:
         losses = np.stack([dry, run.dq, run.ddq, offset], axis=-1)
         losses = losses.transpose(1, 0, 2) * self._loss_scale[:, None, :]
         beyond = run.tau.T - regressor @ self._stated
-        return np.concatenate([regressor * self._scale, losses, beyond[:, :, None]], axis=-1)
+        felt = regressor @ self._directions
+        return np.concatenate([felt, losses, beyond[:, :, None]], axis=-1)
 
     def sums(self, run: RunStates) -> Float[Array, "n c c"]:
         """The inner products of a run's table.
@@ -123,33 +124,22 @@ class RunTables:
         beyond = np.einsum("jtp,jp->tj", table[:, :, :-1], coefficients)
         return np.asarray(run.tau - table[:, :, -1].T + beyond)
 
-    def error_of(
-        self, sums: Float[Array, "n c c"], others: Fit, own_losses: bool = False
-    ) -> Float[Array, " n"]:
-        """Logarithm of each joint's root mean square error; not a number where it never moves.
-
-        Args:
-            sums: Of the run.
-            others: What others say.
-            own_losses: Whether friction, rotors and offsets are the run's own, for on a sound arm
-                they drift, too.
-        """
-        left = left_beside_losses if own_losses else left_square
-        moves = sums[:, -1, -1] > 0.0
-        return np.where(moves, 0.5 * np.log(left(sums, others.coefficients)), np.nan)
-
     def errors_of(
-        self, sums: Float[Array, "R n c c"], others: Sequence[Fit], own_losses: bool = False
-    ) -> Float[Array, "R n"]:
-        """Logarithm of each run's root mean square error by joint, foretold by what others say.
+        self, sums: Float[Array, "*R n c c"], others: Fit, own_losses: bool = False
+    ) -> Float[Array, "*R n"]:
+        """Logarithm of each joint's root mean square error in a run, or each of some.
+
+        Not a number where the joint never moves.
 
         Args:
             sums: Of each run.
-            others: For each run, what others say.
-            own_losses: Whether friction, rotors and offsets are each run's own.
+            others: What others say of all of them, or of each.
+            own_losses: Whether friction, rotors and offsets are each run's own, for on a sound arm
+                they drift, too.
         """
-        pairs = zip(sums, others, strict=True)
-        return np.array([self.error_of(run, fitted, own_losses) for run, fitted in pairs])
+        left = left_beside_losses if own_losses else left_square
+        moves = sums[..., -1, -1] > 0.0
+        return np.where(moves, 0.5 * np.log(left(sums, others.coefficients)), np.nan)
 
     def errors_among(
         self, sums: Float[Array, "R n c c"], own_losses: bool = False
@@ -163,97 +153,117 @@ class RunTables:
         return self.errors_of(sums, fits_among(sums), own_losses)
 
 
+def felt_directions(arm: ArmModel, scale: Float[Array, " m"]) -> Float[Array, "n m r"]:
+    """Orthonormal combinations of the scaled inertial numbers that each joint's torque may feel.
+
+    The prior is the same in every direction of these units, so a fit among them is that among all
+    numbers. As many for every joint; one that feels fewer has no torque along the others.
+
+    Args:
+        arm: The arm, of m inertial numbers.
+        scale: Scale of each.
+    """
+    rng = np.random.default_rng(0)
+    q, dq, ddq = (rng.uniform(-np.pi, np.pi, (len(scale), arm.n)) for _ in range(3))
+    rows = (arm.regressor(q, dq, ddq) * scale).transpose(1, 0, 2)
+    _, _, directions = np.linalg.svd(rows)
+    rank = int(np.linalg.matrix_rank(rows).max())
+    return np.asarray(directions[:, :rank].transpose(0, 2, 1))
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """What some runs say of each joint's coefficients.
+    """What some runs say of each joint's coefficients; or several such fits, side by side.
 
     Attributes:
-        coefficients: The likeliest, shape (n, p).
-        precision: Of them, each run an observation: samples of a run say much the same, shape (n,
-            p, p).
+        coefficients: The likeliest.
+        precision: Of them, each run an observation: samples of a run say much the same.
     """
 
-    coefficients: Float[Array, "n p"]
-    precision: Float[Array, "n p p"]
+    coefficients: Float[Array, "*R n p"]
+    precision: Float[Array, "*R n p p"]
 
-    @cached_property
-    def covariance(self) -> Float[Array, "n p p"]:
-        """Covariance of each joint's coefficients, the inverse of their precision."""
-        return solve_positive(self.precision, np.eye(self.precision.shape[1])[None])
-
-    def open_square(self, sums: Float[Array, "n c c"]) -> Float[Array, " n"]:
-        """Mean square of what the coefficients leave open in a run [(N m)²].
+    def open_square(self, sums: Float[Array, "*R n c c"]) -> Float[Array, "*R n"]:
+        """Mean square of what the coefficients leave open in a run, or each of some [(N m)²].
 
         Much, where it moves as none of them.
         """
-        count = self.coefficients.shape[1]
-        return np.asarray(np.einsum("jpk,jkp->j", self.covariance, sums[:, :count, :count]))
+        count = self.coefficients.shape[-1]
+        covariance = solve_positive(self.precision, np.eye(count))
+        across = sums[..., :count, :count].swapaxes(-1, -2)
+        return np.asarray((covariance * across).sum(axis=(-1, -2)))
 
 
-def fit(sums: Float[Array, "n c c"], runs: int) -> Fit:
+def fit(sums: Float[Array, "*R n c c"], runs: int) -> Fit:
     """Coefficients of each joint, the prior weighed against the noise that they leave.
 
     Args:
-        sums: Inner products, a mean over runs.
+        sums: Inner products, a mean over runs; or several such means.
         runs: How many runs that are.
 
     Source: the prior's weight is found as in evidence maximisation (MacKay 1992), by fixed-point
     steps.
     """
     count = sums.shape[-1] - 1
-    noise = np.maximum(sums[:, -1, -1], LEAST_SQUARE)
-    coefficients = np.zeros((len(sums), count))
+    unit = np.eye(count)
+    among = sums[..., :count, :count]
+    noise = np.maximum(sums[..., -1, -1], LEAST_SQUARE)
+    coefficients = np.zeros((*noise.shape, count))
     for _ in range(LIMIT.rounds):
-        normal = sums[:, :count, :count] + (noise / LIMIT.states)[:, None, None] * np.eye(count)
-        coefficients = solve_positive(normal, sums[:, :count, -1:])[..., 0]
-        noise = np.maximum(left_square(sums, coefficients), LEAST_SQUARE)
-    precision = runs * sums[:, :count, :count] / noise[:, None, None] + np.eye(count)
+        normal = among + (noise / LIMIT.states)[..., None, None] * unit
+        coefficients = solve_positive(normal, sums[..., :count, -1:])[..., 0]
+        noise = left_square(sums, coefficients)
+    precision = runs * among / noise[..., None, None] + unit
     return Fit(coefficients, precision)
 
 
 def solve_positive(
-    matrices: Float[Array, "n p p"], right: Float[Array, "n p k"]
-) -> Float[Array, "n p k"]:
+    matrices: Float[Array, "*n p p"], right: Float[Array, "*n p k"]
+) -> Float[Array, "*n p k"]:
     """Solutions of positive systems, in which columns may be the same but for rounding.
 
     They are solved in units of the diagonals.
 
     Args:
-        matrices: One of each joint.
-        right: Right-hand sides of each joint, or one for all.
+        matrices: One of each system.
+        right: Right-hand sides of each, or one for all.
     """
-    size = np.sqrt(matrices.diagonal(axis1=1, axis2=2))[:, :, None]
-    scaled = matrices / (size * size.transpose(0, 2, 1)) + ROUNDING * np.eye(matrices.shape[1])
+    size = np.sqrt(matrices.diagonal(axis1=-2, axis2=-1))[..., None]
+    scaled = matrices / (size * size.swapaxes(-1, -2)) + ROUNDING * np.eye(matrices.shape[-1])
     return np.asarray(np.linalg.solve(scaled, right / size) / size)
 
 
 def left_square(
-    sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]
-) -> Float[Array, " n"]:
+    sums: Float[Array, "*R n c c"], coefficients: Float[Array, "*R n p"]
+) -> Float[Array, "*R n"]:
     """Mean square of what coefficients leave of each joint's torque [(N m)²]."""
-    weights = np.concatenate([-coefficients, np.ones((len(coefficients), 1))], axis=1)
-    left = np.einsum("jp,jpk,jk->j", weights, sums, weights)
-    return np.asarray(np.maximum(left, LEAST_SQUARE))
+    weights = _weights(coefficients)
+    across = (sums @ weights[..., None])[..., 0]
+    return np.asarray(np.maximum((weights * across).sum(axis=-1), LEAST_SQUARE))
 
 
 def left_beside_losses(
-    sums: Float[Array, "n c c"], coefficients: Float[Array, "n p"]
-) -> Float[Array, " n"]:
+    sums: Float[Array, "*R n c c"], coefficients: Float[Array, "*R n p"]
+) -> Float[Array, "*R n"]:
     """Mean square of what coefficients leave of a run beside losses of its own [(N m)²]."""
-    weights = np.concatenate([-coefficients, np.ones((len(coefficients), 1))], axis=1)
-    across = np.einsum("jpk,jk->jp", sums, weights)
+    weights = _weights(coefficients)
+    across = (sums @ weights[..., None])[..., 0]
     losses = slice(-1 - LOSSES, -1)
-    normal = sums[:, losses, losses] + LEAST_SQUARE * np.eye(LOSSES)
-    follow = solve_positive(normal, across[:, losses, None])[..., 0]
-    left = np.einsum("jp,jp->j", weights, across) - np.einsum("jp,jp->j", across[:, losses], follow)
+    normal = sums[..., losses, losses] + LEAST_SQUARE * np.eye(LOSSES)
+    follow = solve_positive(normal, across[..., losses, None])[..., 0]
+    left = (weights * across).sum(axis=-1) - (across[..., losses] * follow).sum(axis=-1)
     return np.asarray(np.maximum(left, LEAST_SQUARE))
 
 
-def fits_among(sums: Float[Array, "R n c c"]) -> list[Fit]:
+def _weights(coefficients: Float[Array, "*R n p"]) -> Float[Array, "*R n c"]:
+    """Weights of a table's columns that leave of its last what coefficients do not explain."""
+    return np.concatenate([-coefficients, np.ones((*coefficients.shape[:-1], 1))], axis=-1)
+
+
+def fits_among(sums: Float[Array, "R n c c"]) -> Fit:
     """For each run the fit to all other runs, in the runs' order."""
-    total = sums.sum(axis=0)
     count = len(sums) - 1
-    return [fit((total - run) / count, count) for run in sums]
+    return fit((sums.sum(axis=0) - sums) / count, count)
 
 
 def mean_error(errors: Float[Array, "R n"]) -> Float[Array, " n"]:

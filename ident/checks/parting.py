@@ -85,7 +85,7 @@ class Parting:
         return fit(self.session.sums[self.rest].mean(axis=0), len(self.rest))
 
     @cached_property
-    def _among(self) -> list[Fit]:
+    def _among(self) -> Fit:
         """What each of the rest is foretold by: the other ones of the rest."""
         return fits_among(self.session.sums[self.rest])
 
@@ -102,10 +102,8 @@ class Parting:
         of.
         """
         sums = self.session.sums
-        left_open = np.mean([self.others.open_square(sums[number]) for number in self.odd], axis=0)
-        of_rest = [
-            fitted.open_square(sums[k]) for k, fitted in zip(self.rest, self._among, strict=True)
-        ]
+        left_open = self.others.open_square(sums[self.odd]).mean(axis=0)
+        of_rest = self._among.open_square(sums[self.rest])
         as_usual = np.max(of_rest, axis=0) + np.exp(2.0 * mean_error(self.usual))
         return np.asarray(left_open < as_usual)
 
@@ -126,14 +124,13 @@ class Parting:
         Args:
             change: What is undone in the odd runs first; nothing if None.
         """
-        tables = self.session.tables
-        errors = [tables.error_of(sums, self.others) for sums in self._sums_of_odd(change)]
-        return mean_error(np.array(errors))
+        sums = self._sums_of_odd(change)
+        return mean_error(self.session.tables.errors_of(sums, self.others))
 
-    def _sums_of_odd(self, change: RunChange | None) -> list[Float[Array, "n c c"]]:
+    def _sums_of_odd(self, change: RunChange | None) -> Float[Array, "k n c c"]:
         if change is None:
-            return [self.session.sums[number] for number in self.odd]
-        return [self.session.tables.sums(change.undo(run)) for run in self.runs]
+            return self.session.sums[self.odd]
+        return np.array([self.session.tables.sums(change.undo(run)) for run in self.runs])
 
     def possible(self) -> float:
         """The most that any change can gain: as if the odd runs became like the rest [nats]."""

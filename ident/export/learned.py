@@ -18,6 +18,7 @@ from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
 from ident.model.joint_nets import DIRECTION_SCALES, LOAD_ROUNDING, JointNets
 from ident.model.memory import RANGES, TIMES, TURNING, own_inputs
+from ident.model.nearness import FAR
 
 FILE = "learned_torque.hpp"
 # Lines of the header that are longer than one here may be.
@@ -190,8 +191,13 @@ def _memory(model: HybridModel) -> str:
     if not grown:
         return """
 inline bool remembers(std::size_t) { return false; }
-inline double memory(std::size_t, const double*) { return 0.0; }
+inline double memory(std::size_t, const double*, double) { return 0.0; }
+inline double nearest(const Vector&) { return 0.0; }
 """
+    assert model.memory is not None
+    nearness = model.memory.nearness
+    # Where no share falls, no pose is asked for.
+    poses = nearness.poses if nearness.steepness.any() else nearness.poses[:0]
     count, depth = grown[0].inputs.shape
     place = [-1 if tree is None else grown.index(tree) for tree in trees]
     tables = [
@@ -199,14 +205,30 @@ inline double memory(std::size_t, const double*) { return 0.0; }
         _table("kInputs", np.array([tree.inputs for tree in grown]), "int"),
         _table("kThresholds", np.array([tree.thresholds for tree in grown])),
         _table("kLeaves", np.array([tree.leaves for tree in grown])),
+        _table("kPoses", poses),
+        _table("kSteepness", nearness.steepness),
     ]
     return (
         "\n".join(tables)
         + f"""
 inline bool remembers(std::size_t j) {{ return kPlace[j] >= 0; }}
 
-// Memory of a joint by its inputs.
-inline double memory(std::size_t j, const double* x) {{
+// Square of the distance to the nearest pose that was seen.
+inline double nearest(const Vector& q) {{
+  double least = {FAR if len(poses) else 0.0!r};
+  for (int k = 0; k < {len(poses)}; ++k) {{
+    double square = 0.0;
+    for (std::size_t i = 0; i < kJoints; ++i) {{
+      const double off = q[i] - kPoses[k * kJoints + i];
+      square += off * off;
+    }}
+    if (square < least) least = square;
+  }}
+  return least;
+}}
+
+// Memory of a joint by its inputs; it counts less the farther off the nearest pose is.
+inline double memory(std::size_t j, const double* x, double square) {{
   double out = 0.0;
   for (int k = 0; k < {count}; ++k) {{
     const int tree = kPlace[j] * {count} + k;
@@ -217,7 +239,7 @@ inline double memory(std::size_t j, const double* x) {{
     }}
     out += kLeaves[tree * {1 << depth} + leaf];
   }}
-  return out;
+  return out / (1.0 + square * kSteepness[j]);
 }}
 """
     )
@@ -240,6 +262,7 @@ def _whole(model: HybridModel) -> str:
     load[j] = tau[j] - table[j].rotor * ddq[j] - table[j].viscous * dq[j] - table[j].coulomb * s;
     tau[j] += laws(j, dq[j], load[j], s, q[j]);
   }}
+  const double square = nearest(q);
   for (std::size_t j = 0; j < kJoints; ++j) {{
     const double now[4] = {{std::tanh(dq[j] / {TURNING!r}), std::fabs(dq[j]), load[j], q[j]}};
     for (int r = 0; r < {len(RANGES)}; ++r) {{
@@ -272,7 +295,7 @@ def _whole(model: HybridModel) -> str:
     for (std::size_t i = 0; i < kJoints; ++i) x[f++] = dq[i];
     for (std::size_t i = 0; i < kJoints; ++i) x[f++] = ddq[i];
     for (std::size_t i = 0; i < kJoints; ++i) x[f++] = load[i];
-    tau[j] += memory(j, x);
+    tau[j] += memory(j, x, square);
   }}
   state.started = true;
   return tau;

@@ -275,7 +275,20 @@ def _memory(graph: Graph, model: HybridModel, states: tuple[Tensor, ...]) -> tup
             columns.append(begun * 0.0)
         else:
             columns.append(_trees(graph, trees, graph.concat([*inputs, *states])))
-    return graph.concat(columns), graph.concat(after)
+    said = graph.concat(columns)
+    if model.memory.nearness.steepness.any():
+        said = said / _falling(graph, model, states[0])
+    return said, graph.concat(after)
+
+
+def _falling(graph: Graph, model: HybridModel, q: Tensor) -> Tensor:
+    """By what each joint's memory is divided that far from poses that were seen (`Nearness`)."""
+    assert model.memory is not None
+    nearness = model.memory.nearness
+    off = graph.reshape(q, -1, 1, model.arm.n) - nearness.poses[None]
+    along = graph.constant(np.array([2], dtype=np.int64))
+    squares = graph.node("ReduceSum", off * off, along, keepdims=0)
+    return graph.node("ReduceMin", squares, axes=[1], keepdims=1) * nearness.steepness + 1.0
 
 
 def _remembered(

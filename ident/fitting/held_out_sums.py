@@ -28,9 +28,11 @@ from ident.motion.motion import Motion
 from ident.regression.partition import Partition
 from ident.robot.arm import ArmModel
 
-# Parts that are left out in turn: at the most, and at the least, for which few runs are cut.
-MOST_PARTS = 8
-FEWEST_PARTS = 4
+# Parts that are left out in turn: few runs are cut into pieces, many are put together. Over four
+# parts a law has to help by 3.2 standard errors, over eight by 2.4. On 56 splits of twelve real
+# arms fits by eight parts leave 3.6 % less torque on runs that nobody saw (geometric mean) than
+# fits by as many parts as there are runs, at least four.
+PARTS = 8
 # A joint's own columns: acceleration, speed, one, and the direction of motion at every width of its
 # turning.
 ROTOR, VISCOUS, CONSTANT, FIRST_DIRECTION = range(4)
@@ -69,7 +71,7 @@ def split_parts(motions: Sequence[Motion]) -> list[Int[Array, " t"]]:
     """Part of every filtered sample: whole recorded runs, or pieces of them where they are few."""
     recorded = np.cumsum([not motion.continues for motion in motions]) - 1
     runs = int(recorded[-1]) + 1
-    pieces = -(-FEWEST_PARTS // runs)
+    pieces = -(-PARTS // runs)
     all_pieces = runs * pieces
     lengths = np.array([motion.filtered_length for motion in motions])
     length_of_run = np.bincount(recorded, weights=lengths)
@@ -78,7 +80,7 @@ def split_parts(motions: Sequence[Motion]) -> list[Int[Array, " t"]]:
     for run, length in zip(recorded, lengths, strict=True):
         place = (before[run] + np.arange(length)) * pieces // length_of_run[run]
         piece = run * pieces + place.astype(int)
-        parts.append(piece * min(all_pieces, MOST_PARTS) // all_pieces)
+        parts.append(piece * PARTS // all_pieces)
         before[run] += length
     return parts
 

@@ -60,6 +60,7 @@ class NormalEquations:
 
     information: Float[Array, "m m"]
     score: Float[Array, " m"]
+    square: float  # of the torque that they are to explain
     places: tuple[Int[Array, " c"], ...]  # of each joint's base and own columns among the unknowns
     columns: tuple[Int[Array, " c"], ...]  # the same among the joint's sums
     signed: Int[Array, " b"]  # unknowns that can't be negative
@@ -86,8 +87,10 @@ def assemble(
     """
     rank = sums.base.rank
     own_places, size = _places_of_own_columns(sums, selection)
+    parts = np.asarray(parts)
     information = np.zeros((size, size))
     score = np.zeros(size)
+    square = 0.0
     places = []
     columns = []
     signed: list[int] = []
@@ -95,14 +98,15 @@ def assemble(
         own_columns, bounded = selection.of_joint(sums, j)
         place = np.concatenate([np.arange(rank), own_place])
         column = np.concatenate([np.arange(rank), own_columns])
-        gram = sums.squares[j][list(parts)].sum(axis=0) / noise[j] ** 2
-        information[np.ix_(place, place)] += gram[np.ix_(column, column)]
+        gram = sums.squares[j][parts].sum(axis=0) / noise[j] ** 2
+        information[place[:, None], place] += gram[column[:, None], column]
         score[place] += gram[column, -1]
+        square += float(gram[-1, -1])
         places.append(place)
         columns.append(column)
         signed += own_place[bounded].tolist()
     return NormalEquations(
-        information, score, tuple(places), tuple(columns), np.array(signed, dtype=int)
+        information, score, square, tuple(places), tuple(columns), np.array(signed, dtype=int)
     )
 
 
@@ -152,7 +156,8 @@ def _solve_losses(
     unknowns = np.zeros(len(problem.score))
     losses = np.arange(rank, len(unknowns))
     information = problem.information[np.ix_(losses, losses)]
-    unknowns[rank:] = _least_squares(information, problem.score[losses], bounded - rank)
+    score = problem.score[losses]
+    unknowns[rank:] = _least_squares(information, score, problem.square, bounded - rank)
     return unknowns
 
 
@@ -166,7 +171,7 @@ def _solve_base(
     rank = sums.base.rank
     information = problem.information.copy()
     information[:rank, :rank] += base_prior(sums.base, scale)
-    return _least_squares(information, problem.score, bounded)
+    return _least_squares(information, problem.score, problem.square, bounded)
 
 
 def _solve_bodies(
@@ -190,16 +195,17 @@ def _solve_bodies(
 
 
 def _least_squares(
-    information: Float[Array, "m m"], score: Float[Array, " m"], bounded: Int[Array, " b"]
+    information: Float[Array, "m m"],
+    score: Float[Array, " m"],
+    square: float,
+    bounded: Int[Array, " b"],
 ) -> Float[Array, " m"]:
     size = len(score)
     sums = np.zeros((size + 1, size + 1))
     sums[:size, :size] = information
     sums[:size, -1] = score
     sums[-1, :size] = score
-    # The torque's own square: any number that leaves the sums positive.
-    root = np.linalg.lstsq(information, score, rcond=None)[0]
-    sums[-1, -1] = 1.0 + abs(float(root @ score))
+    sums[-1, -1] = square
     return solve_partly_non_negative(sums, bounded)
 
 
@@ -300,7 +306,7 @@ class OwnColumns:
         bounded = np.flatnonzero(signed)
         index = np.append(columns, -1)
         for number, rest in enumerate(self.rest):
-            coefficients = solve_partly_non_negative(rest[np.ix_(index, index)], bounded)
+            coefficients = solve_partly_non_negative(rest[index[:, None], index], bounded)
             weights = np.zeros(rest.shape[0])
             weights[columns] = -coefficients
             weights[-1] = 1.0

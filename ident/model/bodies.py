@@ -138,11 +138,13 @@ def solve_partly_non_negative(
     """
     power = np.diag(sums)
     # An unknown without rows, as of a joint at rest, stays zero.
-    seen = np.flatnonzero(power[:-1] > 0.0)
-    positive = np.intersect1d(seen, np.array(list(bounded), dtype=int))
-    free = np.setdiff1d(seen, positive)
+    seen = power[:-1] > 0.0
+    is_bounded = np.zeros(len(seen), dtype=bool)
+    is_bounded[list(bounded)] = True
+    positive = np.flatnonzero(seen & is_bounded)
+    free = np.flatnonzero(seen & ~is_bounded)
     scale = np.sqrt(np.where(power > 0.0, power, 1.0))
-    values, vectors = np.linalg.eigh(sums / np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(sums / (scale[:, None] * scale))
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T  # rootᵀ root: the scaled sums
     triangle = np.asarray(np.linalg.qr(root[:, [*free, *positive, -1]], mode="r"))
     count = len(free)

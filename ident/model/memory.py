@@ -11,15 +11,15 @@ foretells best what it did not see.
 A joint's memory stands in for its net where it lowers the error of blocks left out by more than one
 standard error of that fall, and does not surely make the work worse: a veto of the work by one
 standard error cost torque on most of eight real arms. What is to come is between more of the same
-motion, which blocks left out foretell, and another motion, which whole runs left out foretell: the
-share that counts is the mean of the two that each of them asks for. On twelve real arms, three
-splits each, 18 of 237 joints got worse by more than half a per cent on runs that nobody saw, 9 of
-them by more than 2 %, and torque fell to 0.840 of what it is without (geometric mean over splits).
-Over eight stretches of those runs 138 joints were surely better and 6 surely worse, all six in
-three splits whose unseen run lies farther off than runs that were left out lie from each other (to
-the nearest state seen, in standard deviations of positions and speeds: 2.7, 4.3 and 6.6 beside 0.0,
-1.0 and 3.6): no share that a joint has for all motions is right there. No more than runs bear
-leaves 16 and torque at 0.864; trees of a joint's own inputs alone leave it at 0.890.
+motion, which blocks left out foretell, and another motion, which whole runs left out foretell. The
+share that counts falls with the distance from poses that were seen, as both of them together ask
+for (`nearness`). With a share for all motions, the mean of what each asks for, 16 of 237 joints on
+36 splits of twelve real arms got worse by more than half a per cent and 4 surely, over eight
+stretches of runs that nobody saw; so 10 and 1, and torque is less by 1.8 % (geometric mean). On
+twenty other splits 9 of 134 got worse, so 7, none surely, and torque is less by 1.3 %. The shortest
+reach within a standard error of the best made 4 and 6 worse, but where all that was left out lies
+near, as in runs that repeat their paths, it gave up what holds on others. Trees of a joint's own
+inputs alone leave 6 % more torque.
 A net needs whole runs for its gate, since it makes up torques where it never was; trees do not.
 
 States that do not follow one another, as a planner's nodes, have no memory: there the net counts.
@@ -40,10 +40,18 @@ from ident.compiled import compiled
 from ident.errors import ModelError
 from ident.files import atomic_write
 from ident.model.boosted import DEPTH, BinnedInputs, Trees, grow_trees, join_trees
-from ident.model.folds import FOLDS
+from ident.model.folds import FEWEST_RUNS, FOLDS
 from ident.model.joint_nets import joint_features
 from ident.model.linearisation import stop_operator
-from ident.model.net_gate import JointGate, shrink_between, shrink_bounded
+from ident.model.nearness import (
+    LeftOut,
+    Nearness,
+    choose_share,
+    fall,
+    nearest_left_out,
+    spread_poses,
+)
+from ident.model.net_gate import JointGate, gate_of, shrink_bounded
 from ident.model.residual_net import Unexplained
 from ident.records import JsonRecord, as_json
 from ident.safe_read import read_bytes, read_json
@@ -64,6 +72,7 @@ FEWEST_ROWS = 100
 BLOCKS = 8
 # Whose inputs a joint's trees are given: its own, those of all joints, or half of each.
 OWN, ALL, BOTH = range(3)
+NOBODYS = -1  # where a joint has no trees
 FILE = "memory.safetensors"
 RECORD = "memory.json"
 SEVERAL = 4  # channels of every joint: angle, speed, acceleration, load
@@ -135,6 +144,7 @@ class JointMemory:
     """Trees of the joints that keep them."""
 
     trees: tuple[Trees | None, ...]  # of each joint; None where the net, or nothing, is as good
+    nearness: Nearness  # poses that were seen, and how far from them the trees reach
     gate: tuple[JointGate, ...] = ()  # what they did on runs left out, if they were fitted here
 
     @property
@@ -166,13 +176,13 @@ class JointMemory:
         for joint, trees in enumerate(self.trees):
             if trees is not None:
                 out[:, joint] = trees(memory_inputs(q, dq, ddq, rigid, joint, interval))
-        return out
+        return out * self.nearness.fall(np.asarray(q, dtype=float))
 
     def save(self, folder: Path) -> None:
         """Writes memory.safetensors and memory.json into a folder."""
         from safetensors.numpy import save_file
 
-        arrays: dict[str, Array] = {}
+        arrays: dict[str, Array] = {"poses": self.nearness.poses, "reach": self.nearness.reach}
         for joint, trees in enumerate(self.trees):
             if trees is not None:
                 arrays[f"inputs.{joint}"] = trees.inputs
@@ -202,7 +212,11 @@ class JointMemory:
             from safetensors.numpy import load
 
             arrays = load(read_bytes(path, "fit the model again", ModelError))
-            return cls(tuple(_read_trees(arrays, joint, joints) for joint in range(joints)))
+            nearness = Nearness(arrays["poses"], arrays["reach"])
+            if nearness.reach.shape != (joints,):
+                raise ValueError(f"its poses are not of {joints} joints")
+            trees = tuple(_read_trees(arrays, joint, joints) for joint in range(joints))
+            return cls(trees, nearness)
         except ModelError:
             raise
         except Exception as error:  # safetensors and json each raise their own
@@ -244,6 +258,7 @@ class _Rows:
     """What a session leaves of every joint's torque, thinned."""
 
     inputs: tuple[BinnedInputs, ...]  # of each joint
+    q: Float[Array, "T n"]  # positions [rad]
     left: Float[Array, "T n"]  # [N m]
     moving: Bool[Array, "T n"]
     travel: Float[Array, "T n"]  # from row to row [rad]
@@ -262,17 +277,16 @@ def fit_memory(unexplained: Unexplained, seed: int) -> JointMemory:
     every = -(-count // MOST_ROWS)
     rows = _thinned(unexplained, every)
     by_block = np.zeros(rows.left.shape)
-    by_run = np.zeros(rows.left.shape)
     chosen = []
     for joint in range(rows.left.shape[1]):
         by_block[:, joint], kind = _foretell(rows, joint, rows.blocks % FOLDS, seed)
         chosen.append(kind)
     witnesses = (rows.left, rows.moving, rows.travel, rows.blocks, rows.run)
-    for joint, verdict in enumerate(shrink_bounded(by_block, *witnesses)):
-        if verdict.kept:
-            folds = rows.run % FOLDS
-            by_run[:, joint] = _foretell_kind(rows, joint, folds, seed, chosen[joint])
-    gate = shrink_between(by_block, by_run, *witnesses)
+    helped = [verdict.kept for verdict in shrink_bounded(by_block, *witnesses)]
+    square = nearest_left_out(rows.q, rows.blocks % FOLDS)
+    kinds = np.where(helped, chosen, NOBODYS)
+    weight, reach = _choose_shares(rows, by_block, square, kinds, seed)
+    gate = gate_of(weight, by_block * fall(square[:, None], reach), *witnesses)
     fewer = -(-count // FITTED_ROWS)
     whole = rows if fewer == every else _thinned(unexplained, fewer)
     trees: list[Trees | None] = []
@@ -285,7 +299,39 @@ def fit_memory(unexplained: Unexplained, seed: int) -> JointMemory:
             whole.inputs[joint], whole.left[:, joint], seen, chosen[joint], seed
         )
         trees.append(of_joint.scaled(verdict.weight))
-    return JointMemory(_of_one_size(trees), gate)
+    nearness = Nearness(rows.q[spread_poses(len(rows.q))], reach)
+    return JointMemory(_of_one_size(trees), nearness, gate)
+
+
+def _choose_shares(
+    rows: _Rows,
+    by_block: Float[Array, "T n"],
+    of_block: Float[Array, " T"],
+    kinds: Int[Array, " n"],
+    seed: int,
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Share and reach [rad] of each joint's memory, by blocks and whole runs left out.
+
+    Args:
+        rows: The rows.
+        by_block: What was said of them by trees that did not see their block [N m].
+        of_block: Square of their distance to the poses that those saw [rad²].
+        kinds: Whose inputs each joint's trees are given; `NOBODYS` where it has none.
+        seed: Of the trees.
+    """
+    of_run = nearest_left_out(rows.q, rows.run % FOLDS)
+    several = len(np.unique(rows.run)) >= FEWEST_RUNS
+    weight = np.zeros(len(kinds))
+    reach = np.full(len(kinds), np.inf)
+    for joint in np.flatnonzero(kinds != NOBODYS).tolist():
+        ways = [(by_block[:, joint], of_block)]
+        if several:
+            by_run = _foretell_kind(rows, joint, rows.run % FOLDS, seed, int(kinds[joint]))
+            ways.append((by_run, of_run))
+        moving = rows.moving[:, joint]
+        left_out = [LeftOut(torque[moving], square[moving]) for torque, square in ways]
+        weight[joint], reach[joint] = choose_share(left_out, rows.left[moving, joint])
+    return weight, reach
 
 
 def _thinned(unexplained: Unexplained, every: int) -> _Rows:
@@ -308,6 +354,7 @@ def _thinned(unexplained: Unexplained, every: int) -> _Rows:
         inputs.append(of_joint.beside(shared))
     return _Rows(
         inputs=tuple(inputs),
+        q=np.concatenate([q[::every] for q, _, _, _ in states]),
         left=np.concatenate([values[::every] for values in left]),
         moving=moving,
         travel=step * every * pace,

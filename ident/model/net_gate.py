@@ -23,7 +23,6 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.model.folds import FEWEST_RUNS
 from ident.records import JsonRecord
 
 # How sure it must be that a share of a net helps; chance alone passes one of the four shares once
@@ -95,46 +94,21 @@ def shrink_bounded(
     return rows.shrink(needed=1.0, allowed=_surely(witness))
 
 
-def shrink_between(
-    by_block: Float[Array, "T n"],
-    by_run: Float[Array, "T n"],
+def gate_of(
+    weight: Float[Array, " n"],
+    predicted: Float[Array, "T n"],
     left: Float[Array, "T n"],
     moving: Bool[Array, "T n"],
     travel: Float[Array, "T n"],
     witness: Int[Array, " T"],
     run: Int[Array, " T"],
 ) -> tuple[JointGate, ...]:
-    """The verdict half by blocks and half by whole runs left out: other arguments as of
-    `shrink_net`.
-
-    Blocks speak for more of the same motion, runs for another one. A joint that `shrink_bounded`
-    gives a share by blocks keeps the mean of that and of the share that leaves least torque error
-    of runs. Of a single run blocks alone speak.
+    """What shares that were decided on elsewhere do: other arguments as of `shrink_net`.
 
     Args:
-        by_block: Torque by what did not see the sample's block [N m].
-        by_run: Torque by what did not see the sample's run [N m].
+        weight: Share of each joint.
     """
-    gate = shrink_bounded(by_block, left, moving, travel, witness, run)
-    if len(np.unique(run)) < FEWEST_RUNS:
-        return gate
-    by_blocks = np.array([verdict.weight for verdict in gate])
-    mean = 0.5 * (by_blocks + _best_share(by_run, left, moving))
-    weight = np.where(by_blocks > 0.0, mean, 0.0)
-    return _Rows(by_block, left, moving, travel, witness, run).verdicts(weight)
-
-
-def _best_share(
-    predicted: Float[Array, "T n"], left: Float[Array, "T n"], moving: Bool[Array, "T n"]
-) -> Float[Array, " n"]:
-    """The share of each joint that leaves least torque error, none among them."""
-    best = np.zeros(left.shape[1])
-    least = np.where(moving, left**2, 0.0).sum(axis=0)
-    for share in WEIGHTS:
-        squares = np.where(moving, (left - share * predicted) ** 2, 0.0).sum(axis=0)
-        best = np.where(squares < least, share, best)
-        least = np.minimum(squares, least)
-    return best
+    return _Rows(predicted, left, moving, travel, witness, run).verdicts(weight)
 
 
 def _surely(witness: Int[Array, " T"]) -> float:

@@ -26,6 +26,7 @@ from ident.model.hybrid import HybridModel
 from ident.model.joint_nets import JointNets, width_of
 from ident.model.loss import LossParameters
 from ident.model.memory import SEVERAL, JointMemory, own_inputs
+from ident.model.nearness import POSES, Nearness
 from ident.model.net_bounds import NetBounds
 from ident.model.residual_net import JOINT_FEATURES, PRESETS, ResidualNet
 from ident.model.sampling import sampling_interval
@@ -90,7 +91,8 @@ def full_model(arm: ArmModel) -> HybridModel:
         leaves = 0.01 * rng.normal(size=(TREES, 1 << DEPTH))
         trees.append(Trees(asked, rng.normal(size=(TREES, DEPTH)), leaves))
     loss = LossParameters(*(np.full(n, value) for value in (0.1, 8.0, 6.0, 0.7, 0.02)))
-    memory = JointMemory(tuple(trees))
+    nearness = Nearness(rng.standard_normal((POSES, n)), np.full(n, 0.5))
+    memory = JointMemory(tuple(trees), nearness)
     return HybridModel(arm, arm, arm, loss, net=net, memory=memory, named=tuple(laws))
 
 

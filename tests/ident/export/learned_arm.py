@@ -9,6 +9,7 @@ from ident.fitting.fit import fit_hybrid
 from ident.model.hybrid import HybridModel
 from ident.model.linearisation import stop_operator
 from ident.model.memory import JointMemory
+from ident.model.nearness import Nearness
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, multisine, two_joint_arm
@@ -48,4 +49,12 @@ def forget(model: HybridModel, joint: int) -> HybridModel:
     assert model.memory is not None
     trees = list(model.memory.trees)
     trees[joint] = None
-    return replace(model, memory=JointMemory(tuple(trees), model.memory.gate))
+    return replace(model, memory=JointMemory(tuple(trees), model.memory.nearness, model.memory.gate))
+
+
+def within_reach(model: HybridModel, reach: float) -> HybridModel:
+    """The same with memories that reach so far beyond the poses that were seen [rad]."""
+    assert model.memory is not None
+    poses = model.memory.nearness.poses
+    nearness = Nearness(poses, np.full(poses.shape[1], reach))
+    return replace(model, memory=replace(model.memory, nearness=nearness))

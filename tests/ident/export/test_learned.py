@@ -19,6 +19,7 @@ from ident.laws.carried import KINDS, NamedLaw
 from ident.model.hybrid import HybridModel
 from ident.model.sampling import sampling_interval
 from ident.motion.motion import Motion
+from tests.ident.export.learned_arm import within_reach
 
 # What a net's numbers in single precision, large ones that cancel among them, are off by [N m].
 SINGLE = 2e-3
@@ -59,11 +60,13 @@ def run_header(folder: Path, states: Array, interval: float, space: str) -> Arra
 
 
 @pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler")
+@pytest.mark.parametrize("reach", [np.inf, 0.05])
 def test_the_header_gives_the_models_own_torque(
-    learned_runs_and_model: tuple[list[Motion], HybridModel], tmp_path: Path
+    learned_runs_and_model: tuple[list[Motion], HybridModel], tmp_path: Path, reach: float
 ) -> None:
     """Along a run, sample by sample, without a word of heap: laws, offsets, net and memory as the model has them."""
-    runs, model = learned_runs_and_model
+    runs, fitted = learned_runs_and_model
+    model = within_reach(fitted, reach)
     record = write_export(model, tmp_path / "out", ExportOptions(formats=("cpp",), nearest=True))
     assert "learned_torque.hpp" in record["files"]
     run = runs[0]

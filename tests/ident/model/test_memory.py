@@ -10,7 +10,6 @@ from ident.model.hybrid import HybridModel
 from ident.model.linearisation import stop_operator
 from ident.model.loss import LossParameters
 from ident.model.memory import JointMemory, fit_memory, lagged
-from ident.model.net_gate import shrink_between
 from ident.model.net_options import PRESETS
 from ident.model.residual_net import ResidualNet, Unexplained, fit_net_of_arm
 from ident.model.sampling import sampling_interval
@@ -120,20 +119,22 @@ def test_a_model_gives_its_memory_along_a_motion_alone_and_keeps_it(two_joints: 
     assert not np.allclose(model.torque(*run), without.torque(*run))
 
 
-def test_what_another_run_does_not_bear_out_counts_half() -> None:
-    """Blocks left out and runs left out each have half a say; of one run blocks alone have it.
+def test_a_memory_that_holds_near_what_was_seen_alone_fades_with_distance(two_joints: ArmModel) -> None:
+    """A torque of its own in every run, at poses of its own: another run's memory counts for little there.
 
-    A joint that blocks keep nothing of is silent, whatever runs say.
+    Where poses are the same in all runs, nothing falls on them.
     """
-    rng = np.random.default_rng(5)
-    left = rng.standard_normal((800, 3))
-    moving = np.ones(left.shape, dtype=bool)
-    travel = 1e-3 * rng.standard_normal(left.shape)
-    blocks = np.repeat(np.arange(8), 100)
-    runs = np.repeat(np.arange(2), 400)
-    by_block = left * [1.0, 1.0, -1.0]
-    by_run = left * [1.0, -1.0, 1.0]
-    weights = [gate.weight for gate in shrink_between(by_block, by_run, left, moving, travel, blocks, runs)]
-    assert weights == [1.0, 0.5, 0.0]
-    single = shrink_between(by_block, by_run, left, moving, travel, blocks, np.zeros(800, dtype=int))
-    assert [gate.weight for gate in single] == [1.0, 1.0, 0.0]
+    motions, _ = _runs(two_joints, 4)
+    left = []
+    for number, motion in enumerate(motions):
+        away = replace(motion, q=motion.q + 3.0 * number)
+        sign = 1.0 if number % 2 else -1.0
+        left.append(np.tile([sign, 0.0], (motion.filtered_length, 1)))
+        motions[number] = away
+    memory = fit_memory(_unexplained(two_joints, motions, left), seed=0)
+    assert memory.kept[0]
+    assert memory.nearness.reach[0] < 3.0
+    near = memory.nearness.fall(motions[0].q)[:, 0]
+    far = memory.nearness.fall(motions[0].q + 30.0)[:, 0]
+    assert near.min() > 0.5
+    assert far.max() < 0.05

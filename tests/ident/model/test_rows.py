@@ -20,12 +20,12 @@ RATE = 100.0
 OPTIONS = FitOptions(net="none", laws="none")
 
 
-def made_runs(arm: ArmModel, reach: float, seed: int, colour: float = 0.97) -> list[Motion]:
+def made_runs(arm: ArmModel, reach: float, seed: int, colour: float = 0.97, count: int = 6) -> list[Motion]:
     """Runs whose dry friction turns round over a travel [rad], under coloured noise of half a N m."""
     rng = np.random.default_rng(seed)
     time = np.arange(int(12.0 * RATE)) / RATE
     motions = []
-    for k in range(6):
+    for k in range(count):
         q, dq, ddq = multisine(rng, time, 2)
         bristles = np.sign(dq)
         if reach > 0.0:
@@ -70,11 +70,11 @@ def test_rows_are_plain_where_reversals_are_another_matter(two_joints: ArmModel)
 
 
 def test_every_block_belongs_to_the_part_of_its_samples(two_joints: ArmModel) -> None:
-    """Law: blocks of six runs lie in six parts, in order, and all samples of a block in the block's part."""
-    motions = made_runs(two_joints, 0.0, 0)
+    """Law: blocks of eight runs lie in eight parts, in order, and all samples of a block in the block's part."""
+    motions = made_runs(two_joints, 0.0, 0, count=8)
     partition = partition_motions(motions)
     parts = part_of_blocks(motions, partition)
-    assert np.array_equal(np.unique(parts), np.arange(6))
+    assert np.array_equal(np.unique(parts), np.arange(8))
     assert np.all(np.diff(parts) >= 0)
     for run, of_samples in enumerate(split_parts(motions)):
         blocks = partition.blocks_of(run, len(of_samples))
