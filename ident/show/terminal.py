@@ -155,8 +155,8 @@ def _named_together(changes: Sequence[Record], joints: Sequence[str]) -> str:
     for change in changes:
         name, where = _called(change)
         places.setdefault(name, []).append(where)
-    if len(places) == 1 and set(joints) == set(where := next(iter(places.values()))):
-        return f"{next(iter(places))} at every joint" if len(where) > 1 else _placed(*places.popitem())
+    if len(places) == 1 and len(joints) > 1 and set(joints) == set(*places.values()):
+        return f"{next(iter(places))} at every joint"
     shown: dict[str, list[str]] = {}
     for change in changes[:MOST_NAMED]:
         name, where = _called(change)
