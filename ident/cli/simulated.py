@@ -34,7 +34,7 @@ from ident.files import write_record
 from ident.outputs import SESSION_KIND
 from ident.progress import stage, step
 from ident.results import Result
-from ident.show.console import progress_line
+from ident.show.console import progress_line, say
 
 
 @command
@@ -57,7 +57,7 @@ def new(
     then = ["ident", "inspect" if guessed.has_effort else "servo", str(session)]
     then += [] if robot is None else ["--robot", robot]
     words = f"written to {guessed.file}: look through it, then `{shlex.join(then)}`"
-    console.print(words, soft_wrap=True)
+    say(console, words)
 
 
 @command

@@ -352,7 +352,10 @@ class Diagnosed:
         if self.content and self.content != diagnosed.content:
             differ = "joints, lengths or inertias differ"
             what = f"it was made with another arm than {arm.name}: {differ}"
-            remedy = "give the --robot that it was made with, or diagnose with this one"
+            remedy = (
+                "give the --robot that it was made with, or diagnose with this one; a patch "
+                "that was written into that file kept it beside, as before_…"
+            )
             raise InputError(self.path, what, remedy)
         if self.gravity is None:
             return diagnosed

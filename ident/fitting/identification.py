@@ -402,6 +402,7 @@ def describe(identified: Identified) -> list[str]:
     """What a person should know of an identification beside its parameters, a line each."""
     condition = identified.inertia.condition_number
     off = 100 * identified.urdf_share
+    size = "less than 1 %" if off < 1.0 else f"about {off:.0f} %"
     joints = zip(identified.loss.joints, 100 * identified.estimate.spread, strict=True)
     spreads = ", ".join(f"{name} {spread:.2g} %" for name, spread in joints)
     changes = f"friction changes from one stretch to another by: {spreads}"
@@ -409,8 +410,7 @@ def describe(identified: Identified) -> list[str]:
         changes = "one run does not tell how much friction changes from run to run"
     lines = [
         f"condition number of the motions: {condition:.0f} (optimised motion: 10 to 60)",
-        f"link inertias are about {off:.0f} % of each link's scale off the URDF's, by these "
-        "recordings",
+        f"link inertias are {size} of each link's scale off the URDF's, by these recordings",
         changes,
     ]
     if identified.tied:

@@ -225,16 +225,30 @@ def _moved(
     return tuple(renamed.get(name, name) for name in joints)
 
 
-def without_outliers(sizes: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+def without_outliers(
+    sizes: dict[str, float], swings: Mapping[str, float]
+) -> tuple[dict[str, float], dict[str, float]]:
     """Gains by joint that are like each other, and those that are not.
 
     Fewer than three say nothing of each other. The spread of the others, from the median of their
-    distances to their median, is no less than what a sure gain may be off by.
+    distances to their median, is no less than what a sure gain may be off by. Joints that agree and
+    bear more than half of the weight are no outliers, however many light ones differ: the motors of
+    a base are larger than a wrist's.
+
+    Args:
+        sizes: Gravity in a column over the URDF's, by joint.
+        swings: By how much the URDF's gravity changes along the recording [N m].
     """
     kept, unlike = dict(sizes), {}
+    weight = sum(swings[joint] for joint in sizes)
     for joint, size in sizes.items():
         others = np.log([other for name, other in sizes.items() if name != joint])
         if len(others) < FEWEST_NEIGHBOURS:
+            continue
+        agreeing = [
+            name for name, other in sizes.items() if abs(np.log(other / size)) <= LIMIT.sure_gain
+        ]
+        if len(agreeing) > 1 and sum(swings[name] for name in agreeing) > 0.5 * weight:
             continue
         middle = np.median(others)
         spread = max(MAD_TO_STD * float(np.median(np.abs(others - middle))), LIMIT.sure_gain)
@@ -259,6 +273,15 @@ def common_scale(sizes: Mapping[str, float], swings: Mapping[str, float]) -> flo
     weights = np.cumsum([swings[joint] for joint in order])
     middle = int(np.searchsorted(weights, 0.5 * weights[-1]))
     return float(sizes[order[middle]])
+
+
+def nearest_known(joint: str, joints: Sequence[str], sizes: Mapping[str, float]) -> str:
+    """The joint along the chain nearest to this one whose gain is known; of two, the farther out.
+
+    Motors are smaller from joint to joint towards the flange. Empty where no gain is known.
+    """
+    at = {name: place for place, name in enumerate(joints)}
+    return min(sizes, key=lambda name: (abs(at[name] - at[joint]), -at[name]), default="")
 
 
 def torque_settings(
@@ -298,8 +321,8 @@ def torque_settings(
             and error < LIMIT.sure_gain * best * size
         ):
             sizes[joint] = best * size
-    sizes, unlike = without_outliers(sizes)
     swings = {joint: float(np.ptp(states.gravity[:, j])) for j, joint in enumerate(joints)}
+    sizes, unlike = without_outliers(sizes, swings)
     scale = common_scale(sizes, swings)
     other = next(iter(OTHER_UNIT.findall(signals.columns[nominal][0])), "")
     is_torque = not other and USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high
@@ -322,23 +345,25 @@ def torque_settings(
         elif sign < 0:
             reasons.append(Reason(f"effort_sign.{joint}", "-1", why))
     gains: dict[str, float] = {}
-    among = (
-        "the median of the joints where it does"
-        if sizes
-        else "1 stands for a figure that nobody has given"
-    )
     limits = (
         dict(zip(arm.joint_names, arm.known_limits.effort, strict=True))
         if other and other.lower() != "ma"
         else {}
     )
     for joint in fits if channel == "current" else ():
+        nearest = nearest_known(joint, joints, sizes)
+        among = (
+            f"that of {nearest}, the nearest where it does"
+            if nearest
+            else "1 stands for a figure that nobody has given"
+        )
         why = "gravity of the URDF over what the column shows of it"
         why = why if joint in sizes else f"gravity hardly shows here; {among}"
         if joint in unlike:
             gain = f"gravity would give {1.0 / unlike[joint]:.3g}"
+            among = f"that of {nearest}, the nearest that is like the others"
             why = f"{gain}, too far off the other joints to be a guess; {among}"
-        size = sizes.get(joint, scale)
+        size = sizes.get(nearest, scale)
         if np.isfinite(limits.get(joint, np.inf)):
             size, why = 100.0 / limits[joint], "a hundred are the URDF's limit"
         gains[joint] = float(f"{1.0 / size:.3g}")

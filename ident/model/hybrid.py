@@ -338,7 +338,7 @@ class HybridModel:
             "schema": SCHEMA,
             "robot": {
                 "name": self.robot.name,
-                "source": str(self.robot.source or ""),
+                "source": str(self.robot.source.absolute() if self.robot.source else ""),
                 "gravity_mps2": self.robot.model.gravity.linear.tolist(),
                 "joints": list(self.joint_names),
                 "links": self.links,
@@ -399,7 +399,8 @@ def _fit_record(arm: ArmModel, loss: LossParameters) -> JsonRecord:
 
 def _read_arm(path: Path, robot: JsonRecord) -> ArmModel:
     """An arm of a URDF, with gravity and the place that the record of its robot names."""
-    source = Path(robot["source"])
+    # A name in a file is one from where that file is, not from where a command is started.
+    source = (path.parent / robot["source"]).absolute() if robot["source"] else None
     gravity = np.array(robot.get("gravity_mps2", STANDARD_GRAVITY))
     urdf = read_text(path, REMEDY, ModelError)
     return ArmModel.from_urdf(urdf, source).with_gravity(gravity)

@@ -134,10 +134,7 @@ def headline(record: Record) -> tuple[str, str]:
     """The verdict as a sentence, and what to do where no change is named."""
     from ident.diagnosis.change.laws import PLAIN_FRICTION  # a diagnosis compares nothing
 
-    changes = join_words([_called(change) for change in record["changes"][:MOST_NAMED]])
-    more = len(record["changes"]) - MOST_NAMED
-    if more > 0:
-        changes = f"{changes}, and {more} more"
+    changes = _named_together(record["changes"], record.get("joints", ()))
     risen = join_words(describe_risen(record))
     unforetold = join_words(describe_unforetold(record))
     kind = record["verdict"]
@@ -152,20 +149,44 @@ def headline(record: Record) -> tuple[str, str]:
     return told, "" if changes else order
 
 
-def _called(change: Record) -> str:
-    """A change with its place; one of the whole arm has none."""
+def _named_together(changes: Sequence[Record], joints: Sequence[str]) -> str:
+    """The first changes by their names, those of one name together, and how many more there are."""
+    places: dict[str, list[str]] = {}
+    for change in changes:
+        name, where = _called(change)
+        places.setdefault(name, []).append(where)
+    if len(places) == 1 and len(joints) > 1 and set(joints) == set(*places.values()):
+        return f"{next(iter(places))} at every joint"
+    shown: dict[str, list[str]] = {}
+    for change in changes[:MOST_NAMED]:
+        name, where = _called(change)
+        shown.setdefault(name, []).append(where)
+    words = [_placed(name, wheres) for name, wheres in shown.items()]
+    told = "; ".join(words) if any(" and " in name for name in words[:-1]) else join_words(words)
+    more = len(changes) - MOST_NAMED
+    return f"{told}, and {more} more" if more > 0 else told
+
+
+def _placed(name: str, wheres: Sequence[str]) -> str:
+    """A name with its places, where it has any."""
+    where = join_words([where for where in wheres if where])
+    return f"{name} in {where}" if where else name
+
+
+def _called(change: Record) -> tuple[str, str]:
+    """The name of a change, and its place; one of the whole arm has none."""
     from ident.diagnosis.change.candidates import CARRIED  # a diagnosis compares nothing
 
     if change["effect"] == CARRIED:
         mass = change["parameters"]["mass_kg"]["value"]
         side = "more" if mass > 0.0 else "less"
-        return f"{significant(abs(mass), 3)} kg {side} at the flange"
+        return f"{significant(abs(mass), 3)} kg {side} at the flange", ""
     tied = [] if is_likely(change) else change.get("class", [])[:MOST_TIED]
     name = " or ".join(map(effect_name, tied or [change["effect"]]))
     where = places_of(change)
     if where and len(change["joints"]) > MOST_NAMED:
         where = "the whole arm"
-    return f"{name} in {where}" if where else name
+    return name, where
 
 
 def describe_unforetold(record: Record) -> list[str]:

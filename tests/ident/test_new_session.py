@@ -166,9 +166,21 @@ def test_a_cell_beyond_any_torque_is_told_and_left_out(run: Recording, tmp_path:
 def test_a_gain_unlike_its_neighbours_is_no_guess() -> None:
     """Law: one that is fifteen times off the others is left out; of gains that merely differ none is."""
     like = {"a": 0.1, "b": 0.12, "c": 0.09, "d": 0.14}
-    assert without_outliers(like) == (like, {})
-    assert without_outliers({**like, "e": 1.5}) == (like, {"e": 1.5})
-    assert without_outliers({"a": 0.1, "b": 1.5}) == ({"a": 0.1, "b": 1.5}, {})  # two say nothing of each other
+    even = dict.fromkeys("abcde", 1.0)
+    assert without_outliers(like, even) == (like, {})
+    assert without_outliers({**like, "e": 1.5}, even) == (like, {"e": 1.5})
+    assert without_outliers({**like, "e": 1.5}, {**even, "e": 9.0}) == (like, {"e": 1.5})  # alone, however heavy
+    two = {"a": 0.1, "b": 1.5}
+    assert without_outliers(two, even) == (two, {})  # two say nothing of each other
+
+
+def test_gains_of_a_heavy_base_stand_though_wrists_have_others() -> None:
+    """Law: two that agree and bear most of the weight are no outliers; two that bear little are."""
+    arm = {"a": 0.135, "b": 0.121, "c": 0.28, "d": 0.303, "e": 0.294}
+    heavy = {"a": 10.0, "b": 12.0, "c": 4.0, "d": 4.0, "e": 0.5}
+    assert without_outliers(arm, heavy) == (arm, {})
+    kept, unlike = without_outliers(arm, dict.fromkeys("abcde", 1.0))
+    assert (set(kept), set(unlike)) == (set("cde"), set("ab"))
 
 
 def test_the_common_scale_is_that_of_what_weighs_most() -> None:

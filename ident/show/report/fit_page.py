@@ -52,7 +52,7 @@ KINDS = {**WORDS, "base": "as the recordings have them, whatever body that would
 FIRST = "Try it on recordings that it has not seen: `ident evaluate MODEL SESSION…`."
 CURVES = (
     "Torque as it was measured, of your URDF as a simulator loads it, and of the fitted model. "
-    "Below: what both are off by. The fit has seen these runs; what it is off by on parts that it "
+    "Below: what each is off by. The fit has seen these runs; what it is off by on parts that it "
     "has not seen stands in the table above. Where a joint rests or turns round no model of its motion is judged."
 )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -103,6 +104,11 @@ def render_page(title: str, sections: Sequence[Section | None], subtitle: str = 
     )
 
 
+# An option of a command stays whole where a line ends: browsers would break behind each of its hyphens.
+OPTION = re.compile(r"(?<!\S)--?[\w-]+")
+WHOLE = r'<span class="whole">\g<0></span>'
+
+
 def breakable(name: str) -> Markup:
     """A name that may break after its underscores: joint names are long, phones are narrow."""
     return Markup(escape(name).replace("_", Markup("_<wbr>")))
@@ -111,7 +117,10 @@ def breakable(name: str) -> Markup:
 def coded(text: str) -> Markup:
     """A sentence with what stands between backticks as code: commands to be run as they stand."""
     parts = str(escape(text)).split("`")
-    whole = [f"<code>{part}</code>" if k % 2 else part for k, part in enumerate(parts[: len(parts) // 2 * 2 + 1])]
+    whole = [
+        f"<code>{OPTION.sub(WHOLE, part)}</code>" if k % 2 else part
+        for k, part in enumerate(parts[: len(parts) // 2 * 2 + 1])
+    ]
     return Markup("".join(whole))
 
 

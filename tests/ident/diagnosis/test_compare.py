@@ -129,6 +129,25 @@ def test_what_shakes_is_a_change_though_no_law_is(three_joints: ArmModel, before
     assert words in render_comparison_report(row)
 
 
+def test_what_changed_alike_at_many_joints_is_told_once() -> None:
+    """Law: one change at every joint is said so; one at many is named once, with the first places and their number."""
+
+    def first_line(*changes: tuple[str, str]) -> str:
+        told = [
+            {"effect": effect, "joints": [joint], "probability": 0.9, "class": [effect], "class_probability": 0.9}
+            for effect, joint in changes
+        ]
+        empty: dict[str, list[str]] = {"not_testable": [], "risen": [], "unforetold": []}
+        return headline({"verdict": "changed", "changes": told, "joints": list("abcde"), **empty})[0]
+
+    rubs = [("friction_change", joint) for joint in "abcde"]
+    assert first_line(*rubs) == "What changed: friction change at every joint."
+    assert first_line(*rubs[:4]) == "What changed: friction change in a, b and c, and 1 more."
+    assert first_line(rubs[0]) == "What changed: friction change in a."
+    mixed = first_line(*rubs[:2], ("torque_offset", "c"))
+    assert mixed == "What changed: friction change in a and b; torque offset in c."
+
+
 @pytest.mark.parametrize(("shared", "own"), [(1.0, 1.0), (3.0, 1.0), (1.0, 9.0)])
 def test_residuals_that_rise_alike_are_no_change(shared: float, own: float) -> None:
     """Law: of sets whose residuals scatter from run to run, and rise at all joints alike, at most three of a hundred

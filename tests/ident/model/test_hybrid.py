@@ -14,6 +14,7 @@ from ident import fit
 from ident.arrays import Array
 from ident.command_options import FitOptions
 from ident.errors import InputError, ModelError
+from ident.export.urdf_file import source_text
 from ident.fitting.fit import FitResults, fit_hybrid
 from ident.fitting.training_range import find_training_range
 from ident.model.hybrid import HybridModel
@@ -102,6 +103,27 @@ def test_a_model_without_a_net_comes_back_too(links: int, motions: list[Motion],
         "arm.urdf",
         "model.toml",
     }
+
+
+def test_a_model_opens_nothing_where_a_command_is_started(
+    fitted: FitResults, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: a URDF that was named from where the fit was run is that file wherever the model is used, and a name in
+    model.toml is one from its own folder: no file of that name elsewhere is read.
+    """
+    (tmp_path / "fitting").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere/own.urdf").write_text("no URDF")
+    monkeypatch.chdir(tmp_path / "fitting")
+    named = replace(fitted.model, robot=replace(fitted.model.robot, source=Path("own.urdf")))
+    named.save(tmp_path / "named")
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert HybridModel.load(tmp_path / "named").robot.source == tmp_path / "fitting/own.urdf"
+    source = str(fitted.model.robot.source)
+    _rewrite("model.toml", (f'source = "{source}"', 'source = "own.urdf"'))(folder)
+    loaded = HybridModel.load(folder)
+    assert loaded.robot.source == folder / "own.urdf"
+    assert source_text(loaded.nominal) == loaded.nominal.urdf
 
 
 def test_a_model_is_for_its_robot(fitted: FitResults, folder: Path, arm: ArmModel) -> None:

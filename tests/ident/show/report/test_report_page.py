@@ -14,6 +14,7 @@ from ident.monitor.watch import ArmHistory, Watch, make_history
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.evaluation import ReportInput, write_evaluation_report
 from ident.show.report.laws import CURVES, _Law, draw_laws
+from ident.show.report.page import coded
 from ident.show.report.words import fixed
 from tests.accessible import PHONE, find_violations, width_on_a_phone
 from tests.ident.diagnosis.planted import analyse, gain_on_2, load_arm, stribeck_on_1
@@ -54,6 +55,15 @@ def test_page_shows_payload_models_issues_and_provenance(page: str) -> None:
         assert shown in text
     assert "<b>jitter</b>" not in page
     assert "2 % of <b>jitter</b>" in text
+
+
+def test_no_option_of_a_command_is_broken_over_lines() -> None:
+    """Law: an option is one piece, what is pasted is the command; names with hyphens may break."""
+    told = coded("Run `ident patch a-b.json --json -o` --now.")
+    assert told == (
+        'Run <code>ident patch a-b.json <span class="whole">--json</span> <span class="whole">-o</span></code> --now.'
+    )
+    assert read(told).text.strip() == "Run ident patch a-b.json --json -o --now."
 
 
 def test_a_run_of_the_fit_is_told(source: ReportInput, tmp_path: Path) -> None:
