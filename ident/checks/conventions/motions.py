@@ -83,6 +83,11 @@ class Motions:
         for changes, others in combinations(places[: SEARCH.paired], 2):
             yield from _merged(reading, changes[0], others[0])
 
+    def all_pairs(self, reading: Hypothesis) -> Iterator[Hypothesis]:
+        """Every two changes of a reading."""
+        for first, second in combinations(dict.fromkeys(self.neighbours(reading)), 2):
+            yield from _merged(reading, first, second)
+
     def of_joints(
         self, reading: Hypothesis, places: Sequence[Sequence[Hypothesis]]
     ) -> Iterator[Hypothesis]:
