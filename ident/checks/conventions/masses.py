@@ -182,7 +182,9 @@ def cost_with(products: Products, amount: Float[Array, " 5"]) -> SizedTorque:
     scaled = np.where(other, explained[-1], costs)
     gains = np.where(is_possible & ~other, costs - explained[-1], 0.0)
     joint = int(np.argmax(gains))
-    doubtful = (joint, float(explained[-1, joint]), float(best[joint])) if gains[joint] > 0.0 else ()
+    doubtful = (
+        (joint, float(explained[-1, joint]), float(best[joint])) if gains[joint] > 0.0 else ()
+    )
     return SizedTorque(costs, sizes, scaled, np.where(other, best, sizes), other, *doubtful)
 
 
@@ -374,9 +376,7 @@ def _variants(hypothesis: Hypothesis, fit: SizedTorque, more: float = 0.0) -> It
     if fit.doubtful is not None:
         costs, sizes = fit.costs.copy(), fit.sizes.copy()
         costs[fit.doubtful], sizes[fit.doubtful] = fit.doubtful_cost, fit.doubtful_size
-        yield _scaled(
-            hypothesis, {**scales, fit.doubtful: fit.doubtful_size}, costs, sizes, more
-        )
+        yield _scaled(hypothesis, {**scales, fit.doubtful: fit.doubtful_size}, costs, sizes, more)
 
 
 def _scaled(

@@ -18,7 +18,12 @@ from ident.checks.conventions.find import (
     what_is_sure,
 )
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
-from ident.checks.conventions.words import columns_in_words, guess_in_words, in_words
+from ident.checks.conventions.words import (
+    columns_in_words,
+    guess_in_words,
+    in_words,
+    reading_in_words,
+)
 from ident.checks.effort import collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
 from ident.checks.report import WORDS, issue_of
@@ -31,6 +36,17 @@ from ident.safe_read import toml_line
 FOLLOWED_DEG = 25.0
 PLACES = ("position", "position_command")
 RATES = ("velocity", "acceleration", "velocity_command")
+# What session.toml may say of conventions, by its keys.
+STATED = (
+    "order",
+    "effort_order",
+    "direction",
+    "zero_rad",
+    "unit",
+    "effort_sign",
+    "effort_kind",
+    "gravity_mps2",
+)
 TORQUES = ("effort", "effort_command", "current")
 
 
@@ -175,7 +191,19 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         issues.append(issue_of("guessed_masses", session, joints, plain=plain, **seen))
     if best.body is not None:
         issues.append(_body_issue(np.array(best.body), session, arm, seen))
+    if found.second is not None and not found.is_told_apart:
+        two = [found.best, found.second]
+        figures = {"first": in_words(two[0], joints), "second": in_words(two[1], joints)}
+        lines = " or ".join(f"`{_as_lines(each, joints)}`" for each in two)
+        issues.append(issue_of("untold", session, joints, lines=lines, **figures))
     return issues
+
+
+def _as_lines(scored: Scored, joints: tuple[str, ...]) -> str:
+    """What of a reading can be written at the top of session.toml; in words where nothing can."""
+    known = describe(scored.hypothesis, joints)
+    lines = [toml_line(key, known[key]) for key in STATED if key in known]
+    return "; ".join(lines) if lines else reading_in_words(scored.hypothesis, joints)
 
 
 def _body_issue(

@@ -19,7 +19,6 @@ from ident.checks.conventions.readings import (
     GRAVITY,
     Log,
     Model,
-    Sums,
     likeliest_gravity,
     read,
 )
