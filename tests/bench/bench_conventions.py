@@ -125,21 +125,24 @@ def bench(folder: Path, count: int, seed: int) -> None:
     cases = load_cases(folder, rng)
     print(f"{len(cases)} logs of {len({case.group for case in cases})} arms", flush=True)
     tally, hidden = Tally(), Counter[str]()
-    for number, drawn in enumerate(drawn_cases(cases, rng, hidden), start=1):
-        start = time.process_time()
-        found = search_conventions(drawn.log, drawn.model)
-        tally.seconds.append(time.process_time() - start)
-        first, among = tally.take(drawn, found)
-        if not first:
-            seen = found.best.hypothesis.changes
-            place = "second" if among else "missed"
-            figures = f"{found.best.cost:.1f}, as it is {found.as_it_is.cost:.1f}"
-            print(f"  {place} {number} {drawn.case.name}: {drawn.truth.changes} -> {seen} ({figures})", flush=True)
-        if number % TOLD_EVERY == 0:
-            counts = tally.counts["all"]
-            print(f"{number}: first {counts['first']}, among {counts['among']}", flush=True)
-        if number == count:
-            break
+    try:
+        for number, drawn in enumerate(drawn_cases(cases, rng, hidden), start=1):
+            start = time.process_time()
+            found = search_conventions(drawn.log, drawn.model)
+            tally.seconds.append(time.process_time() - start)
+            first, among = tally.take(drawn, found)
+            if not first:
+                seen = found.best.hypothesis.changes
+                place = "second" if among else "missed"
+                figures = f"{found.best.cost:.1f}, as it is {found.as_it_is.cost:.1f}"
+                print(f"  {place} {number} {drawn.case.name}: {drawn.truth.changes} -> {seen} ({figures})", flush=True)
+            if number % TOLD_EVERY == 0:
+                counts = tally.counts["all"]
+                print(f"{number}: first {counts['first']}, among {counts['among']}", flush=True)
+            if number == count:
+                break
+    except KeyboardInterrupt:  # what was counted until then is not lost
+        print("stopped")
     print("\n".join(tally.lines()))
     print(f"not seen by the oracle, by kind: {dict(hidden)}")
 
