@@ -374,9 +374,12 @@ def _variants(hypothesis: Hypothesis, fit: SizedTorque, more: float = 0.0) -> It
     if scales:
         yield _scaled(hypothesis, scales, fit.costs, fit.sizes, more)
     if fit.doubtful is not None:
-        costs, sizes = fit.costs.copy(), fit.sizes.copy()
-        costs[fit.doubtful], sizes[fit.doubtful] = fit.doubtful_cost, fit.doubtful_size
-        yield _scaled(hypothesis, {**scales, fit.doubtful: fit.doubtful_size}, costs, sizes, more)
+        scales[fit.doubtful] = fit.doubtful_size
+        costs = fit.costs.copy()
+        costs[fit.doubtful] = fit.doubtful_cost
+        sizes = fit.sizes.copy()
+        sizes[fit.doubtful] = fit.doubtful_size
+        yield _scaled(hypothesis, scales, costs, sizes, more)
 
 
 def _scaled(

@@ -192,10 +192,10 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
     if best.body is not None:
         issues.append(_body_issue(np.array(best.body), session, arm, seen))
     if found.second is not None and not found.is_told_apart:
-        two = [found.best, found.second]
-        figures = {"first": in_words(two[0], joints), "second": in_words(two[1], joints)}
-        lines = " or ".join(f"`{_as_lines(each, joints)}`" for each in two)
-        issues.append(issue_of("untold", session, joints, lines=lines, **figures))
+        readings = (found.best, found.second)
+        both = "; or ".join(in_words(reading, joints) for reading in readings)
+        lines = " or ".join(f"`{_as_lines(reading, joints)}`" for reading in readings)
+        issues.append(issue_of("untold", session, joints, both=both, lines=lines))
     return issues
 
 

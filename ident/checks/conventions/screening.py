@@ -110,14 +110,11 @@ class Screening:
 
     def _screened(self, readings: Sequence[Hypothesis], model: Model) -> Iterator[ScreenedMotion]:
         """Each reading of the motion with its likeliest readings of the torque."""
-        at_once = int(SEARCH.at_once)
-        for first in range(0, len(readings), at_once):
-            some = readings[first : first + at_once]
-            sums = read(self.log, model, some)
-            torques = Torques(sums, some, self.gravities, self.columns).likeliest()
-            for reading, beyond, likeliest in zip(some, sums.beyond, torques, strict=True):
-                beside = SEARCH.limit_cost * float(beyond) + self.prices.of(reading)
-                yield ScreenedMotion(reading, likeliest, beside)
+        sums = read(self.log, model, readings)
+        torques = Torques(sums, readings, self.gravities, self.columns).likeliest()
+        for reading, beyond, likeliest in zip(readings, sums.beyond, torques, strict=True):
+            beside = SEARCH.limit_cost * float(beyond) + self.prices.of(reading)
+            yield ScreenedMotion(reading, likeliest, beside)
 
     def with_torque(self, motion: Hypothesis, torque: Torque) -> Hypothesis:
         """A reading of the motion with one of its torques."""

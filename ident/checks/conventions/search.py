@@ -96,7 +96,8 @@ class Search:
         for start in starts:
             self.screening.ask(list(self.motions.neighbours(start)), self.model, None, start)
         plain = self.motions.plain
-        self.screening.ask(list(self.motions.all_pairs(plain)), self.model, None, plain)
+        for pairs in self.motions.all_pairs(plain):
+            self.screening.ask(pairs, self.model, None, plain)
         self._tried_at_least = len(self.screening.seen)
 
     @property
