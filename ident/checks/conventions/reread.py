@@ -18,12 +18,7 @@ from ident.checks.conventions.find import (
     what_is_sure,
 )
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
-from ident.checks.conventions.words import (
-    columns_in_words,
-    guess_in_words,
-    in_words,
-    reading_in_words,
-)
+from ident.checks.conventions.words import columns_in_words, guess_in_words, in_words
 from ident.checks.effort import collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
 from ident.checks.report import WORDS, issue_of
@@ -192,18 +187,16 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
     if best.body is not None:
         issues.append(_body_issue(np.array(best.body), session, arm, seen))
     if found.second is not None and not found.is_told_apart:
-        readings = (found.best, found.second)
-        both = "; or ".join(in_words(reading, joints) for reading in readings)
-        lines = " or ".join(f"`{_as_lines(reading, joints)}`" for reading in readings)
-        issues.append(issue_of("untold", session, joints, both=both, lines=lines))
+        both = "; or ".join(_with_lines(reading, joints) for reading in (found.best, found.second))
+        issues.append(issue_of("untold", session, joints, both=both))
     return issues
 
 
-def _as_lines(scored: Scored, joints: tuple[str, ...]) -> str:
-    """What of a reading can be written at the top of session.toml; in words where nothing can."""
+def _with_lines(scored: Scored, joints: tuple[str, ...]) -> str:
+    """A reading in words, and what of it can be written at the top of session.toml."""
     known = describe(scored.hypothesis, joints)
-    lines = [toml_line(key, known[key]) for key in STATED if key in known]
-    return "; ".join(lines) if lines else reading_in_words(scored.hypothesis, joints)
+    lines = [f"`{toml_line(key, known[key])}`" for key in STATED if key in known]
+    return ": ".join([in_words(scored, joints), *([" and ".join(lines)] if lines else [])])
 
 
 def _body_issue(
