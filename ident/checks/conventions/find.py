@@ -56,6 +56,16 @@ class Conventions:
         return bool(odds > math.log(SEARCH.sure_odds))
 
     @property
+    def is_part_of_second(self) -> bool:
+        """Whether the second reading has all changes of the best and further ones.
+
+        Whether there is one more change is open of any log; those that both have stand.
+        """
+        if self.second is None:
+            return False
+        return {*self.best.hypothesis.changes} < {*self.second.hypothesis.changes}
+
+    @property
     def gain(self) -> float:
         """By how much the best explains more than log and URDF as they say [nats].
 

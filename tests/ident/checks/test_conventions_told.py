@@ -45,6 +45,8 @@ def test_both_of_two_that_are_not_told_apart_are_said(clean: Session, arm: ArmMo
     """Law: one warning with both readings and both lines, and none where they are told apart."""
     told, untold = (tell(found_with(apart), clean, arm) for apart in (2.0 * SURE, 0.5 * SURE))
     assert not [issue for issue in told if issue.issue == "conventions_untold"]
+    more = replace(found_with(0.5 * SURE), second=scored(AXIS.with_entry("quarters", 2, 1), -20.0))
+    assert not [issue for issue in tell(more, clean, arm) if issue.issue == "conventions_untold"]
     (issue,) = [issue for issue in untold if issue.issue == "conventions_untold"]
     for name, line in ((clean.joints[1], "direction = {"), (clean.joints[2], "zero_rad = {")):
         assert name in issue.evidence
