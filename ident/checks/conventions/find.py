@@ -56,14 +56,14 @@ class Conventions:
         return bool(odds > math.log(SEARCH.sure_odds))
 
     @property
-    def is_part_of_second(self) -> bool:
-        """Whether the second reading has all changes of the best and further ones.
+    def has_doubtful_change(self) -> bool:
+        """Whether what the best reading changes of the log is not told from what the second does.
 
-        Whether there is one more change is open of any log; those that both have stand.
+        Whether there is one more change is open of any log: those that both have stand.
         """
-        if self.second is None:
+        if self.second is None or self.is_told_apart or is_of_masses(self.best):
             return False
-        return {*self.best.hypothesis.changes} < {*self.second.hypothesis.changes}
+        return not {*self.best.hypothesis.changes} < {*self.second.hypothesis.changes}
 
     @property
     def gain(self) -> float:

@@ -186,7 +186,7 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         issues.append(issue_of("guessed_masses", session, joints, plain=plain, **seen))
     if best.body is not None:
         issues.append(_body_issue(np.array(best.body), session, arm, seen))
-    if found.second is not None and not found.is_told_apart and not found.is_part_of_second:
+    if found.second is not None and found.has_doubtful_change:
         both = "; or ".join(_with_lines(reading, joints) for reading in (found.best, found.second))
         issues.append(issue_of("untold", session, joints, both=both))
     return issues
