@@ -4,7 +4,8 @@ Of each log one to three conventions are changed, in the log or in the URDF. Two
 as well are the same: a turn of joint 1 of an upright arm, the direction of a joint whose links look alike both ways.
 Changes that an oracle, which knows them, does not see in the log are drawn anew, and counted by kind. Of a miss the
 oracle is asked whether the log tells the truth from what was found; where it does not, the miss counts as one all the
-same, and is counted apart beside.
+same, and is counted apart beside. The search says itself which two readings it can't tell apart: these are a class of
+their own, in which neither is sure, and are counted in all shares as they were.
 
     python -m tests.bench.bench_conventions FOLDER CASES SEED     # FOLDER: recordings of real arms
     python -m tests.bench.bench_conventions untouched FOLDER SEED # stretches of the same, as they are
@@ -21,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.checks.conventions.find import Conventions, is_changed, search_conventions
+from ident.checks.conventions.find import Conventions, is_changed, is_sure, search_conventions
 from ident.checks.conventions.hypothesis import Hypothesis
 from ident.checks.conventions.readings import Log, Model
 from ident.checks.filtered_run import USUAL_EFFORT
@@ -77,15 +78,18 @@ class Tally:
     def __init__(self) -> None:
         self.counts: dict[str, Counter[str]] = {}
         self.seconds: list[float] = []
-        self.surely_wrong = 0
-        self.surely_right = 0
+        self.read_otherwise: Counter[bool] = Counter()  # by whether the truth is first
+        self.sure: Counter[bool] = Counter()
+        self.two: Counter[str] = Counter()  # cases whose two readings are said not to be told apart
 
     def take(self, drawn: Drawn, found: Conventions) -> tuple[bool, bool]:
         """One more case; whether the truth is first, and whether it is among the two."""
         first = drawn.is_right(found.best.hypothesis)
         among = first or (found.second is not None and drawn.is_right(found.second.hypothesis))
-        self.surely_wrong += not first and is_changed(found)
-        self.surely_right += first and is_changed(found)
+        self.read_otherwise[first] += is_changed(found)
+        self.sure[first] += is_sure(found)
+        if not found.is_told_apart:
+            self.two.update(cases=1, first=first, among=among, read=is_changed(found))
         untold = not first and not drawn.is_told_from(found.best.hypothesis)
         for name in ("all", f"{len(drawn.kinds)} changes", f"arm {drawn.case.group}", *drawn.kinds):
             counts = self.counts.setdefault(name, Counter())
@@ -106,7 +110,13 @@ class Tally:
                     f"among the two {shares[1]:.3f}  {untold}"
                 )
         yield f"processor seconds of a search: median {np.median(self.seconds):.2f}, most {max(self.seconds):.2f}"
-        yield f"said to be sure: {self.surely_right} right, {self.surely_wrong} not"
+        yield f"read otherwise than they say: {self.read_otherwise[True]} rightly, {self.read_otherwise[False]} not"
+        yield f"of these said to be sure: {self.sure[True]} rightly, {self.sure[False]} not"
+        two = self.two
+        yield (
+            f"said that two readings can't be told apart: {two['cases']}, of these read otherwise {two['read']}; "
+            f"the truth is first in {two['first']}, among the two in {two['among']}"
+        )
 
 
 def bench(folder: Path, count: int, seed: int) -> None:
@@ -115,21 +125,24 @@ def bench(folder: Path, count: int, seed: int) -> None:
     cases = load_cases(folder, rng)
     print(f"{len(cases)} logs of {len({case.group for case in cases})} arms", flush=True)
     tally, hidden = Tally(), Counter[str]()
-    for number, drawn in enumerate(drawn_cases(cases, rng, hidden), start=1):
-        start = time.process_time()
-        found = search_conventions(drawn.log, drawn.model)
-        tally.seconds.append(time.process_time() - start)
-        first, among = tally.take(drawn, found)
-        if not first:
-            seen = found.best.hypothesis.changes
-            place = "second" if among else "missed"
-            figures = f"{found.best.cost:.1f}, as it is {found.as_it_is.cost:.1f}"
-            print(f"  {place} {number} {drawn.case.name}: {drawn.truth.changes} -> {seen} ({figures})", flush=True)
-        if number % TOLD_EVERY == 0:
-            counts = tally.counts["all"]
-            print(f"{number}: first {counts['first']}, among {counts['among']}", flush=True)
-        if number == count:
-            break
+    try:
+        for number, drawn in enumerate(drawn_cases(cases, rng, hidden), start=1):
+            start = time.process_time()
+            found = search_conventions(drawn.log, drawn.model)
+            tally.seconds.append(time.process_time() - start)
+            first, among = tally.take(drawn, found)
+            if not first:
+                seen = found.best.hypothesis.changes
+                place = "second" if among else "missed"
+                figures = f"{found.best.cost:.1f}, as it is {found.as_it_is.cost:.1f}"
+                print(f"  {place} {number} {drawn.case.name}: {drawn.truth.changes} -> {seen} ({figures})", flush=True)
+            if number % TOLD_EVERY == 0:
+                counts = tally.counts["all"]
+                print(f"{number}: first {counts['first']}, among {counts['among']}", flush=True)
+            if number == count:
+                break
+    except KeyboardInterrupt:  # what was counted until then is not lost
+        print("stopped")
     print("\n".join(tally.lines()))
     print(f"not seen by the oracle, by kind: {dict(hidden)}")
 

@@ -45,6 +45,27 @@ class Conventions:
         return replace(self, best=reading, second=self.best)
 
     @property
+    def is_told_apart(self) -> bool:
+        """Whether the log tells the best reading from the second: by odds of as much as is sure.
+
+        Readings that foretell the same torque cost the same but for their descriptions.
+        """
+        if self.second is None:
+            return True
+        odds = DESCRIPTION.observations * (self.second.cost - self.best.cost)
+        return bool(odds > math.log(SEARCH.sure_odds))
+
+    @property
+    def has_doubtful_change(self) -> bool:
+        """Whether what the best reading changes of the log is not told from what the second does.
+
+        Whether there is one more change is open of any log: those that both have stand.
+        """
+        if self.second is None or self.is_told_apart or is_of_masses(self.best):
+            return False
+        return not {*self.best.hypothesis.changes} < {*self.second.hypothesis.changes}
+
+    @property
     def gain(self) -> float:
         """By how much the best explains more than log and URDF as they say [nats].
 
@@ -141,7 +162,7 @@ def second_of(ranked: Sequence[Scored], usual_orders: Orders) -> Scored | None:
     paid = price(best.hypothesis, usual_orders)
     for scored in ranked[1:]:
         others = set(scored.hypothesis.changes)
-        if others == changes:
+        if is_alike(scored.hypothesis, best.hypothesis):
             continue
         is_more = bool(changes) and changes < others
         further = price(scored.hypothesis, usual_orders) - paid
@@ -150,6 +171,23 @@ def second_of(ranked: Sequence[Scored], usual_orders: Orders) -> Scored | None:
         if not is_more or is_paid:
             return scored
     return None
+
+
+def is_alike(reading: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two readings say the same but for fitted numbers: masses, sizes, gravity's angle."""
+    if reading.changes != other.changes or _axis_of(reading) != _axis_of(other):
+        return False
+    same_motion = reading.motion == other.motion
+    same_effort = reading.effort_order == other.effort_order
+    return same_motion and same_effort and reading.effort_sign == other.effort_sign
+
+
+def _axis_of(reading: Hypothesis) -> tuple[int, bool] | None:
+    """Axis of the base that gravity is nearest to and whether along it; None where it has none."""
+    if isinstance(reading.gravity, str):
+        return None
+    axis = int(np.argmax(np.abs(reading.gravity)))
+    return axis, reading.gravity[axis] > 0.0
 
 
 def _part_of_urdf(ranked: Sequence[Scored]) -> Scored | None:
@@ -176,6 +214,11 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
     if changes == ("mass_factor",) or is_expected:
         needed = math.log(SEARCH.sure_odds) / DESCRIPTION.observations
     return bool(changes) and found.gain > needed and found.best.explains >= least
+
+
+def is_sure(conventions: Conventions, least: float = USUAL_EFFORT.sign_explains) -> bool:
+    """Whether the best reading is surely right: what it changes, and that the second is not."""
+    return is_changed(conventions, least) and conventions.is_told_apart
 
 
 def what_is_sure(

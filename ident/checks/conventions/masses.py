@@ -155,6 +155,9 @@ class SizedTorque(NamedTuple):
     costs: Float[Array, " n"]  # some in another unit, without what that is unlikely
     sizes: Float[Array, " n"]
     other_unit: Bool[Array, " n"]  # whether the size is another unit's
+    doubtful: int | None = None  # joint whose size may be, but explains less than that costs
+    doubtful_cost: float = 0.0  # of that joint in another unit, without what that is unlikely
+    doubtful_size: float = 1.0
 
 
 def cost_with(products: Products, amount: Float[Array, " 5"]) -> SizedTorque:
@@ -174,10 +177,15 @@ def cost_with(products: Products, amount: Float[Array, " 5"]) -> SizedTorque:
     price_of_unit = scale_length(len(best)) / DESCRIPTION.observations
     # In another unit it may be within its limit.
     in_other_unit = explained[-1] + price_of_unit - SEARCH.limit_cost * products.beyond
-    other = is_told(free, own, square) & is_other_unit(best) & (in_other_unit < costs)
-    return SizedTorque(
-        costs, sizes, np.where(other, explained[-1], costs), np.where(other, best, sizes), other
+    is_possible = is_told(free, own, square) & is_other_unit(best)
+    other = is_possible & (in_other_unit < costs)
+    scaled = np.where(other, explained[-1], costs)
+    gains = np.where(is_possible & ~other, costs - explained[-1], 0.0)
+    joint = int(np.argmax(gains))
+    doubtful = (
+        (joint, float(explained[-1, joint]), float(best[joint])) if gains[joint] > 0.0 else ()
     )
+    return SizedTorque(costs, sizes, scaled, np.where(other, best, sizes), other, *doubtful)
 
 
 def sizes_beside(
@@ -357,11 +365,34 @@ def is_unusual(factor: float) -> bool:
 
 
 def _variants(hypothesis: Hypothesis, fit: SizedTorque, more: float = 0.0) -> Iterator[Variant]:
-    """A reading, and with the joints that are in another unit where there are any."""
+    """A reading, and with the joints that are in another unit where there are any.
+
+    Once more with the joint of which that explains some of what it costs: a rival.
+    """
     yield Variant(hypothesis, fit.plain_costs, fit.plain_sizes, more)
-    scales = tuple((int(j), float(fit.sizes[j])) for j in np.flatnonzero(fit.other_unit))
+    scales = {int(j): float(fit.sizes[j]) for j in np.flatnonzero(fit.other_unit)}
     if scales:
-        yield Variant(replace(hypothesis, effort_scale=scales), fit.costs, fit.sizes, more)
+        yield _scaled(hypothesis, scales, fit.costs, fit.sizes, more)
+    if fit.doubtful is not None:
+        scales[fit.doubtful] = fit.doubtful_size
+        costs = fit.costs.copy()
+        costs[fit.doubtful] = fit.doubtful_cost
+        sizes = fit.sizes.copy()
+        sizes[fit.doubtful] = fit.doubtful_size
+        yield _scaled(hypothesis, scales, costs, sizes, more)
+
+
+def _scaled(
+    hypothesis: Hypothesis,
+    scales: dict[int, float],
+    costs: Float[Array, " n"],
+    sizes: Float[Array, " n"],
+    more: float,
+) -> Variant:
+    """A reading with some joints' efforts in units of their own, their sizes by joint."""
+    return Variant(
+        replace(hypothesis, effort_scale=tuple(sorted(scales.items()))), costs, sizes, more
+    )
 
 
 def guessed_masses(log: Log, model: Model) -> Variant | None:

@@ -83,6 +83,12 @@ class Motions:
         for changes, others in combinations(places[: SEARCH.paired], 2):
             yield from _merged(reading, changes[0], others[0])
 
+    def all_pairs(self, reading: Hypothesis) -> Iterator[list[Hypothesis]]:
+        """Every two changes of a reading: of each change, it together with those after it."""
+        changes = list(dict.fromkeys(self.neighbours(reading)))
+        for number, change in enumerate(changes, start=1):
+            yield [pair for other in changes[number:] for pair in _merged(reading, change, other)]
+
     def of_joints(
         self, reading: Hypothesis, places: Sequence[Sequence[Hypothesis]]
     ) -> Iterator[Hypothesis]:

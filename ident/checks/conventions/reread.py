@@ -31,6 +31,17 @@ from ident.safe_read import toml_line
 FOLLOWED_DEG = 25.0
 PLACES = ("position", "position_command")
 RATES = ("velocity", "acceleration", "velocity_command")
+# What session.toml may say of conventions, by its keys.
+STATED = (
+    "order",
+    "effort_order",
+    "direction",
+    "zero_rad",
+    "unit",
+    "effort_sign",
+    "effort_kind",
+    "gravity_mps2",
+)
 TORQUES = ("effort", "effort_command", "current")
 
 
@@ -175,7 +186,17 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         issues.append(issue_of("guessed_masses", session, joints, plain=plain, **seen))
     if best.body is not None:
         issues.append(_body_issue(np.array(best.body), session, arm, seen))
+    if found.second is not None and found.has_doubtful_change:
+        both = "; or ".join(_with_lines(reading, joints) for reading in (found.best, found.second))
+        issues.append(issue_of("untold", session, joints, both=both))
     return issues
+
+
+def _with_lines(scored: Scored, joints: tuple[str, ...]) -> str:
+    """A reading in words, and what of it can be written at the top of session.toml."""
+    known = describe(scored.hypothesis, joints)
+    lines = [f"`{toml_line(key, known[key])}`" for key in STATED if key in known]
+    return ": ".join([in_words(scored, joints), *([" and ".join(lines)] if lines else [])])
 
 
 def _body_issue(

@@ -6,7 +6,7 @@ sums of a reading's motion, so that a reading of the motion is asked once, whate
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,6 @@ from ident.checks.conventions.readings import (
     GRAVITY,
     Log,
     Model,
-    Sums,
     likeliest_gravity,
     read,
 )
@@ -71,8 +70,8 @@ class Screening:
             readings: Of the motion alone.
             model: The robot, with the body where there is one.
             body: The body, or None.
-            base: What they are changed from: what explains less than half of what its change costs
-                is neither likelier nor a rival, and is not looked at closely.
+            base: What they are changed from: what explains nothing of what its change costs is
+                neither likelier nor a rival, and is not looked at closely.
         """
         asked = dict.fromkeys(readings)
         fresh = [reading for reading in asked if (reading.motion, body) not in self.seen]
@@ -83,7 +82,7 @@ class Screening:
         if base is not None:
             of_base = self.seen.get((base.motion, body), np.inf)
             price_of_base = self.prices.of(base)
-        for screened in self._screened(read(self.log, model, fresh), fresh):
+        for screened in self._screened(fresh, model):
             key = (screened.reading.motion, body)
             further = self.prices.of(screened.reading) - price_of_base
             most = np.inf if base is None else of_base + max(further, 0.0)
@@ -106,17 +105,16 @@ class Screening:
         Returns:
             Whole readings, the likeliest first.
         """
-        (screened,) = self._screened(read(self.log, model, [motion]), [motion])
+        (screened,) = self._screened([motion], model)
         return [self.with_torque(motion, torque) for torque in screened.torques]
 
-    def _screened(self, sums: Sums, readings: Sequence[Hypothesis]) -> list[ScreenedMotion]:
+    def _screened(self, readings: Sequence[Hypothesis], model: Model) -> Iterator[ScreenedMotion]:
         """Each reading of the motion with its likeliest readings of the torque."""
+        sums = read(self.log, model, readings)
         torques = Torques(sums, readings, self.gravities, self.columns).likeliest()
-        screened = []
         for reading, beyond, likeliest in zip(readings, sums.beyond, torques, strict=True):
             beside = SEARCH.limit_cost * float(beyond) + self.prices.of(reading)
-            screened.append(ScreenedMotion(reading, likeliest, beside))
-        return screened
+            yield ScreenedMotion(reading, likeliest, beside)
 
     def with_torque(self, motion: Hypothesis, torque: Torque) -> Hypothesis:
         """A reading of the motion with one of its torques."""

@@ -5,6 +5,10 @@ changes the length of their description. Order, direction, zero and unit make an
 are tried one by one and two by two, from the log as it is and from what all columns may share:
 another unit, another usual order. Few states tell which readings are worth more: those are compared
 by more states, with masses and bodies, and the next changes are sought from the likeliest.
+
+One change alone may explain nothing as long as another is not made: where the first changes leave
+much, every change is tried from each of the starts, and every two of the log as it is. The search
+ends where many readings in a row were none the likelier.
 """
 
 from __future__ import annotations
@@ -43,6 +47,9 @@ class Search:
         self._expanded: set[tuple[tuple[object, ...], bool]] = set()
         # From how many readings of each order and unit changes were sought.
         self._sought: Counter[tuple[object, ...]] = Counter()
+        # Cost of the likeliest reading so far, and how many were tried when it was found.
+        self._least = np.inf
+        self._tried_at_least = 0
 
     def run(self) -> list[Scored]:
         """The readings that were looked at closely, the likeliest first.
@@ -60,13 +67,38 @@ class Search:
         starts = self.motions.starts()
         self.screening.ask(starts, self.model, None)
         self._look(len(starts))
+        is_wide = False
         while self._has_time:
             scored = self._next()
             if scored is None:
                 return
             self._expand(scored)
-            self._look(SEARCH.refined)
-            self._settle()
+            self._compare()
+            if not is_wide and self.closely.ranked[0].explains <= SEARCH.well_explained:
+                self._widen(starts)
+                self._compare()
+            is_wide = True
+
+    def _compare(self) -> None:
+        """Looks closely at the likeliest of what was screened, and notes whether that gained."""
+        self._look(SEARCH.refined)
+        self._settle()
+        least = self.closely.ranked[0].cost
+        if least < self._least:
+            self._least = least
+            self._tried_at_least = len(self.screening.seen)
+
+    def _widen(self, starts: Sequence[Hypothesis]) -> None:
+        """Screens every change of each start, and every two of the log as it is.
+
+        What it takes is no sign that nothing is to be found.
+        """
+        for start in starts:
+            self.screening.ask(list(self.motions.neighbours(start)), self.model, None, start)
+        plain = self.motions.plain
+        for pairs in self.motions.all_pairs(plain):
+            self.screening.ask(pairs, self.model, None, plain)
+        self._tried_at_least = len(self.screening.seen)
 
     @property
     def _is_settled(self) -> bool:
@@ -79,8 +111,8 @@ class Search:
 
     @property
     def _has_time(self) -> bool:
-        """Whether more readings of the motion may be tried."""
-        return len(self.screening.seen) < int(SEARCH.most_readings)
+        """Whether more readings of the motion may be tried: not many were since the last gain."""
+        return len(self.screening.seen) - self._tried_at_least < int(SEARCH.most_readings)
 
     def _expand(self, scored: Scored) -> None:
         """Screens what is one change away from a reading, and its likeliest changes two by two.

@@ -71,6 +71,8 @@ def first_action(record: JsonTable) -> str:
         return f"{sentence(action)}."
     if overtuned:
         return RECORD_WIDER
+    if is_of_the_end(record):
+        return f"{sentence(str(issues_of_kind(record, BODY)[0]['remedy']))}; then diagnose again."
     if hidden and joint in hidden:
         return f"{beyond} at {joint} may be a load or wrong inertias. {OWN_INERTIAS}"
     if hidden:
@@ -83,6 +85,14 @@ def first_action(record: JsonTable) -> str:
     is_unnamed = record.get("findings") and not named
     unnamed = f"{beyond} at {joint} are unexplained. " if is_unnamed else ""
     return f"{unnamed}Record this next: {motion}."
+
+
+def is_of_the_end(record: JsonTable) -> bool:
+    """Whether the gap of the leading joint is hidden in tuned inertias, and the check of the
+    recordings has found what is wrong there: a mass at the arm's end.
+    """
+    joint = leading_joint(record)[0]
+    return bool(issues_of_kind(record, BODY)) and joint in tuned_away_joints(record)
 
 
 def order_of(finding: Finding, record: JsonTable) -> str:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ident.errors import join_words, plural
 from ident.records import JsonTable
-from ident.show.report.diagnosis_actions import adds_mass, is_at_the_end
+from ident.show.report.diagnosis_actions import adds_mass, is_at_the_end, is_of_the_end
 from ident.show.report.diagnosis_gap import describe_largest_rest, likeliest_doubt
 from ident.show.report.finding_words import BODIES, OF_THE_ARM, Finding, called, is_likely
 from ident.show.report.leading_joint import (
@@ -31,6 +31,8 @@ MASS_AT_THE_END = {
     False: "less mass at the arm's end than the URDF has",
     True: "more mass at the arm's end than the URDF has",
 }
+# Where no name is found at the leading joint, but a mass at the arm's end.
+OF_THE_END = "by a mass at the arm's end that is not the URDF's (body_differs)"
 # Where nothing but numbers of the URDF is wrong: what is left once they are right, and how they get
 # there.
 RIGHTED = "Put right, it is as good as these recordings can tell."
@@ -103,6 +105,8 @@ def _headline_of(record: JsonTable, most: Most) -> str:
     if not misread and is_elsewhere and key != "mostly":
         acts = acts_on(shown[0], joint, record)
         there = "where a cause elsewhere is felt" if acts else "and is unexplained there"
+        if is_of_the_end(record) and not acts:
+            there = OF_THE_END
         lead = f"The gap is largest at {joint}, {size}, {there}."
     # A gain of a joint that reads a factor is only another name of it.
     other = shown

@@ -1,6 +1,7 @@
 """Laws of the search's steps: what is combined, what it starts from, and how torques are compared."""
 
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -132,6 +133,30 @@ def test_a_log_that_is_explained_is_settled_by_few_readings(log: Log, arm: ArmMo
         asked[name] = len(search.screening.seen)
     assert asked["as it is"] < 0.5 * SEARCH.most_readings
     assert asked["columns exchanged"] > 1.5 * asked["as it is"]
+
+
+def test_every_two_changes_are_asked_where_little_is_explained(log: Log, arm: ArmModel) -> None:
+    """Law: two changes of which neither alone explains anything are found, whatever the others' rank is."""
+    model = Model(arm)
+    pairs = set(chain.from_iterable(Motions(log, model).all_pairs(PLAIN)))
+    reversed_zero = PLAIN.with_entry("direction", 5, -1).with_entry("quarters", 0, 3)
+    exchanged = reordered(PLAIN, (0, 3, 2, 1, 4, 5)).with_entry("direction", 1, -1)
+    assert {reversed_zero, exchanged} <= pairs
+    assert PLAIN not in pairs
+
+
+def test_a_search_that_explains_nothing_asks_every_two_changes_and_ends(log: Log, arm: ArmModel) -> None:
+    """Law: torques that are no arm's are given up once so many readings in a row gained nothing."""
+    short = arm.keeping(arm.joint_names[:3])
+    noise = np.random.default_rng(3).standard_normal((len(log.q), 3))
+    search = Search(Log(log.q[:, :3], log.dq[:, :3], log.ddq[:, :3], noise), Model(short))
+    search.run()
+    pairs = {pair.motion for pairs in search.motions.all_pairs(search.motions.plain) for pair in pairs}
+    asked = {motion for motion, body in search.screening.seen if body is None}
+    assert pairs <= asked
+    of_starts = {each.motion for start in search.motions.starts() for each in search.motions.neighbours(start)}
+    assert of_starts <= asked
+    assert len(search.screening.seen) < len(pairs | of_starts) + 3 * SEARCH.most_readings
 
 
 @pytest.mark.parametrize("change", ["all torque signs", "no gravity"])

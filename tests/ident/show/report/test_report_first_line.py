@@ -281,6 +281,21 @@ def test_a_links_mass_and_a_body_that_the_check_has_found_say_one_thing(mass: fl
     assert order_of(finding | {"joints": ["base"], "class": ["link_inertial_error", "payload"]}, record) != "do so"
 
 
+@pytest.mark.parametrize("is_found", [True, False])
+def test_a_gap_that_a_body_at_the_end_explains_is_not_called_unexplained(is_found: bool) -> None:
+    """Law: what tuned inertias hide and the check of the recordings has weighed is told as the check has it."""
+    remedy = "take the hand or tool that is not mounted out of the URDF"
+    body = {"issue": "body_differs", "joints": ["wrist"], "severity": "warning", "evidence": "…", "remedy": remedy}
+    record = acted_on("viscous_friction", 0.9, *([body] if is_found else []))
+    record |= {"joints": ["elbow", "shoulder", "wrist"], "where": [{"joint": "shoulder", "beyond_noise_Nm": 3.9}]}
+    record["gap"] = {"shoulder": {"rms_Nm": 4.0, "noise_floor_Nm": 0.1, "tuned_away_Nm": 3.8}}
+    line, action = diagnosis_headline(record), first_action(record)
+    assert ("unexplained" in line) is not is_found
+    assert ("mass at the arm's end" in line) is is_found
+    assert action.startswith("Take the hand or tool") is is_found
+    assert line.startswith("The gap is largest at shoulder, 3.9 N m beyond noise, ")
+
+
 def test_a_joint_that_an_effect_counts_goes_by_its_name() -> None:
     record = acted_on("joint_coupling", 0.97) | {"joints": ["elbow", "wrist"]}
     record["findings"][0]["action"] = "compensate elbow while joint number 2 moves"
