@@ -3,11 +3,8 @@ names.
 
 A joint has such a cause if something was put there, large enough to be seen, that no name says. It
 has none where a simulated arm has nothing wrong at the joint, or what is wrong there has its name.
-Of a real arm nobody knows what else is wrong with it, so none of its joints is known to have no
-cause, and those that have one would alone say that what is real has one: none of them are taken.
-
-A corpus may hold more causes outside the catalogue than the usual mix does, so that enough are
-seen. Rows weigh such that each kind of session counts as in the usual mix.
+Of a real arm nobody knows what else is wrong with it: only joints where something was put are
+taken.
 """
 
 from __future__ import annotations
@@ -20,7 +17,6 @@ import numpy as np
 from ident.arrays import Array, Bool, Float
 from ident.benchmark.corpus import Entry, Truth
 from ident.benchmark.corpus_table import REAL
-from ident.benchmark.corpus_worlds import MIX
 from ident.benchmark.labels import Name, matching
 from ident.benchmark.logistic import Logistic, fit_logistic, log_score
 from ident.inference.joints_left import BESIDE, COMPARED, beside_others
@@ -39,8 +35,6 @@ FEATURES = (
     *(f"{name}{BESIDE}" for name in COMPARED),
 )
 RIDGES = np.geomspace(1e-3, 1.0, 7)
-# Decoys are healthy arms, and are written down as such.
-SHARES = {**MIX, "healthy": MIX["healthy"] + MIX["decoy"]}
 SEEN_FROM = 1.0  # visible size, in floors of the noise, from which a cause can be asked for
 
 
@@ -51,7 +45,6 @@ class JointRows:
     features: Float[Array, "N k"]
     open: Bool[Array, " N"]  # whether there is such a cause
     units: Array
-    kinds: Array  # of each row's session
 
     @classmethod
     def of(
@@ -70,10 +63,9 @@ class JointRows:
         features = []
         gaps = []
         units = []
-        kinds = []
         for case, result in results.items():
             entry = entries.get(case)
-            if entry is None or entry.group in REAL or not result.get("joints"):
+            if entry is None or not result.get("joints"):
                 continue
             named = [candidate for candidate in result["candidates"] if candidate["named"]]
             names = [Name.of_candidate(candidate) for candidate in named]
@@ -82,16 +74,7 @@ class JointRows:
                 features.append([values[name] for name in FEATURES])
                 gaps.append(is_open)
                 units.append(unit_of(entry))
-                kinds.append(entry.kind)
-        return cls(np.array(features), np.array(gaps), np.array(units), np.array(kinds))
-
-    @property
-    def weights(self) -> Float[Array, " N"]:
-        """How much each row counts, 1 on average: each kind of session as in the usual mix."""
-        kinds, number, counts = np.unique(self.kinds, return_inverse=True, return_counts=True)
-        shares = np.array([SHARES.get(str(kind), 0.0) for kind in kinds])
-        weights = (shares / counts)[number]
-        return np.asarray(weights * len(weights) / max(weights.sum(), 1e-300))
+        return cls(np.array(features), np.array(gaps), np.array(units))
 
 
 def unit_of(entry: Entry) -> str:
@@ -112,7 +95,7 @@ def _labelled(
         missed = [truth for truth in here if not _is_said(truth, named)]
         if any(_size_at(truth, row["joint"]) >= SEEN_FROM for truth in missed):
             rows.append((features, True))
-        elif not missed and not _anywhere(entry):
+        elif entry.group not in REAL and not missed and not _anywhere(entry):
             rows.append((features, False))
     return rows
 
@@ -147,7 +130,6 @@ def joined(corpora: Sequence[JointRows]) -> JointRows:
         np.concatenate([rows.features for rows in corpora]),
         np.concatenate([rows.open for rows in corpora]),
         np.concatenate([rows.units for rows in corpora]),
-        np.concatenate([rows.kinds for rows in corpora]),
     )
 
 
@@ -163,9 +145,14 @@ class GapFit:
 
 
 def fit_gaps(rows: JointRows) -> GapFit:
-    """Fits the odds; every feature speaks for a cause."""
+    """Fits the odds; every feature speaks for a cause.
+
+    All joints weigh alike, for a probability is told of each joint. Of a real arm one joint is
+    taken, of a simulated one all: if sessions weighed alike, nearly all of what counts would be
+    joints with a cause.
+    """
     signs = dict.fromkeys(FEATURES, 1)
-    weights = rows.weights
+    weights = np.ones(len(rows.open))
     best: tuple[float, float, Float[Array, " N"]] | None = None
     for ridge in RIDGES:
         probability = np.zeros(len(rows.open))

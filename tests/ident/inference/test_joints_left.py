@@ -1,10 +1,7 @@
 """Laws of what is told of a joint that is left without a name."""
 
-import numpy as np
 import pytest
 
-from ident.benchmark.corpus_worlds import MIX
-from ident.benchmark.gap_odds import JointRows
 from ident.inference.joints_left import BESIDE, COMPARED, NOT_TESTED, JointLeft, Repeated, beside_others
 
 ALIKE = dict.fromkeys(COMPARED, 1.5)
@@ -35,13 +32,3 @@ def test_what_repeats_by_the_angle_speaks_for_a_cause_and_never_against_one() ->
     assert none == worse
     assert sure["repeated_in_errors"] > unsure["repeated_in_errors"] > none["repeated_in_errors"]
     assert sure["repeated_share"] == unsure["repeated_share"] == 0.3
-
-
-def test_more_sessions_of_a_kind_make_it_no_likelier() -> None:
-    """Law: whatever a corpus holds, its kinds weigh as in the usual mix."""
-    for count in (10, 400):
-        kinds = np.array(["healthy"] * 100 + ["outside"] * count)
-        rows = JointRows(np.zeros((len(kinds), 1)), kinds == "outside", kinds, kinds)
-        outside = rows.weights[kinds == "outside"].sum() / rows.weights.sum()
-        healthy = MIX["healthy"] + MIX["decoy"]
-        assert outside == pytest.approx(MIX["outside"] / (MIX["outside"] + healthy))
