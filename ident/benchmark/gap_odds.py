@@ -3,8 +3,9 @@ names.
 
 A joint has such a cause if something was put there, large enough to be seen, that no name says. It
 has none where a simulated arm has nothing wrong at the joint, or what is wrong there has its name.
-Of a real arm nobody knows what else is wrong with it: only joints where something was put are
-taken.
+Of a real arm nobody knows what else is wrong with it, so none of its joints is known to have no
+cause; those with one alone would say that whatever is real has one. So real arms judge the odds,
+and are not fitted to.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class JointRows:
         units = []
         for case, result in results.items():
             entry = entries.get(case)
-            if entry is None or not result.get("joints"):
+            if entry is None or entry.group in REAL or not result.get("joints"):
                 continue
             named = [candidate for candidate in result["candidates"] if candidate["named"]]
             names = [Name.of_candidate(candidate) for candidate in named]
@@ -95,7 +96,7 @@ def _labelled(
         missed = [truth for truth in here if not _is_said(truth, named)]
         if any(_size_at(truth, row["joint"]) >= SEEN_FROM for truth in missed):
             rows.append((features, True))
-        elif entry.group not in REAL and not missed and not _anywhere(entry):
+        elif not missed and not _anywhere(entry):
             rows.append((features, False))
     return rows
 
@@ -147,9 +148,7 @@ class GapFit:
 def fit_gaps(rows: JointRows) -> GapFit:
     """Fits the odds; every feature speaks for a cause.
 
-    All joints weigh alike, for a probability is told of each joint. Of a real arm one joint is
-    taken, of a simulated one all: if sessions weighed alike, nearly all of what counts would be
-    joints with a cause.
+    All joints weigh alike, for a probability is told of each joint.
     """
     signs = dict.fromkeys(FEATURES, 1)
     weights = np.ones(len(rows.open))

@@ -100,16 +100,14 @@ def test_a_gap_that_is_seen_by_neighbours_alone_is_placed(short_arm: ArmModel) -
     """Law: teeth at one joint: something without a name is likelier there than elsewhere."""
     left = np.array(diagnose_teeth(short_arm).details.leftover)
     odds = left / (1.0 - left)
-    assert odds[1] > 3.0 * max(odds[0], odds[2])
+    assert odds[1] > 5.0 * max(odds[0], odds[2])
 
 
-@pytest.mark.xfail(strict=False, reason="such a gap is told at 40 %: healthy arms of drawn worlds leave as much")
 def test_a_gap_that_is_seen_by_neighbours_alone_is_reported(short_arm: ArmModel) -> None:
     """Law: it is said that there is a gap."""
     assert diagnose_teeth(short_arm).verdict == "none_of_catalogue"
 
 
-@pytest.mark.xfail(strict=False, reason="friction that waves below its run-to-run variation is not told")
 @pytest.mark.parametrize(("amplitude", "verdict"), [(0.0, "no_gap"), (0.8, "none_of_catalogue")])
 def test_a_law_that_no_name_has_shows_below_what_friction_varies_by(
     short_arm: ArmModel, amplitude: float, verdict: str
