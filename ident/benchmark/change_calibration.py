@@ -31,6 +31,7 @@ from ident.benchmark.leave_out import (
     Problem,
     best_ridge,
     judge_left_out,
+    probability_by_unit,
     score_ridges,
     select_features,
 )
@@ -261,11 +262,7 @@ def fit(rows: Problem) -> tuple[Logistic, float, Float[Array, " N"]]:
 
     These are of features and a ridge that were chosen without the arm, too.
     """
-    held_out = np.zeros(len(rows.right))
-    for arm, model in judge_left_out(rows).items():
-        is_of_arm = rows.units == arm
-        places = [rows.names.index(name) for name in model.names]
-        held_out[is_of_arm] = model.probability(rows.features[is_of_arm][:, places])
+    held_out = probability_by_unit(judge_left_out(rows), rows.units, rows.features, rows.names)
     chosen = select_features(rows)
     ridge = best_ridge(score_ridges(chosen))
     return chosen.fit(ridge), ridge, held_out

@@ -10,7 +10,7 @@ another one around it).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -146,6 +146,27 @@ def unit_scores(problem: Problem, probability: Float[Array, " N"]) -> Float[Arra
     nats = problem.weights * np.log(np.clip(truth, 1e-12, 1.0)) / problem.weights.sum()
     _, numbers = np.unique(problem.units, return_inverse=True)
     return np.bincount(numbers, weights=nats)
+
+
+def probability_by_unit(
+    models: Mapping[str, Logistic],
+    units: Array,
+    features: Float[Array, "N k"],
+    names: Sequence[str],
+) -> Float[Array, " N"]:
+    """Probability of each row by the fit for its unit; 0 of a unit without one.
+
+    Args:
+        models: By unit, each of some of the features.
+        units: Of each row.
+        features, names: Of all rows, and the features' names.
+    """
+    probability = np.zeros(len(units))
+    for unit, model in models.items():
+        rows = units == unit
+        columns = [names.index(name) for name in model.names]
+        probability[rows] = model.probability(features[rows][:, columns])
+    return np.nan_to_num(probability)
 
 
 def judge_left_out(problem: Problem) -> dict[str, Logistic]:

@@ -20,6 +20,7 @@ from ident.benchmark.leave_out import (
     best_ridge,
     judge_left_out,
     left_out,
+    probability_by_unit,
     score_ridges,
     select_features,
 )
@@ -155,12 +156,8 @@ def _fit_problem(problem: Problem, table: Table, labels: Array) -> FittedNames:
 
 def _said_by(models: Mapping[str, Logistic], table: Table) -> Float[Array, " N"]:
     """What the fits say, each of the unit that it has not seen; 0 of a unit without one."""
-    probability = np.full(len(table.rows), np.nan)
-    units = table.units
-    for unit, model in models.items():
-        rows = units == unit
-        probability[rows] = model.probability(table.matrix(model.names)[rows])
-    return np.nan_to_num(probability)
+    names = sorted({name for model in models.values() for name in model.names})
+    return probability_by_unit(models, table.units, table.matrix(names), names)
 
 
 def judged(

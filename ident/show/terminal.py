@@ -151,20 +151,23 @@ def headline(record: Record) -> tuple[str, str]:
 
 def _named_together(changes: Sequence[Record], joints: Sequence[str]) -> str:
     """The first changes by their names, those of one name together, and how many more there are."""
-    places: dict[str, list[str]] = {}
-    for change in changes:
-        name, where = _called(change)
-        places.setdefault(name, []).append(where)
+    places = _places_by_name(changes)
     if len(places) == 1 and len(joints) > 1 and set(joints) == set(*places.values()):
         return f"{next(iter(places))} at every joint"
-    shown: dict[str, list[str]] = {}
-    for change in changes[:MOST_NAMED]:
-        name, where = _called(change)
-        shown.setdefault(name, []).append(where)
+    shown = _places_by_name(changes[:MOST_NAMED])
     words = [_placed(name, wheres) for name, wheres in shown.items()]
     told = "; ".join(words) if any(" and " in name for name in words[:-1]) else join_words(words)
     more = len(changes) - MOST_NAMED
     return f"{told}, and {more} more" if more > 0 else told
+
+
+def _places_by_name(changes: Sequence[Record]) -> dict[str, list[str]]:
+    """Where each name stands among some changes, in their order."""
+    places: dict[str, list[str]] = {}
+    for change in changes:
+        name, where = _called(change)
+        places.setdefault(name, []).append(where)
+    return places
 
 
 def _placed(name: str, wheres: Sequence[str]) -> str:
