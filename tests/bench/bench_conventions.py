@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.checks.conventions.find import Conventions, is_changed, is_sure, search_conventions
+from ident.checks.conventions.find import Conventions, is_changed, search_conventions
 from ident.checks.conventions.hypothesis import Hypothesis
 from ident.checks.conventions.readings import Log, Model
 from ident.checks.filtered_run import USUAL_EFFORT
@@ -87,7 +87,7 @@ class Tally:
         first = drawn.is_right(found.best.hypothesis)
         among = first or (found.second is not None and drawn.is_right(found.second.hypothesis))
         self.read_otherwise[first] += is_changed(found)
-        self.sure[first] += is_sure(found)
+        self.sure[first] += is_changed(found) and found.is_told_apart
         if not found.is_told_apart:
             self.two.update(cases=1, first=first, among=among, read=is_changed(found))
         untold = not first and not drawn.is_told_from(found.best.hypothesis)

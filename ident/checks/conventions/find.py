@@ -216,11 +216,6 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
     return bool(changes) and found.gain > needed and found.best.explains >= least
 
 
-def is_sure(conventions: Conventions, least: float = USUAL_EFFORT.sign_explains) -> bool:
-    """Whether the best reading is surely right: what it changes, and that the second is not."""
-    return is_changed(conventions, least) and conventions.is_told_apart
-
-
 def what_is_sure(
     found: Conventions, least: float = USUAL_EFFORT.sign_explains
 ) -> Conventions | None:

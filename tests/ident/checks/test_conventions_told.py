@@ -8,7 +8,7 @@ import pytest
 
 from ident.checks.conventions.closely import Scored
 from ident.checks.conventions.description import DESCRIPTION, SEARCH
-from ident.checks.conventions.find import Conventions, is_alike, is_changed, is_sure, search_conventions, second_of
+from ident.checks.conventions.find import Conventions, is_alike, is_changed, search_conventions, second_of
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
 from ident.checks.conventions.readings import Log, Model
 from ident.checks.conventions.reread import tell
@@ -38,7 +38,7 @@ def test_none_of_two_is_sure_unless_their_odds_are(share: float) -> None:
     found = found_with(share * SURE)
     assert is_changed(found)
     assert found.is_told_apart == (share > 1.0)
-    assert is_sure(found) == (share > 1.0)
+    assert (is_changed(found) and found.is_told_apart) == (share > 1.0)
 
 
 def test_both_of_two_that_are_not_told_apart_are_said(clean: Session, arm: ArmModel) -> None:
@@ -69,7 +69,7 @@ def test_a_shoulder_half_a_turn_off_and_all_torques_turned_are_one_for_an_arm_th
     np.testing.assert_allclose(found.best.costs, found.second.costs, atol=1e-3)
     assert found.gain > 0.0
     assert not found.is_told_apart
-    assert not is_sure(found)
+    assert not (is_changed(found) and found.is_told_apart)
 
 
 def test_other_values_are_another_reading_and_other_numbers_are_not() -> None:
