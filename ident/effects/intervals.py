@@ -175,10 +175,19 @@ def delta_interval(
 
 @dataclass(frozen=True, eq=False)
 class SizePrior:
-    """What is known of an effect's coefficients beforehand."""
+    """What is known of an effect's coefficients beforehand.
 
-    deviation: Float[Array, " k"]  # expected size of each, of what the recordings say nothing about
-    log_density: Callable[[Float[Array, " k"]], float]  # log density of all of them together
+    Attributes:
+        deviation: Expected size of each, of what the recordings say nothing about.
+        log_density: Log density of all of them together; of several sets of them, shape (s, k),
+            that of each.
+        weighs: Whether the first is a mass above zero: then the density has no value at zero, and
+            over what recordings leave of it has to be integrated.
+    """
+
+    deviation: Float[Array, " k"]
+    log_density: Callable[[Float[Array, "... k"]], Float[np.ndarray, "..."]]
+    weighs: bool = False
 
     @classmethod
     def about_zero(cls, deviation: Float[Array, " k"]) -> SizePrior:
@@ -186,15 +195,15 @@ class SizePrior:
         half = 0.5 * (FREEDOM + 1)
         constant = gammaln(half) - gammaln(0.5 * FREEDOM) - 0.5 * np.log(FREEDOM * np.pi)
 
-        def log_density(coefficients: Float[Array, " k"]) -> float:
+        def log_density(coefficients: Float[Array, "... k"]) -> Float[np.ndarray, "..."]:
             spread = half * np.log1p((coefficients / deviation) ** 2 / FREEDOM)
-            return float(np.sum(constant - spread - np.log(deviation)))
+            return np.asarray(np.sum(constant - spread - np.log(deviation), axis=-1))
 
         return cls(deviation, log_density)
 
-    def beyond_normal(self, coefficients: Float[Array, " k"]) -> float:
+    def beyond_normal(self, coefficients: Float[Array, "... k"]) -> Float[np.ndarray, "..."]:
         """By how much coefficients are likelier than by a normal of its deviations [nats]."""
-        normal = np.sum((coefficients / self.deviation) ** 2)
-        constant = len(coefficients) * np.log(2.0 * np.pi)
-        normal += 2.0 * np.sum(np.log(self.deviation)) + constant
-        return self.log_density(coefficients) + 0.5 * float(normal)
+        normal = np.sum((coefficients / self.deviation) ** 2, axis=-1)
+        constant = np.shape(coefficients)[-1] * np.log(2.0 * np.pi)
+        normal = normal + 2.0 * np.sum(np.log(self.deviation)) + constant
+        return np.asarray(self.log_density(coefficients) + 0.5 * normal)

@@ -168,21 +168,20 @@ class UnknownPayload(Effect):
         shells = np.log(far / near) + 0.5 * BOTH_TAILS + 1.0 / max(len(axes), 1)
         places = SPHERES[len(axes)] * shells
 
-        def log_density(coefficients: Float[Array, " k"]) -> float:
-            mass = float(coefficients[0])
-            if mass <= 0.0:
-                return -np.inf
+        def log_density(coefficients: Float[Array, "... k"]) -> Float[np.ndarray, "..."]:
+            weighs = coefficients[..., 0] > 0.0
+            mass = np.where(weighs, coefficients[..., 0], heaviest)
             likely = np.clip(mass, lightest, heaviest)
             density = -np.log(mass * masses) - 0.5 * np.log2(mass / likely) ** 2
             if len(axes):
-                centre = moment_of_mass + coefficients[1:] / mass
-                distance = max(float(np.linalg.norm(centre)), near)
-                usual = min(distance, far)
-                density -= np.log(places) + len(axes) * np.log(distance * mass)
-                density -= 0.5 * np.log2(distance / usual) ** 2
-            return float(density)
+                centre = moment_of_mass + coefficients[..., 1:] / mass[..., None]
+                distance = np.maximum(np.linalg.norm(centre, axis=-1), near)
+                usual = np.minimum(distance, far)
+                density = density - np.log(places) - len(axes) * np.log(distance * mass)
+                density = density - 0.5 * np.log2(distance / usual) ** 2
+            return np.where(weighs, density, -np.inf)
 
-        return SizePrior(0.5 * largest, log_density)
+        return SizePrior(0.5 * largest, log_density, weighs=True)
 
 
 class LinkInertialError(Effect):
@@ -315,9 +314,9 @@ class LinkInertialError(Effect):
         beside = np.concatenate([[0.0], law[1:4, 0] - moment_of_link])[active]
         first = active[0] == 0
 
-        def log_density(coefficients: Float[Array, " k"]) -> float:
+        def log_density(coefficients: Float[Array, "... k"]) -> Float[np.ndarray, "..."]:
             return usual.log_density(
-                coefficients + beside * coefficients[0] if first else coefficients
+                coefficients + beside * coefficients[..., :1] if first else coefficients
             )
 
         return SizePrior(usual.deviation, log_density)

@@ -20,15 +20,16 @@ is worth log 2 each.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_solve, eigh, qr
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
+from scipy.special import logsumexp
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from ident.regression.least_squares import solve_signed
 
 # Logarithms of variances of whitened coefficients that are looked at: beyond them a block is off,
@@ -38,6 +39,9 @@ LEAST_LOG_VARIANCE, MOST_LOG_VARIANCE = -18.0, 16.0
 # nothing.
 ROUNDING = 1e-13
 LOG_TWO = float(np.log(2.0))
+# Nodes of a mass over what recordings leave of it, and how many deviations they reach beyond the
+# mean; the least is so small a share of the largest that priors of masses end above it.
+MASS_NODES, MASS_REACH, LEAST_NODE = 96, 5.0, 1e-4
 
 
 def factorise(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
@@ -192,3 +196,78 @@ def solve_set(
     gain = float(scaled @ free - 0.5 * free @ inner @ free)
     nats = gain - float(np.log(np.diag(factor)).sum()) + LOG_TWO * int(signed.sum())
     return nats, deviation * free
+
+
+@dataclass(frozen=True, eq=False)
+class MassLeft:
+    """What recordings leave of a coefficient that is a mass, the others at their best beside it.
+
+    Attributes:
+        estimate: At the solution, where it is not below zero.
+        deviation: Its standard deviation.
+        slope: Derivative of the log evidence there; below 0 where the bound alone keeps it at zero.
+        step: Change of all coefficients of the set as it grows by one.
+    """
+
+    estimate: float
+    deviation: float
+    slope: float
+    step: Float[Array, " k"]
+
+    def log_mean(self, log_ratio: Callable[[Float[Array, " s"]], Float[np.ndarray, " s"]]) -> float:
+        """Log of the integral over all masses above zero of their normal likelihood, one at the
+        solution with area one, times a ratio [nats].
+
+        Args:
+            log_ratio: Logarithm of the ratio by how much the mass is above its estimate.
+        """
+        mean = self.estimate + self.slope * self.deviation**2
+        most = self.estimate + MASS_REACH * self.deviation
+        least = max(mean - MASS_REACH * self.deviation, LEAST_NODE * most)
+        logs = np.linspace(np.log(least), np.log(most), MASS_NODES)
+        mass = np.exp(logs)
+        above = mass - self.estimate
+        likely = self.slope * above - 0.5 * (above / self.deviation) ** 2
+        terms = likely + log_ratio(above) + logs
+        weight = np.full(MASS_NODES, logs[1] - logs[0])
+        weight[[0, -1]] *= 0.5
+        area = np.log(self.deviation * np.sqrt(2.0 * np.pi))
+        return float(logsumexp(terms, b=weight) - area)
+
+
+def mass_left(
+    sums: Float[Array, "k k"],
+    target: Float[Array, " k"],
+    deviation: Float[Array, " k"],
+    signed: Bool[Array, " k"],
+    estimate: Float[Array, " k"],
+    place: int,
+) -> MassLeft:
+    """What recordings leave of one of a set's coefficients, which is a mass.
+
+    Args:
+        sums, target, deviation, signed: As in `solve_set`.
+        estimate: What that found.
+        place: Where the mass stands among the coefficients. Others that their bound keeps at zero
+            stay there.
+    """
+    inner = deviation[:, None] * sums * deviation
+    inner[np.diag_indices(len(inner))] += 1.0
+    scaled = estimate / deviation
+    slope = deviation * target - inner @ scaled
+    free = ~(signed & (estimate <= 0.0))
+    free[place] = True
+    inside = np.flatnonzero(free)
+    unit = (inside == place).astype(float)
+    factor = factorise(inner[np.ix_(inside, inside)])
+    column = cho_solve((factor, True), unit, check_finite=False)
+    # At most one beforehand; rounding may leave nothing of it.
+    variance = max(float(column @ unit), ROUNDING)
+    step = np.zeros(len(estimate))
+    step[inside] = deviation[inside] * column / (variance * deviation[place])
+    return MassLeft(
+        estimate=float(estimate[place]),
+        deviation=float(deviation[place]) * float(np.sqrt(variance)),
+        slope=min(float(slope[place]) / float(deviation[place]), 0.0),
+        step=step,
+    )

@@ -5,7 +5,8 @@ with prior deviations s has the log evidence of `evidence.log_evidence` on R_MM,
 of its names; what a candidate adds beside a set is the same on what the set leaves of R.
 Coefficients that can't be negative are solved with that bound; their prior is half a normal, which
 is worth log 2 each. Where an effect knows more of its size than a normal, the ratio of both
-densities at the estimate is added (Tierney and Kadane 1986).
+densities at the estimate is added (Tierney and Kadane 1986); of a mass, which has no density at
+zero, the mean of that ratio over what recordings leave of it.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from scipy.linalg import cho_solve, solve_triangular
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.effects import optional
-from ident.inference.evidence import factorise, free_gains, solve_set
+from ident.inference.evidence import LOG_TWO, factorise, free_gains, mass_left, solve_set
 from ident.inference.names import LEAST_DEVIATION, Names
 from ident.regression.design import Group, Key
 from ident.regression.least_squares import Prior
@@ -150,21 +151,37 @@ class SetSearch:
         """
         if not chosen:
             return 0.0
-        nats, scaled = self._solve(chosen)
-        for group, part in _parts(chosen, scaled):
-            nats += self.names.log_odds[group] + self._for_size(group, part)
-        return nats
+        nats, _ = self._solve(chosen)
+        return nats + sum(self.names.log_odds[group] for group in chosen)
 
-    def _for_size(self, group: Group, scaled: Float[Array, " k"]) -> float:
+    def _for_size(
+        self, group: Group, sums: SumsAfter, scaled: Float[Array, " k"], place: int = 0
+    ) -> float:
         """What is to be added where more is known of an effect's size than a deviation [nats].
+
+        A mass that recordings hardly determine may be found at zero, where no body is: over what
+        they leave of it is integrated.
 
         Args:
             group: The effect.
-            scaled: Its coefficients, in the scale of its columns.
+            sums: Of a set that it is in.
+            scaled: The set's coefficients, in the scale of its columns.
+            place: Where its own begin.
         """
-        if group.prior is None:
+        prior = group.prior
+        if prior is None:
             return 0.0
-        return group.prior.beyond_normal(scaled / self.scale[group.columns - self.names.first])
+        own = slice(place, place + len(group.columns))
+        unit = self.scale[group.columns - self.names.first]
+        if not prior.weighs:
+            return float(prior.beyond_normal(scaled[own] / unit))
+        left = mass_left(sums.sums, sums.target, sums.deviation, sums.signed, scaled, place)
+
+        def log_ratio(above: Float[Array, " s"]) -> Float[np.ndarray, " s"]:
+            return prior.beyond_normal((scaled[own] + above[:, None] * left.step[own]) / unit)
+
+        # Its density is that of a mass above zero, not of half a normal.
+        return left.log_mean(log_ratio) - LOG_TWO
 
     def coefficients(self, chosen: Sequence[Group]) -> dict[Group, Float[Array, " k"]]:
         """Coefficients of a set's effects, in the columns' own units.
@@ -212,13 +229,29 @@ class SetSearch:
         return self._solved[key]
 
     def _solve_anew(self, chosen: Sequence[Group]) -> tuple[float, Float[Array, " k"]]:
+        """The same of a set that was not solved before."""
         columns, deviation = self._stacked(chosen)
-        starts = np.cumsum([0, *(len(group.columns) for group in chosen)])
-        signed = np.zeros(len(columns), dtype=bool)
-        for start, group in zip(starts, chosen, strict=False):
-            signed[[start + k for k in group.signed if k < len(group.columns)]] = True
-        sums = self.rest[np.ix_(columns, columns)]
-        return solve_set(sums, self.rest[columns, -1], deviation, signed)
+        sums = SumsAfter(
+            self.rest[np.ix_(columns, columns)],
+            self.rest[columns, -1],
+            deviation,
+            self._signed(chosen),
+        )
+        nats, scaled = solve_set(sums.sums, sums.target, sums.deviation, sums.signed)
+        places = np.cumsum([0, *(len(group.columns) for group in chosen)])
+        for place, group in zip(places, chosen, strict=False):
+            nats += self._for_size(group, sums, scaled, int(place))
+        return nats, scaled
+
+    @staticmethod
+    def _signed(chosen: Sequence[Group]) -> Bool[Array, " k"]:
+        """Which of a set's coefficients can't be negative."""
+        widths = [len(group.columns) for group in chosen]
+        parts = [
+            np.isin(np.arange(width), group.signed)
+            for width, group in zip(widths, chosen, strict=True)
+        ]
+        return np.concatenate(parts)
 
     def beside(self, chosen: Sequence[Group]) -> Float[Array, "c c"]:
         """Sums of all candidates and the torque with the baseline and a set of effects integrated
@@ -272,12 +305,13 @@ class SetSearch:
             free = free_gains(sums, target[columns], batch.deviation)
             gains = free.nats + batch.known
             below = (batch.signed & (free.sizes < 0.0)).any(axis=1) & (gains > 0.0)
-            for k in np.flatnonzero(batch.sized & np.isfinite(gains) & ~below):
-                gains[k] += self._for_size(self.names.groups[batch.slots[k]], free.sizes[k])
-            for k in np.flatnonzero(below):
+            for k in np.flatnonzero((batch.sized & np.isfinite(gains)) | below):
                 after = SumsAfter(sums[k], target[columns[k]], batch.deviation[k], batch.signed[k])
-                if batch.sized[k]:  # what more is known of the size may add to it
-                    gains[k] = self.gain_within(self.names.groups[batch.slots[k]], after)
+                group = self.names.groups[batch.slots[k]]
+                if not below[k]:
+                    gains[k] += self._for_size(group, after, free.sizes[k])
+                elif batch.sized[k]:  # what more is known of the size may add to it
+                    gains[k] = self.gain_within(group, after)
                 else:
                     bent[batch.slots[k]] = after
             most[batch.slots] = gains
@@ -295,7 +329,7 @@ class SetSearch:
             after: Its sums after a set.
         """
         nats, size = solve_set(after.sums, after.target, after.deviation, after.signed)
-        return nats + self.names.log_odds[group] + self._for_size(group, size)
+        return nats + self.names.log_odds[group] + self._for_size(group, after, size)
 
     def best(
         self, chosen: Sequence[Group], keys: set[Key] | None = None, joint: int | None = None

@@ -6,7 +6,7 @@ import pytest
 from ident.diagnosis.diagnose import Analysis
 from ident.effects.optional import Linearised, stands_for
 from ident.inference.components import ModelSums
-from ident.inference.evidence import solve_set
+from ident.inference.evidence import LOG_TWO, mass_left, solve_set
 from ident.inference.infer import Inferred
 from ident.inference.search import SetSearch
 from ident.regression.design import Group
@@ -208,6 +208,41 @@ def test_a_bound_that_does_not_bind_is_worth_log_two(seed: int) -> None:
     fewer, rest = solve_set(sums[:2, :2], target[:2], deviation[:2], np.zeros(2, dtype=bool))
     assert gone[:2] == pytest.approx(rest)
     assert held <= fewer + np.log(2.0) + 1e-9
+
+
+@pytest.mark.parametrize("gain", [0.5, 5.0, 500.0])
+@pytest.mark.parametrize("mass", [-0.3, 0.1, 2.0])
+def test_over_a_mass_that_is_hardly_known_is_integrated(mass: float, gain: float) -> None:
+    """Law: the evidence of a body is the integral over all masses above zero and all moments, found mass zero or not.
+
+    Against a sum over a fine grid of the mass's logarithm, the moment integrated out by hand.
+    """
+    rng = np.random.default_rng(7)
+    root = rng.standard_normal((2, 2))
+    sums = gain * root @ root.T
+    deviation = np.array([2.0, 1.0])
+    target = sums @ [mass, 0.2] + 0.3 * np.sqrt(np.diag(sums)) * rng.standard_normal(2)
+    signed = np.array([True, False])
+
+    def log_prior(masses: np.ndarray) -> np.ndarray:
+        """Even in the logarithm from 0.01 to 5, with a deviation of a factor of two beyond."""
+        off = np.log2(masses / np.clip(masses, 0.01, 5.0))
+        area = np.log(500.0) + np.sqrt(2.0 * np.pi) * np.log(2.0)
+        return np.asarray(-np.log(masses * area) - 0.5 * off**2)
+
+    def log_normal(masses: np.ndarray) -> np.ndarray:
+        return np.asarray(-0.5 * (masses / 2.0) ** 2 - np.log(2.0 * np.sqrt(2.0 * np.pi)))
+
+    nats, found = solve_set(sums, target, deviation, signed)
+    left = mass_left(sums, target, deviation, signed, found, 0)
+    mean = left.log_mean(lambda above: log_prior(found[0] + above) - log_normal(found[0] + above))
+    logs = np.linspace(np.log(1e-6), np.log(60.0), 4000)
+    masses = np.exp(logs)
+    precision = sums[1, 1] + 1.0
+    by_moment = 0.5 * (target[1] - sums[0, 1] * masses) ** 2 / precision - 0.5 * np.log(precision)
+    terms = target[0] * masses - 0.5 * sums[0, 0] * masses**2 + by_moment + log_prior(masses) + logs
+    exact = np.log(np.trapezoid(np.exp(terms - terms.max()), logs)) + terms.max()
+    assert nats + mean - LOG_TWO == pytest.approx(exact, abs=0.02)
 
 
 def test_beforehand_candidates_are_one_name_together(sprung: Analysis) -> None:
