@@ -53,6 +53,7 @@ class WrittenInto:
 
     path: Path
     form: str  # urdf or mjcf
+    tip: str = ""  # the arm's last joint, where its robot has several arms
     joints: dict[str, dict[str, float]] = field(default_factory=dict)  # by its name in the file
     links: list[str] = field(default_factory=list)  # that were changed, by their names in the file
     left: list[str] = field(default_factory=list)  # what was not written, and why
@@ -84,7 +85,7 @@ def write_into(path: Path, data: bytes, identified: IdentifiedArm) -> tuple[byte
     if edited.root.tag not in forms:
         raise InputError(path, f"its root is <{edited.root.tag}>, not <robot> or <mujoco>", REMEDY)
     form, edit = forms[edited.root.tag]
-    written = WrittenInto(path, form)
+    written = WrittenInto(path, form, identified.nominal.tip)
     edit(edited, identified, written)
     if not identified.is_level:
         written.left.append("gravity and the base's mount: set them where your scene has them")
@@ -117,7 +118,7 @@ def require_loadable(path: Path, text: bytes, written: WrittenInto) -> None:
             if written.form == "mjcf":
                 _compile(temporary)
             else:
-                ArmModel.from_urdf(text.decode(), path)
+                ArmModel.from_whole_urdf(text.decode(), path, written.tip)
     except (RobotError, ValueError) as error:
         what = f"with what was identified it does not load ({first_line(error)})"
         raise InputError(path, what, "take robot.urdf and robot.xml of --out") from None
@@ -261,7 +262,7 @@ def _require_single(named: Mapping[str, Element], elements: Sequence[Element], w
 def _other_urdf(edited: EditedXml, arm: ArmModel, written: WrittenInto) -> str:
     """Why the file's links are not those of the arm; empty where they are."""
     try:
-        in_file = ArmModel.from_urdf(edited.text.decode(), written.path)
+        in_file = ArmModel.from_whole_urdf(edited.text.decode(), written.path, arm.tip)
     except (RobotError, UnicodeDecodeError) as error:
         return f"the file does not load alone ({first_line(error)})"
     if not in_file.is_same(arm.with_gravity(in_file.model.gravity.linear)):

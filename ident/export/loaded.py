@@ -20,7 +20,7 @@ from ident.export.loaded_mjcf import LoadedMjcf
 from ident.export.loaded_model import LoadedModel, SimulatorModel
 from ident.export.loaded_urdf import LoadedUrdf
 from ident.export.mjcf import write_mjcf
-from ident.export.urdf_file import write_urdf
+from ident.export.urdf_file import tip_in_file, write_urdf
 from ident.files import run_python
 from ident.laws.acting import Effect, acting_torque, read_log
 from ident.laws.motion import Arm, Losses, MovingArm
@@ -109,7 +109,8 @@ class WrittenFile:
         if self.form == "mjcf":
             model = LoadedMjcf(path, arm.joint_names, payload)
         else:
-            model = LoadedUrdf.read(path, tuple(arm.locked_joints), self.stated.losses, payload)
+            locked = tuple(arm.locked_joints)
+            model = LoadedUrdf.read(path, locked, self.stated.losses, payload, tip_in_file(arm))
         model.module = module
         return model
 

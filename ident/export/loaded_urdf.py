@@ -37,9 +37,15 @@ class LoadedUrdf(LoadedModel):
         locked: tuple[str, ...],
         losses: Losses,
         payload: Payload | None,
+        tip: str = "",
     ) -> LoadedUrdf:
-        """A file: damping and dry friction are what it says, whatever `losses` hold."""
-        arm = ArmModel.from_urdf(path.read_text(encoding="utf-8"), path)
+        """A file: damping and dry friction are what it says, whatever `losses` hold.
+
+        Args:
+            path, locked, losses, payload: The file, joints to lock, and what stands beside it.
+            tip: Name of the arm's last joint where the file has several arms; else empty.
+        """
+        arm = ArmModel.from_whole_urdf(path.read_text(encoding="utf-8"), path, tip)
         arm = arm.locked([name for name in locked if name in arm.joint_names])
         stated = replace(losses, viscous=arm.model.damping, coulomb=arm.model.friction)
         return cls(arm, stated, payload)

@@ -96,23 +96,31 @@ def source_text(arm: ArmModel) -> str:
     if arm.source is None or not arm.source.is_file():
         return arm.urdf
     text = read_text(arm.source, "put the file back as it was, or away", RobotError)
-    as_locked = (arm.source, tuple(arm.locked_joints.items()), arm.tip)
-    if _content_of(text, *as_locked) != _content_of(arm.urdf, *as_locked):
+    as_locked = (arm.source, tuple(arm.locked_joints.items()))
+    if _content_of(text, *as_locked, arm.tip) != _content_of(arm.urdf, *as_locked, ""):
         what = "its joints, lengths or inertias are no longer those of the arm that was identified"
         remedy = "identify the arm again, or put the file back as it was, or away"
         raise RobotError(arm.source, what, remedy)
     return text
 
 
+def tip_in_file(arm: ArmModel) -> str:
+    """The last joint by which the arm is found in what is written of it; empty where that has one
+    arm alone.
+    """
+    return arm.tip if arm.source is not None and arm.source.is_file() else ""
+
+
 @lru_cache(maxsize=4)
 def _content_of(text: str, source: Path, locked: tuple[tuple[str, float], ...], tip: str) -> str:
-    """What a URDF says of an arm with some joints locked; those that it has fixed stay so.
+    """What a URDF says of the arm up to a tip with some joints locked; those that it has fixed
+    stay so.
 
     The last are kept: one arm is written in many variants.
     """
-    whole = ArmModel.from_urdf(text, source, {}, tip)
+    whole = ArmModel.from_whole_urdf(text, source, tip)
     there = {name: position for name, position in locked if name in whole.joint_names}
-    return ArmModel.from_urdf(text, source, there, tip).content
+    return ArmModel.from_urdf(whole.urdf, source, there, tip).content
 
 
 def _add_inertia(root: Element, link: Element, change: Float[Array, " 10"], arm: ArmModel) -> None:

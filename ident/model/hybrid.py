@@ -339,6 +339,7 @@ class HybridModel:
             "robot": {
                 "name": self.robot.name,
                 "source": str(self.robot.source.absolute() if self.robot.source else ""),
+                "tip": self.robot.tip,
                 "gravity_mps2": self.robot.model.gravity.linear.tolist(),
                 "joints": list(self.joint_names),
                 "links": self.links,
@@ -403,7 +404,7 @@ def _read_arm(path: Path, robot: JsonRecord) -> ArmModel:
     source = (path.parent / robot["source"]).absolute() if robot["source"] else None
     gravity = np.array(robot.get("gravity_mps2", STANDARD_GRAVITY))
     urdf = read_text(path, REMEDY, ModelError)
-    return ArmModel.from_urdf(urdf, source).with_gravity(gravity)
+    return ArmModel.from_urdf(urdf, source, tip=robot.get("tip", "")).with_gravity(gravity)
 
 
 def _read_fit(

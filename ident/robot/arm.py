@@ -75,15 +75,30 @@ class ArmModel:
             text = import_module("ident.robot.xacro_files").expand(path)
         else:
             text = read_text(path, "give a URDF file", RobotError)
-        beside: dict[str, float] = {}
-        if tip:
-            text, beside = lock_beside(text, tip, str(path))
-        arm = cls.from_urdf(text, path, tip=tip)
-        arm = replace(arm, locked_joints={**beside, **arm.locked_joints})
+        arm = cls.from_whole_urdf(text, path, tip)
         if joints is None:
             return arm
         arm._require_joints(joints)
         return arm.keeping(joints)
+
+    @classmethod
+    def from_whole_urdf(cls, text: str, source: Path, tip: str) -> ArmModel:
+        """Builds the arm from a URDF that may have other arms beside it.
+
+        Args:
+            text: The URDF.
+            source: Its file.
+            tip: Name of the arm's last joint: all that is not on the way to it is locked at zero.
+                Empty where the URDF has one arm alone.
+
+        Raises:
+            RobotError: As `load`.
+        """
+        beside: dict[str, float] = {}
+        if tip:
+            text, beside = lock_beside(text, tip, str(source))
+        arm = cls.from_urdf(text, source, tip=tip)
+        return replace(arm, locked_joints={**beside, **arm.locked_joints})
 
     @classmethod
     def from_urdf(

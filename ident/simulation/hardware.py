@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.errors import InputError
+from ident.errors import InputError, RobotError, first_line
+from ident.model.link_inertia import ENTRIES, about_centre, moved, read_inertial, set_inertial
 from ident.robot.arm import ArmModel
 from ident.simulation.laws import (
     Column,
@@ -26,6 +27,8 @@ from ident.simulation.laws import (
 )
 from ident.simulation.sensing import ReadOnly, Sensing
 
+# Least second moment of mass that a possible body keeps along an axis, as a share of its largest.
+LEAST_MOMENT = 1e-6
 Point = Sequence[float] | Array
 """Three coordinates [m]."""
 DECOYS = {
@@ -129,7 +132,7 @@ def build_model(
     """
     # Fixed links (tool mounts, cameras) become part of the link that carries them; the
     # perturbations then act on all.
-    spec = _as_chain(mujoco.MjSpec.from_string(without_geometry(urdf)).compile(), joints, bodies)
+    spec = _as_chain(_compile(without_geometry(urdf)), joints, bodies)
     for body in bodies.added:
         body.fix_to(spec.body(joints[links.index(body.link)]))
     if (slosh := bodies.slosh) is not None:
@@ -168,6 +171,45 @@ def build_model(
     ):
         model.opt.disableflags |= int(bit)
     return model
+
+
+def _compile(urdf: str) -> Any:
+    """A URDF as MuJoCo reads it, links that no body could be as the nearest ones that could.
+
+    Raises:
+        RobotError: MuJoCo refuses it all the same.
+    """
+    try:
+        return mujoco.MjSpec.from_string(urdf).compile()
+    except ValueError:
+        try:
+            return mujoco.MjSpec.from_string(with_possible_bodies(urdf)).compile()
+        except ValueError as error:
+            what = f"MuJoCo refuses it ({first_line(error)})"
+            raise RobotError("URDF", what, "check its <inertial> elements") from None
+
+
+def with_possible_bodies(urdf: str) -> str:
+    """A URDF's text where each link that no body could be is the nearest one of its mass and
+    centre.
+
+    With the second moments of mass about the centre, S = tr(I) / 2 - I, a body's are positive
+    along every axis: what lies below is raised to next to nothing.
+    """
+    root = ET.fromstring(urdf)
+    for link in root.findall("link"):
+        numbers = read_inertial(link)
+        mass, centre, about = about_centre(numbers)
+        second = 0.5 * np.trace(about) * np.eye(3) - about
+        moments, axes = np.linalg.eigh(second)
+        least = LEAST_MOMENT * np.abs(moments).max()
+        if mass <= 0.0 or moments[0] >= least:
+            continue
+        second = (axes * np.maximum(moments, least)) @ axes.T
+        possible = np.trace(second) * np.eye(3) - second
+        body = np.concatenate([[mass], np.zeros(3), possible[ENTRIES]])
+        set_inertial(link, moved(body, np.eye(3), centre))
+    return ET.tostring(root, encoding="unicode")
 
 
 def without_geometry(urdf: str) -> str:

@@ -30,6 +30,11 @@ STRIDE = 10
 # Poses by which links that always touch are told, and in which share of them they do.
 HOUSING_POSES = 40
 HOUSING_SHARE = 0.9
+# Poses that are drawn where the arm can't stand in the middle of its limits, how many more about
+# each it has to stand in, and how far off these are, as a share of the joints' ranges.
+DRAWN_POSES = 4000
+NEAR_POSES = 8
+NEAR_SHARE = 0.05
 
 Collisions = tuple[pin.Model, pin.Data, pin.GeometryModel, pin.GeometryData]
 """The arm, its shapes, and Pinocchio's room for both."""
@@ -54,15 +59,50 @@ class MotionLimits:
 
     @cached_property
     def centre(self) -> Float[Array, " n"]:
-        """Where motions centre: zero if that is well inside the limits, else the middle [rad]."""
+        """Where motions centre [rad].
+
+        Zero if that is well inside the limits, else the middle; where the arm touches itself there
+        or can't hold itself up, the pose nearest to it, of many that are drawn, about which it can
+        move.
+        """
+        usual = self._middle
+        if self.can_rest(usual[None]):
+            return usual
+        draws = np.random.default_rng(0)
+        poses = draws.uniform(self.lower, self.upper, (DRAWN_POSES, self.arm.n))
+        reach = self.upper - self.lower
+        nearest = np.argsort(np.square((poses - usual) / reach).sum(axis=1))
+        aside = NEAR_SHARE * reach * draws.uniform(-1.0, 1.0, (NEAR_POSES, self.arm.n))
+        for pose in poses[nearest]:
+            about = np.clip(pose + aside, self.lower, self.upper)
+            if self.can_rest(np.vstack([pose, about])):
+                return np.asarray(pose)
+        return usual
+
+    @cached_property
+    def _middle(self) -> Float[Array, " n"]:
+        """Zero where that is well inside the limits, else their middle [rad]."""
         middle = 0.5 * (self.lower + self.upper)
         half = 0.5 * (self.upper - self.lower)
         return np.where(np.abs(middle) < 0.5 * half, 0.0, middle)
 
+    def can_rest(self, poses: Float[Array, "K n"]) -> bool:
+        """Whether the arm can hold itself up in all poses, with torque that motions may use, and
+        touches itself in none.
+        """
+        if (np.abs(self.arm.gravity(poses)) > TORQUE_SHARE * self.torque).any():
+            return False
+        if self._geometry is None:
+            return True
+        return not any(pin.computeCollisions(*self._geometry, pose, True) for pose in poses)
+
     @cached_property
     def span(self) -> Float[Array, " n"]:
         """How far motions go from the centre: the joints that carry much move much [rad]."""
-        room = np.minimum(self.upper - self.centre, self.centre - self.lower)
+        return self._span_about(self.centre)
+
+    def _span_about(self, centre: Float[Array, " n"]) -> Float[Array, " n"]:
+        room = np.minimum(self.upper - centre, centre - self.lower)
         strong = self.torque > 0.5 * self.torque.max()
         return np.minimum(0.8 * room, np.where(strong, 1.5, 1.0))
 
@@ -143,7 +183,8 @@ class MotionLimits:
         _, _, geometry, geometry_data = collisions
         shares = np.random.default_rng(0).uniform(-1.0, 1.0, (HOUSING_POSES, self.arm.n))
         hits = np.zeros(len(geometry.collisionPairs))
-        for pose in self.centre + self.span * shares:
+        middle = self._middle
+        for pose in middle + self._span_about(middle) * shares:
             pin.computeCollisions(*collisions, pose, False)
             hits += [result.isCollision() for result in geometry_data.collisionResults]
         for pair in np.flatnonzero(hits > HOUSING_SHARE * HOUSING_POSES):

@@ -18,7 +18,8 @@ from ident.errors import InputError
 from ident.export.bodies import Links, nearest_bodies
 from ident.export.formats import state_arm, usual_run
 from ident.export.identified import Change, Diagnosed, IdentifiedArm, in_module, untuned
-from ident.export.loaded import LoadedMjcf, load_module
+from ident.export.into import require_loadable, write_into
+from ident.export.loaded import LoadedMjcf, WrittenFile, load_module
 from ident.export.mjcf import spring_at_rest
 from ident.export.urdf_file import write_urdf
 from ident.export.write import PATCH_FILES, write_patch
@@ -311,3 +312,26 @@ def test_tuned_links_become_bodies_of_the_same_torque(arm: ArmModel) -> None:
     left = np.sqrt(np.mean((torque[..., 0] - torque[..., 1]) ** 2) / np.mean(torque[..., 0] ** 2))
     assert left < 0.01
     assert missed < 0.01
+
+
+@pytest.mark.parametrize("robot", ["tiago_pro:arm_left_7_joint", "baxter:left_w2"])
+def test_a_file_of_a_robot_with_several_arms_is_of_the_one_that_was_named(robot: str, tmp_path: Path) -> None:
+    """Law: written, loaded back and written into the robot's own file, it is that arm, its losses changed."""
+    arm = ArmModel.load(robot)
+    losses = Losses(*(np.full(arm.n, value) for value in (0.0, 2.0, 3.0, 0.02, 0.0)))
+    identified = IdentifiedArm.with_losses(arm, losses)
+    written = WrittenFile.write("urdf", tmp_path, identified)
+    loading = written.check()
+    assert loading["loads"]
+    assert loading["torque_difference_Nm"] < 1e-9
+    loaded = written.load()
+    assert loaded.arm.joint_names == arm.joint_names
+    assert arm.source is not None
+    own = tmp_path / "own.urdf"
+    own.write_bytes(arm.source.read_bytes())
+    text, into = write_into(own, own.read_bytes(), identified)
+    require_loadable(own, text, into)
+    assert not any("links" in left for left in into.left)
+    again = ArmModel.from_whole_urdf(text.decode(), own, arm.tip)
+    np.testing.assert_allclose(again.model.damping, 2.0)
+    np.testing.assert_allclose(again.model.friction, 3.0)

@@ -2,18 +2,22 @@
 
 import json
 import math
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ident.errors import InputError
+from ident.model.bodies import is_consistent, pseudo_inertia
+from ident.model.link_inertia import read_inertial
 from ident.recordings.load import load_session
 from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from ident.simulation import visible_rows
 from ident.simulation.causes import CATALOGUE, OUTSIDE, Circumstances, find_cause
-from ident.simulation.hardware import DECOYS
+from ident.simulation.hardware import DECOYS, with_possible_bodies, without_geometry
 from ident.simulation.request import (
     ENVELOPE_NAME,
     Answer,
@@ -268,3 +272,21 @@ def test_shipped_envelopes_open():
     for name in ("sealed_1", "sealed_2", "sealed_3"):
         (effect,) = open_envelope(data_path(f"logs/tm5_900/{name}"), sealed_key(name)).effects
         assert effect.effect in CATALOGUE
+
+
+@pytest.mark.parametrize("robot", ["pr2:r_wrist_roll_joint", "b1-z1"])
+def test_links_that_no_body_could_be_do_not_stop_the_plant(robot: str) -> None:
+    """Law: only such links change, each to a body of the same mass and centre; the arm moves."""
+    options = SimulationOptions(robot=robot, motions=("spline",), runs=1, duration=1.0, rate=50.0)
+    urdf = without_geometry(ArmModel.load(robot).urdf)
+    links = zip(*(ET.fromstring(text).iter("link") for text in (urdf, with_possible_bodies(urdf))), strict=True)
+    changed = 0
+    for before, after in links:
+        given, possible = read_inertial(before), read_inertial(after)
+        np.testing.assert_allclose(possible[:4], given[:4], atol=1e-12)
+        if not np.allclose(possible, given, rtol=1e-12, atol=0.0):
+            changed += 1
+            assert not is_consistent(given) or np.linalg.matrix_rank(pseudo_inertia(given), tol=1e-9) < 4
+        assert given[0] <= 0.0 or is_consistent(possible)
+    assert changed
+    assert np.isfinite(simulate(options).session.runs[0].effort).all()
