@@ -39,7 +39,7 @@ def test_motions_keep_limits_and_rest_at_both_ends(arm, planned, kind):
     "robot", ["baxter:left_w2", "talos_left_arm:arm_left_7_joint", "g1_29dof_rev_1_0:left_wrist_yaw_joint"]
 )
 def test_an_arm_that_cannot_stand_in_the_middle_of_its_limits_moves_elsewhere(robot: str) -> None:
-    """Law: an arm too weak to hold itself out straight, or one that touches its body there, has motions all the same."""
+    """Law: an arm too weak to hold itself out straight, or one that touches its body, has motions all the same."""
     arm = ArmModel.load(robot)
     limits = MotionLimits(arm)
     halfway = 0.5 * (limits.lower + limits.upper)
