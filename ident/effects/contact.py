@@ -165,7 +165,11 @@ class ExternalContact(Effect):
                 )
                 envelope = 0.5 - 0.5 * np.cos(np.pi * ramp)
                 force = force_columns(
-                    run.arm, run.motion.q[inside], round(variant.shape["link"]), outward
+                    run.arm,
+                    run.motion.q[inside],
+                    round(variant.shape["link"]),
+                    outward,
+                    session.tuned,
                 )
                 columns[inside] = envelope[:, None, None] * force
             by_run.append(columns)
@@ -314,7 +318,7 @@ def find_span(leftover: Leftover, rough: Push) -> Push:
     for link, outward in _points(run.n):
         force = (
             known[:, :, None]
-            * force_columns(run.arm, q, link, outward)
+            * force_columns(run.arm, q, link, outward, leftover.session.tuned)
             / leftover.usual[None, :, None]
         )
         sums = force, np.einsum("tja,tjb->tab", force, force), np.einsum("tja,tj->ta", force, left)
@@ -382,7 +386,8 @@ def locate(leftover: Leftover, push: Push) -> Located:
     best = Located(push, 0.0, 0.0)
     largest = _largest_force(leftover.session)
     for link, outward in _points(run.n):
-        force = force_columns(run.arm, q, link, outward) / leftover.usual[None, :, None]
+        force = force_columns(run.arm, q, link, outward, leftover.session.tuned)
+        force = force / leftover.usual[None, :, None]
         columns = np.where((counts & during[:, None])[:, :, None], force, 0.0).reshape(-1, 3)
         columns -= level @ np.linalg.lstsq(level, columns, rcond=1e-9)[0]
         solved = np.linalg.lstsq(columns, target, rcond=1e-3)[0]
@@ -395,7 +400,11 @@ def locate(leftover: Leftover, push: Push) -> Located:
 
 
 def force_columns(
-    arm: ArmModel, q: Float[Array, "T n"], link: int, outward: float = 0.0
+    arm: ArmModel,
+    q: Float[Array, "T n"],
+    link: int,
+    outward: float = 0.0,
+    tuned: Float[Array, " 10n"] | None = None,
 ) -> Float[Array, "T n 3"]:
     """Torque with which each joint holds a unit force along each axis of the base frame: −Jᵀ
     [N m/N].
@@ -405,8 +414,12 @@ def force_columns(
         q: Its positions [rad].
         link: The link that is pushed, counted from 1.
         outward: Where: 0 at its centre of mass, 1 at the next joint.
+        tuned: Change of the links by tuning, which is no part of where their centres are: what a
+            link weighs is hardly known where torque does not hang on it, and its centre then is
+            anywhere. Nothing if None.
     """
-    parameters = arm.inertial_parameters[10 * (link - 1) : 10 * link]
+    links = arm.inertial_parameters if tuned is None else arm.inertial_parameters - tuned
+    parameters = links[10 * (link - 1) : 10 * link]
     point = parameters[1:4] / max(float(parameters[0]), 1e-9)
     if outward:
         point = (1.0 - outward) * point + outward * arm.model.jointPlacements[link + 1].translation

@@ -5,6 +5,7 @@ apart from them.
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -118,17 +119,22 @@ def make_cases(
         for attempt in range(len(sources)):
             source = next(turn)
             rng_of_case = np.random.default_rng([seed, 1, number, attempt])
-            made = plant_effects(arms[source.name], kind, effects, rng_of_case)
+            arm = arms[source.name]
+            before: list[Recording] = []
+            if paired:
+                before, later = before_and_after(source, np.random.default_rng([seed, 2, number]))
+                arm = replace(arm, given=later)
+            made = plant_effects(arm, kind, effects, rng_of_case)
             if made is not None:
                 break
         if made is None:
             say(f"{name} {kind} {effects}: no arm can show it, left out")
             continue
         runs, urdf, answer = made
-        rng = np.random.default_rng([seed, 2, number])
         if paired:
-            folders = _before_and_after(source, runs, rng)
+            folders = {"before": before, "after": runs}
         else:
+            rng = np.random.default_rng([seed, 2, number])
             folders = {"": runs if effects else _some(runs, rng)}
         seals[name] = _write(out, name, folders, urdf, answer)
         truth = ", ".join(f"{e['effect']}:{'+'.join(e['joints'])}" for e in answer["effects"])
@@ -188,25 +194,25 @@ def _some(runs: Sequence[Recording], rng: np.random.Generator) -> Sequence[Recor
     return [run.at(slice(start, start + 4 * len(run) // 5)) for run in runs]
 
 
-def _before_and_after(
-    source: Source, runs: Sequence[Recording], rng: np.random.Generator
-) -> dict[str, Sequence[Recording]]:
-    """Every second run as it was, the others with the effect; runs are cut where some joint moves
-    in few of them.
+def before_and_after(
+    source: Source, rng: np.random.Generator
+) -> tuple[list[Recording], tuple[slice, ...]]:
+    """Every second run as it was, and the rows of the others, to which an effect may come.
+
+    Runs are cut where some joint moves in few of them. Which rows the later set has is known before
+    an effect is drawn: what acts for a while only has to act there.
+
+    Returns:
+        The earlier runs, and the rows of the later ones, counted over all runs.
     """
-    before = list(source.runs)
-    after = list(runs)
+    runs = list(source.runs)
     moves = sum(np.ptp(run.position, axis=0) > MOVES for run in runs)
     if min(moves[moves > 0], default=0) < FEWEST_RUNS:
-        before = _cut_each(before)
-        after = _cut_each(after)
+        runs = [piece for run in runs for piece in cut(run, LEAST_PARTS)]
+    ends = np.cumsum([0, *(len(run.time) for run in runs)]).tolist()
+    rows = [slice(start, end) for start, end in itertools.pairwise(ends)]
     first = int(rng.integers(2))
-    return {"before": before[first::2], "after": after[1 - first :: 2]}
-
-
-def _cut_each(runs: Sequence[Recording]) -> list[Recording]:
-    """The pieces of some runs, one after the other."""
-    return [piece for run in runs for piece in cut(run, LEAST_PARTS)]
+    return runs[first::2], tuple(rows[1 - first :: 2])
 
 
 def plant_effects(
@@ -235,11 +241,16 @@ def plant_effects(
         shift = shift + change.shift
         urdf = change.urdf or urdf
     runs: list[Recording] = []
+    names = {run.name for run in arm.source.runs}
     for rows in arm.given:
         number = next(k for k, run in enumerate(arm.runs) if rows.start < run.stop)
         start = arm.runs[number].start
         given = arm.source.runs[number].at(slice(rows.start - start, rows.stop - start))
-        runs.append(replace(given, effort=now.tau[rows], position=given.position + shift))
+        # Several pieces of one run are told apart by their first rows.
+        name = given.name if given.name in names else f"{given.name}_{rows.start - start}"
+        names.discard(given.name)
+        planted = replace(given, effort=now.tau[rows], position=given.position + shift)
+        runs.append(replace(planted, name=name))
     return runs, urdf, _answer(kind, arm.source, truth, arm.noise)
 
 

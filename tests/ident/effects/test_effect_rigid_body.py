@@ -209,6 +209,20 @@ def test_a_push_is_found_in_its_window(
     assert found["link"].value == 6.0
 
 
+@pytest.mark.parametrize("outward", [0.0, 0.5])
+def test_where_a_push_acts_does_not_hang_on_tuning(session: SessionContext, outward: float) -> None:
+    """Law: a link that tuning left next to no mass, or less than none, is pushed where the URDF has its centre."""
+    run = session.runs[0]
+    given = run.arm.inertial_parameters
+    for link in (2, 3):
+        for left in (1e-6, -2.0):
+            change = np.zeros(10 * session.n)
+            change[10 * (link - 1)] = left - given[10 * (link - 1)]
+            tuned = run.arm.with_inertial_parameters(given + change)
+            columns = force_columns(tuned, run.motion.q[:5], link, outward, change)
+            np.testing.assert_allclose(columns, force_columns(run.arm, run.motion.q[:5], link, outward), atol=1e-9)
+
+
 def test_a_long_push_costs_no_more_than_a_short_one(session: SessionContext) -> None:
     """Law: what leans on the arm for most of a run is found in its time, looked at in no more places than a push is."""
     start = session.runs[2].motion.time[0] + 3.0

@@ -1,12 +1,14 @@
 """Effects planted onto recordings: as large as asked, by physics that closes, distinguished from what was there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
-from ident.simulation.real.cases import NEAR, OUTSIDE, plan_slots, plant_effects, sized
+from ident.simulation.real.cases import NEAR, OUTSIDE, before_and_after, plan_slots, plant_effects, sized
 from ident.simulation.real.moved_arm import MovedArm, model_of, rigid_torque, twist_of
 from ident.simulation.real.planted import EFFECTS, bristle
 from ident.simulation.real.sources import Source, with_body
@@ -70,6 +72,24 @@ def test_what_is_planted_is_cut_from_the_whole_recording(arm: MovedArm) -> None:
     np.testing.assert_array_equal(runs[0].position, arm.source.runs[0].position[rows])
     start = answer["effects"][0]["parameters"]["start_s"]
     assert runs[0].time[0] < start < runs[0].time[-1]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_of_a_pair_the_later_set_alone_has_what_is_planted(arm: MovedArm, seed: int) -> None:
+    """Law: the two sets share no row, and a push, which acts for a while only, falls into the later one."""
+    before, rows = before_and_after(arm.source, np.random.default_rng(seed))
+    later = replace(arm, given=rows)
+    made = plant_effects(later, "single", (("external_contact", 3.0),), np.random.default_rng(seed))
+    assert made is not None
+    runs, _, answer = made
+    times = [np.concatenate([run.time for run in side]) for side in (before, runs)]
+    assert not set(times[0]) & set(times[1])
+    assert sum(map(len, times)) == len(arm.t)
+    assert len({run.name for run in (*before, *runs)}) == len(before) + len(runs)
+    window = [answer["effects"][0]["parameters"][end] for end in ("start_s", "end_s")]
+    assert any(run.time[0] < window[0] < window[1] < run.time[-1] for run in runs)
+    torques = [run.effort[(run.time > window[0]) & (run.time < window[1])] for run in runs]
+    assert max(np.abs(np.diff(torque, axis=0)).max(initial=0.0) for torque in torques) > 0.0
 
 
 def test_a_body_put_on_and_taken_off_is_none(arm: MovedArm) -> None:
