@@ -132,7 +132,7 @@ def make_cases(
             continue
         runs, urdf, answer = made
         if paired:
-            folders = {"before": before, "after": runs}
+            folders: dict[str, Sequence[Recording]] = {"before": before, "after": runs}
         else:
             rng = np.random.default_rng([seed, 2, number])
             folders = {"": runs if effects else _some(runs, rng)}
