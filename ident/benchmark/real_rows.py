@@ -188,9 +188,10 @@ def class_probability(finding: Finding) -> float:
 
 
 def holds(finding: Finding, effect: Row) -> bool:
-    """Whether a name's class has the effect, at a joint where it may stand."""
+    """Whether a name's class has the effect, or what is the same torque, where it may stand."""
     allowed = {None, *effect["may_stand_at"]}
+    wanted = {effect["effect"], *effect.get("also", ())}
     for place in finding.get("elsewhere", ()):
-        if place["effect"] == effect["effect"] and place["joint"] in allowed:
+        if place["effect"] in wanted and place["joint"] in allowed:
             return True
-    return effect["effect"] in _class(finding) and bool(allowed & set(finding["joints"]))
+    return bool(wanted & _class(finding)) and bool(allowed & set(finding["joints"]))

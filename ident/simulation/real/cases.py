@@ -274,12 +274,16 @@ def sized(
     may_stand_at = set(planted_at)
     if effect == "joint_coupling":
         may_stand_at.add(str(change.parameters.get("other_joint")))
+    also = []
     if effect == "payload":
         may_stand_at.update(names[-1:])
+    elif effect == "link_inertial_error" and planted_at == names[-1:]:
+        also = ["payload"]  # a load is one torque with what the last link has more of, exactly
     if law.whole_arm or effect == "external_contact":
         may_stand_at.update(shown)
     return change, {
         "effect": effect,
+        "also": also,
         "in_catalogue": effect in EFFECTS,
         "joints": planted_at or shown,
         "may_stand_at": sorted(may_stand_at),
