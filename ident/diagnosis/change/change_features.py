@@ -1,5 +1,10 @@
 """What speaks for and against each change of a set, in numbers without unit, as in a diagnosis.
 
+Changes have their turns: what explains most comes first, and each is told beside those before it
+alone. Two laws that may each do most of what the other does then share the evidence as the set has
+it, the first nearly all of it; beside the whole set each would seem to add next to nothing. What
+all of them add in their turns is what the set adds.
+
 Held-out scores are those of the later set's folds. Of its own a change has its size against what
 its law's differs by between permuted sets.
 """
@@ -18,7 +23,7 @@ from ident.diagnosis.change.permuted_sets import NullVariance, joint_of
 from ident.inference.features import Described, HeldOutView, Scorers, of_held_out, shows_at
 from ident.inference.rivals import find_rivals, of_rivals
 from ident.inference.scales import signed_log
-from ident.inference.search import rest_of
+from ident.inference.search import SetSearch, rest_of
 from ident.inference.solution import Solution
 from ident.regression.cross_validation import HeldOut, HeldOutScore
 from ident.regression.design import Group
@@ -75,32 +80,43 @@ def later_scorers(likely: ChangeSet) -> Scorers:
 
 
 def describe_changes(likely: ChangeSet, scorers: Scorers) -> list[Described]:
-    """Features and rivals of each change of a set, in its order."""
+    """Features and rivals of each change of a set, in their turns."""
     described = []
     # What both sets share cancels, a wrong URDF too: so it makes no interval wider.
     solution = Solution(likely.search, likely.search, likely.chosen)
-    for group in likely.chosen:
-        others = rest_of(likely.chosen, group)
-        view = HeldOutView(
-            scorers.tuned.score(others), scorers.tuned.score(likely.chosen), fixed=False
-        )
+    turns = in_turns(likely.search, likely.chosen)
+    for number, group in enumerate(turns):
+        before, after = turns[:number], turns[: number + 1]
+        view = HeldOutView(scorers.tuned.score(before), scorers.tuned.score(after), fixed=False)
         joints = shows_at(group, view, likely.evidence.layout.n)
-        rivals = find_rivals(likely.search, likely.chosen, group)
+        rivals = find_rivals(likely.search, after, group)
         features = {
-            **_of_evidence(likely, group, joints),
+            **_of_evidence(likely, before, group, joints),
             **of_held_out(view, scorers, joints, group),
-            **_of_runs(likely, group),
+            **_of_runs(likely, after, group),
             **of_rivals(rivals, group),
         }
         described.append(Described(group, group, solution, joints, view, features, rivals))
     return described
 
 
-def _of_evidence(likely: ChangeSet, group: Group, joints: Sequence[int]) -> dict[str, float]:
-    """What a change adds to the log evidence, and what stands beside it."""
+def in_turns(search: SetSearch, chosen: Sequence[Group]) -> list[Group]:
+    """A set's members, each time the one that adds most to those before it."""
+    turns: list[Group] = []
+    left = list(chosen)
+    while left:
+        nats = [search.nats([*turns, group]) for group in left]
+        turns.append(left.pop(int(np.argmax(nats))))
+    return turns
+
+
+def _of_evidence(
+    likely: ChangeSet, before: Sequence[Group], group: Group, joints: Sequence[int]
+) -> dict[str, float]:
+    """What a change adds to the log evidence in its turn, and what stands beside it."""
     others = rest_of(likely.chosen, group)
     everything = likely.search.nats(likely.chosen)
-    alone = everything - likely.search.nats(others)
+    alone = likely.search.nats([*before, group]) - likely.search.nats(before)
     rows = float(likely.evidence.samples[list(joints)].sum())
     near = [other for other in others if set(other.acts_on(likely.evidence.layout.n)) & set(joints)]
     return {
@@ -116,9 +132,15 @@ def _of_evidence(likely: ChangeSet, group: Group, joints: Sequence[int]) -> dict
     }
 
 
-def _of_runs(likely: ChangeSet, group: Group) -> dict[str, float]:
-    """A change's size against its noise, and against what its law differs by between runs."""
-    measured = against_runs(likely, group)
+def _of_runs(likely: ChangeSet, chosen: Sequence[Group], group: Group) -> dict[str, float]:
+    """A change's size against its noise, and against what its law differs by between runs.
+
+    Args:
+        likely: The likeliest set.
+        chosen: Those of it beside which it is told, itself too.
+        group: The change.
+    """
+    measured = against_runs(replace(likely, chosen=tuple(chosen)), group)
     joints = group.acts_on(likely.evidence.layout.n)
     return {
         "log_null_ratio": float(np.log(likely.ratio[joints].max())),

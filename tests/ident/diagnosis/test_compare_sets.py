@@ -2,6 +2,7 @@
 truth.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,28 @@ def test_the_likeliest_set_holds_what_changed(three_joints: ArmModel) -> None:
     alike |= {key[:2] for key, deficit in most.rivals.items() if deficit < np.log(CLASS_ODDS)}
     assert ("torque_offset", 0) in alike
     assert {joint for _, joint in alike} == {0}
+
+
+def test_two_laws_that_do_the_same_share_the_evidence_in_their_turns(three_joints: ArmModel) -> None:
+    """Law: what all changes add in their turns is what the set adds; of two that each may do nearly all of it the
+    likelier is told with it, though beside the other it adds little.
+    """
+    design = designed(three_joints, with_offset)
+    found = choose_set(design, hidden_changes(design))
+    first = describe_changes(found, later_scorers(found))[0]
+    rivals = [
+        group
+        for group in found.search.names.groups
+        if group.key in first.rivals and group.key[1] == first.group.joint and len(group.columns) <= 2
+    ]
+    second = max(rivals, key=lambda group: found.search.nats([group]))
+    both = replace(found, chosen=(second, first.group))
+    described = describe_changes(both, later_scorers(both))
+    assert [one.group for one in described] == [first.group, second]
+    nats = [float(np.sign(x) * np.expm1(abs(x))) for x in (one.features["log_nats"] for one in described)]
+    assert sum(nats) == pytest.approx(found.search.nats(both.chosen), rel=1e-6)
+    assert nats[0] == pytest.approx(found.search.nats([first.group]), rel=1e-6)
+    assert nats[0] > 0.9 * sum(nats)
 
 
 def test_of_an_arm_that_did_not_change_the_runs_say_little(three_joints: ArmModel) -> None:
