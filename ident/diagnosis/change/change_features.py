@@ -86,7 +86,8 @@ def describe_changes(likely: ChangeSet, scorers: Scorers) -> list[Described]:
     solution = Solution(likely.search, likely.search, likely.chosen)
     turns = in_turns(likely.search, likely.chosen)
     for number, group in enumerate(turns):
-        before, after = turns[:number], turns[: number + 1]
+        before = turns[:number]
+        after = turns[: number + 1]
         view = HeldOutView(scorers.tuned.score(before), scorers.tuned.score(after), fixed=False)
         joints = shows_at(group, view, likely.evidence.layout.n)
         rivals = find_rivals(likely.search, after, group)
