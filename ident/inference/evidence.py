@@ -41,7 +41,9 @@ ROUNDING = 1e-13
 LOG_TWO = float(np.log(2.0))
 # Nodes of a mass over what recordings leave of it, and how many deviations they reach beyond the
 # mean; the least is so small a share of the largest that priors of masses end above it.
-MASS_NODES, MASS_REACH, LEAST_NODE = 96, 5.0, 1e-4
+MASS_NODES = 96
+MASS_REACH = 5.0
+LEAST_NODE = 1e-4
 
 
 def factorise(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
