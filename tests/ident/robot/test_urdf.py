@@ -191,7 +191,11 @@ BAD = {
     ),
     "no inertia": (
         urdf(link("a"), link("b"), '<link name="c"/>', joint("one", "a", "b"), joint("two", "b", "c")),
-        "joint two moves no mass",
+        "two moves no mass",
+    ),
+    "no inertia at all": (
+        urdf(*(f'<link name="{name}"/>' for name in "abc"), joint("one", "a", "b"), joint("two", "b", "c")),
+        "one and two move no mass",
     ),
     "two bases": (_robot(('<link name="a">', '<link name="x"/><link name="a">')), "2 base links (x, a)"),
     "a loop": (urdf(link("a"), link("b"), joint("one", "a", "b"), joint("two", "b", "a")), "0 base links"),
