@@ -175,8 +175,10 @@ def print_inspection(console: Console, result: Inspection) -> None:
         session = report.session
         size = f"{plural(len(session.runs), 'run')}, {session.samples} samples, {session.duration:.1f} s"
         console.print(f"{session.name}: {size}")
+        told = {issue.evidence for issue in report.issues}
         for one in report.effort:
-            say(console, f"effort of {one.joint}: {TABLES['efforts'][one.kind]} ({one.evidence})", hanging="  ")
+            evidence = "see below" if one.evidence in told else one.evidence
+            say(console, f"effort of {one.joint}: {TABLES['efforts'][one.kind]} ({evidence})", hanging="  ")
         print_issues(console, report.to_dict()["telemetry"])
         say(console, report.verdict, style="" if report.is_fit else "red")
 
