@@ -79,6 +79,16 @@ def _of_record(place: str) -> Callable[..., Any]:
     return show
 
 
+def _of_result(place: str) -> Callable[..., Any]:
+    """What a function of another module, `module:name`, makes of a console and a result."""
+
+    def show(*given: Any) -> Any:
+        module, _, name = place.partition(":")
+        return getattr(import_module(module), name)(*given)
+
+    return show
+
+
 def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
     """Of each joint what is left by the tuned model, after the names and by a flexible function, and what is noise."""
     gap, after = record["gap"], record["heldout"].get("rms_after_Nm", {})
@@ -251,6 +261,7 @@ WORDS: dict[str, Callable[[Console, Any], None]] = {
     "FitResults": print_fit,
     "Inspection": print_inspection,
     "NewSession": print_guesses,
+    "ServoArm": _of_result("ident.show.servo_lines:print_servo"),
 }
 PICTURES: dict[str, Callable[[Any], Figure]] = {
     "ArmComparison": _of_record("ident.show.terminal:draw_comparison"),
