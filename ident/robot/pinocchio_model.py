@@ -59,9 +59,12 @@ def _require_no_fork(model: pin.Model, urdf: str, where: str) -> None:
 
 
 def _require_no_followers(urdf: str, where: str) -> None:
-    coupled = ", ".join(followers(parse_urdf(urdf, where)))
+    coupled = followers(parse_urdf(urdf, where))
     if coupled:
-        what = f"{coupled} move with other joints (<mimic>): as a palletiser's, they make no chain"
+        moves = "moves" if len(coupled) == 1 else "move"
+        what = (
+            f"{join_words(list(coupled))} {moves} with other joints (<mimic>), which makes no chain"
+        )
         remedy = "give an arm of free joints; coupled ones that hardly weigh can be made fixed"
         raise RobotError(where, what, remedy)
 

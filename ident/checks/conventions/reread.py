@@ -162,8 +162,10 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
     ):
         if kind in known:
             names = ", ".join(known[kind])
+            places = "every joint" if len(known[kind]) == len(joints) > 1 else names
+            where: dict[str, Any] = {"names": names, "places": places}
             line = toml_line(kind, known[kind])
-            issues.append(issue_of(key, session, known[kind], names=names, line=line, **seen))
+            issues.append(issue_of(key, session, known[kind], line=line, **where, **seen))
     issues += _angle_issues(known, session, seen)
     moved = {**known.get("order", {}), **known.get("effort_order", {})}
     if moved:
