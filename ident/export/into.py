@@ -303,14 +303,14 @@ def _change_urdf_link(
     if inertial is None or not is_consistent(changed):
         written.left.append(f"{name}: what was identified is more than the link itself has")
         return
-    parts = {tag: inertial.child(tag) for tag in ("origin", "mass", "inertia")}
-    stated = {tag: part.attributes for tag, part in parts.items() if part is not None}
+    elements = {tag: inertial.child(tag) for tag in ("origin", "mass", "inertia")}
+    stated = {tag: each.attributes for tag, each in elements.items() if each is not None}
     new = new_numbers(stated, changed)
     for tag, numbers in new.items():
         values = {key: _digits(value) for key, value in numbers.items()}
-        part = parts[tag]
-        if part is not None:
-            edited.set(part, values)
+        element = elements[tag]
+        if element is not None:
+            edited.set(element, values)
         else:
             text = " ".join(f'{key}="{value}"' for key, value in values.items())
             edited.insert(inertial, f"<{tag} {text}/>")

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ident.fitting.fit import FitResults
     from ident.infer.new_session import NewSession
     from ident.model.evaluation import Evaluation, SessionScore
+    from ident.servos.servo_fit import ServoArm
 
 
 def write(console: Console, result: Result) -> None:
@@ -79,14 +80,11 @@ def _of_record(place: str) -> Callable[..., Any]:
     return show
 
 
-def _of_result(place: str) -> Callable[..., Any]:
-    """What a function of another module, `module:name`, makes of a console and a result."""
+def print_servos(console: Console, result: ServoArm) -> None:
+    """What holds each joint of a position-only arm back."""
+    from ident.show.servo_lines import print_servo
 
-    def show(*given: Any) -> Any:
-        module, _, name = place.partition(":")
-        return getattr(import_module(module), name)(*given)
-
-    return show
+    print_servo(console, result)
 
 
 def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
@@ -188,7 +186,8 @@ def print_inspection(console: Console, result: Inspection) -> None:
         told = {issue.evidence for issue in report.issues}
         for one in report.effort:
             evidence = "see below" if one.evidence in told else one.evidence
-            say(console, f"effort of {one.joint}: {TABLES['efforts'][one.kind]} ({evidence})", hanging="  ")
+            kind = TABLES["efforts"][one.kind]
+            say(console, f"effort of {one.joint}: {kind} ({evidence})", hanging="  ")
         print_issues(console, report.to_dict()["telemetry"])
         say(console, report.verdict, style="" if report.is_fit else "red")
 
@@ -261,7 +260,7 @@ WORDS: dict[str, Callable[[Console, Any], None]] = {
     "FitResults": print_fit,
     "Inspection": print_inspection,
     "NewSession": print_guesses,
-    "ServoArm": _of_result("ident.show.servo_lines:print_servo"),
+    "ServoArm": print_servos,
 }
 PICTURES: dict[str, Callable[[Any], Figure]] = {
     "ArmComparison": _of_record("ident.show.terminal:draw_comparison"),

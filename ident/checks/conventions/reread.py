@@ -163,9 +163,9 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         if kind in known:
             names = ", ".join(known[kind])
             places = "every joint" if len(known[kind]) == len(joints) > 1 else names
-            where: dict[str, Any] = {"names": names, "places": places}
             line = toml_line(kind, known[kind])
-            issues.append(issue_of(key, session, known[kind], line=line, **where, **seen))
+            words = seen | {"names": names, "places": places, "line": line}
+            issues.append(issue_of(key, session, known[kind], **words))
     issues += _angle_issues(known, session, seen)
     moved = {**known.get("order", {}), **known.get("effort_order", {})}
     if moved:
@@ -181,9 +181,9 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         severity: Severity = "warning" if low < factor < high else "fatal"
         weight = float(arm.inertial_parameters[::10].sum())
         shown = {"weight": _three_digits(weight), "right": _three_digits(factor * weight)}
-        figures: dict[str, Any] = {"factor": factor, **shown}
+        figures = seen | shown | {"factor": factor}
         key = "mass_factor" if weighs_better(arm, factor) else "common_unit"
-        issues.append(issue_of(key, session, joints, severity=severity, **figures, **seen))
+        issues.append(issue_of(key, session, joints, severity=severity, **figures))
     if "masses" in known:
         plain = f"{100.0 * found.as_it_is.explains:.1f} %"
         issues.append(issue_of("guessed_masses", session, joints, plain=plain, **seen))

@@ -252,7 +252,7 @@ def wrong_friction(record: JsonTable) -> list[Number]:
 
 
 def is_mostly_friction(record: JsonTable) -> bool:
-    """Whether the URDF's friction makes more of its torque error than all that is left beyond noise.
+    """Whether the URDF's friction makes more torque error than all that is left beyond noise.
 
     What is left counts as it is where tuning hides nothing: with the URDF's inertias, if that is
     more.

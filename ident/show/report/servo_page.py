@@ -50,8 +50,9 @@ def write_servo_report(path: str | Path, result: ServoArm) -> Path:
 def render_servo_report(result: ServoArm) -> str:
     """The page as text, what was found first."""
     record = result.to_dict()
+    values = {**verdict_values(record), "untold": untold_lines(result)}
     sections = [
-        Section("verdict", "What was found", "servo.html", {**verdict_values(record), "untold": untold_lines(result)}),
+        Section("verdict", "What was found", "servo.html", values),
         traces_section(result),
         facts_section(provenance_facts(record)),
     ]
