@@ -32,6 +32,8 @@ FRAMED = """<body style="margin: 0"><iframe id="page" src="{page}" style="width:
   const shown = event.target.contentDocument;
   shown.querySelectorAll("details").forEach(one => one.open = true);
   document.body.dataset.width = shown.scrollingElement.scrollWidth;
+  const cut = [...shown.querySelectorAll(".scroll")].filter(one => one.scrollWidth > one.clientWidth);
+  document.body.dataset.cut = cut.map(one => one.getAttribute("aria-label")).join(";");
 }});</script></body>"""
 
 
@@ -42,11 +44,28 @@ def width_on_a_phone(page: Path, folder: Path) -> int:
         page: The page.
         folder: Where a page with it inside may be written.
     """
-    framed = folder / f"phone_{page.name}"
-    framed.write_text(FRAMED.format(page=page.as_uri(), width=PHONE), encoding="utf-8")
-    found = re.search(r'data-width="(\d+)"', _shown(framed, folder, ["--allow-file-access-from-files"]))
+    return int(_framed(page, folder, PHONE, "width"))
+
+
+def tables_cut(page: Path, folder: Path, width: int) -> list[str]:
+    """What is to be scrolled sideways within a page of a width [px] with all of its parts open: labels of its boxes.
+
+    Args:
+        page: The page.
+        folder: Where a page with it inside may be written.
+        width: How wide it is shown.
+    """
+    return [label for label in _framed(page, folder, width, "cut").split(";") if label]
+
+
+def _framed(page: Path, folder: Path, width: int, asked: str) -> str:
+    """What is found of a page that is shown in a frame of a width [px], all of its parts open."""
+    framed = folder / f"framed_{page.name}"
+    framed.write_text(FRAMED.format(page=page.as_uri(), width=width), encoding="utf-8")
+    text = _shown(framed, folder, ["--allow-file-access-from-files"])
+    found = re.search(rf'data-{asked}="([^"]*)"', text)
     assert found is not None, "the page did not load"
-    return int(found[1])
+    return html.unescape(found[1])
 
 
 def find_violations(page: Path, folder: Path, dark: bool = False) -> list[str]:

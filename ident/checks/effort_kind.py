@@ -245,11 +245,18 @@ def _judge_by_issues(
             is_command = "equals its command" in issue.evidence
             return "commanded" if is_command else "model_output", issue.evidence
         if issue.issue == "effort_not_torque":
-            fit = fit_gravity(states, joint)
-            shows_gravity = fit.is_sure and fit.gravity > 0.0 and not fit.lacks_gravity
-            is_faint = states.heavy[joint] and shows_gravity
-            return "motor_current" if is_faint else "external_torque", issue.evidence
+            return _kind_of_no_torque(states, joint), issue.evidence
     return None
+
+
+def _kind_of_no_torque(states: States, joint: int) -> str:
+    """What an effort is that is no torque in N m: unknown where it follows the motion."""
+    fit = fit_gravity(states, joint)
+    shows_gravity = fit.is_sure and fit.gravity > 0.0 and not fit.lacks_gravity
+    if states.heavy[joint] and shows_gravity:
+        return "motor_current"
+    explained = max(fit_signed(states, joint, sign).explained for sign in (1.0, -1.0))
+    return "unknown" if explained > states.settings.sign_explains else "external_torque"
 
 
 def _follows_current(session: Session, joint: int) -> bool:

@@ -30,7 +30,14 @@ from ident.export.xml_places import EditedXml, Element, find_all
 from ident.files import atomic_write
 from ident.laws.acting import payload_parameters
 from ident.model.bodies import is_consistent
-from ident.model.link_inertia import about_centre, moved, read_inertial
+from ident.model.link_inertia import (
+    SAME,
+    about_centre,
+    is_stated,
+    moved,
+    new_numbers,
+    read_inertial,
+)
 from ident.robot.arm import ArmModel
 from ident.robot.tolerance import parameter_scale
 from ident.safe_read import AGAIN, CHANGED, declare_prefixes, read_bytes
@@ -41,9 +48,10 @@ SAME_PLACE = 1e-4
 SAME_INERTIA = 0.01
 # Positions at which axes are compared beside zero [rad].
 COMPARED_AT = 0.3
-MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
 # Significant digits that are written into a user's own file.
 DIGITS = 7
+# Order of MuJoCo's moments: xx yy zz xy xz yz.
+FULL_INERTIA = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
 OTHER_LINKS = "links are left as they are: {}"
 
 
@@ -205,6 +213,18 @@ def _digits(values: Sequence[float] | Array) -> str:
     return " ".join(f"{float(value):.{DIGITS}g}" for value in values)
 
 
+def _new_digits(
+    element: Element | None, numbers: Mapping[str, Sequence[float] | Array]
+) -> dict[str, str]:
+    """Numbers of an element as text; those that it states already are left out."""
+    there = {} if element is None else element.attributes
+    return {
+        key: _digits(values)
+        for key, values in numbers.items()
+        if not is_stated(there.get(key), values)
+    }
+
+
 def link_changes(identified: IdentifiedArm) -> Float[Array, "n 10"]:
     """Change of every link against the URDF, a named payload on the last one."""
     changes = np.array(identified.links.total)
@@ -225,14 +245,14 @@ def _edit_urdf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
     names = match_joints(arm.joint_names, list(joints), written.path)
     for j, joint in enumerate(arm.joint_names):
         values = {"damping": float(losses.viscous[j]), "friction": float(losses.coulomb[j])}
-        text = {key: _digits([value]) for key, value in values.items()}
         element = joints[names[joint]]
         dynamics = element.child("dynamics")
-        if dynamics is None:
-            attributes = f'damping="{text["damping"]}" friction="{text["friction"]}"'
-            edited.insert(element, f"<dynamics {attributes}/>")
+        new = _new_digits(dynamics, {key: [value] for key, value in values.items()})
+        if dynamics is not None:
+            edited.set(dynamics, new)
         else:
-            edited.set(dynamics, text)
+            attributes = " ".join(f'{key}="{text}"' for key, text in new.items())
+            edited.insert(element, f"<dynamics {attributes}/>")
         written.joints[names[joint]] = values
     inertias = zip(arm.joint_names, losses.motor_inertia, strict=True)
     rotors = ", ".join(f"{name} {inertia:.4g}" for name, inertia in inertias)
@@ -280,25 +300,23 @@ def _change_urdf_link(
     text = edited.text[link.start : link.end].decode()
     given = read_inertial(ElementTree.fromstring(declare_prefixes(text)))
     changed = given + change
-    if link.child("inertial") is None or not is_consistent(changed):
+    inertial = link.child("inertial")
+    if inertial is None or not is_consistent(changed):
         written.left.append(f"{name}: what was identified is more than the link itself has")
         return
-    mass, centre, about = about_centre(changed)
-    moments = dict(zip(MOMENTS, about[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)], strict=True))
-    parts = {
-        "origin": {"xyz": _digits(centre), "rpy": "0 0 0"},
-        "mass": {"value": _digits([mass])},
-        "inertia": {key: _digits([float(value)]) for key, value in moments.items()},
-    }
-    inertial = link.child("inertial")
-    for tag, values in parts.items():
-        element = None if inertial is None else inertial.child(tag)
-        text = " ".join(f'{key}="{value}"' for key, value in values.items())
+    elements = {tag: inertial.child(tag) for tag in ("origin", "mass", "inertia")}
+    stated = {tag: each.attributes for tag, each in elements.items() if each is not None}
+    new = new_numbers(stated, changed)
+    for tag, numbers in new.items():
+        values = {key: _digits(value) for key, value in numbers.items()}
+        element = elements[tag]
         if element is not None:
             edited.set(element, values)
-        elif inertial is not None:
+        else:
+            text = " ".join(f'{key}="{value}"' for key, value in values.items())
             edited.insert(inertial, f"<{tag} {text}/>")
-    written.links.append(name)
+    if new:
+        written.links.append(name)
 
 
 # MJCF.
@@ -322,14 +340,15 @@ def _edit_mjcf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
             "frictionloss": float(losses.coulomb[j]),
             "armature": float(losses.motor_inertia[j]),
         }
-        text = {key: _digits([value]) for key, value in values.items()}
-        text["damping"] = _digits(damping)
+        numbers = {**{key: [value] for key, value in values.items()}, "damping": damping}
+        element = owners[names[joint]][1]
+        text = _new_digits(element, numbers)
         # Dry friction that is as hard as identified: by the default a light joint creeps.
         text |= {
             "solreffriction": f"{CONSTRAINT_TIME!r} 1",
             "solimpfriction": f"{HARDNESS} {HARDNESS}",
         }
-        edited.set(owners[names[joint]][1], text)
+        edited.set(element, text)
         written.joints[names[joint]] = values
     changes = link_changes(identified)
     if not np.any(changes):
@@ -415,6 +434,8 @@ def _change_mjcf_body(
     nominal = arm.inertial_parameters[10 * index : 10 * index + 10]
     whole = moved(_welded_inertia(model, number), turn, place)
     scale = parameter_scale(arm)[10 * index : 10 * index + 10]
+    if np.all(np.abs(change) <= SAME * scale):
+        return
     if np.any(np.abs(whole - nominal) > SAME_INERTIA * scale):
         written.left.append(f"{name}: its inertia is not that of {arm.links[index]} in --robot")
         return
@@ -424,14 +445,19 @@ def _change_mjcf_body(
         written.left.append(f"{name}: what was identified is more than the body itself has")
         return
     mass, centre, about = about_centre(changed)
-    rows = about[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
-    place_of_mass = f'pos="{_digits(centre)}" mass="{_digits([mass])}"'
-    text = f'<inertial {place_of_mass} fullinertia="{_digits(rows)}"/>'
     old = body.child("inertial")
-    if old is None:
-        edited.insert(body, text)
+    moments = about_centre(_body_inertia(model, number))[2]
+    size = np.abs(about).max()
+    place_of_mass: dict[str, Sequence[float] | Array] = {"pos": centre, "mass": [mass]}
+    if old is not None and np.abs(about - moments).max() <= SAME * size:
+        edited.set(old, _new_digits(old, place_of_mass))
     else:
-        edited.replace(old, text)
+        numbers = {**place_of_mass, "fullinertia": about[FULL_INERTIA]}
+        text = " ".join(f'{key}="{_digits(value)}"' for key, value in numbers.items())
+        if old is None:
+            edited.insert(body, f"<inertial {text}/>")
+        else:
+            edited.replace(old, f"<inertial {text}/>")
     written.links.append(name)
 
 

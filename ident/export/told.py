@@ -9,6 +9,7 @@ from ident.export.identified import IdentifiedArm
 from ident.export.learned import FILE as LEARNED
 from ident.model.hybrid import HybridModel
 from ident.recordings.columns import listed
+from ident.show.report.words import effect_name
 
 # Less of the tuned torque than this is not worth a word.
 LEAST_MISSED = 0.005
@@ -68,7 +69,7 @@ def _doubtful(identified: IdentifiedArm) -> list[str]:
     doubtful = [change for change in identified.changes if change.probability < 0.5]
     if not doubtful:
         return []
-    names = ", ".join(f"{change.effect} of {change.joints[0]}" for change in doubtful)
+    names = ", ".join(f"{effect_name(change.effect)} of {change.joints[0]}" for change in doubtful)
     return [f"less likely than not, and written all the same: {names}"]
 
 

@@ -28,7 +28,7 @@ from ident.recordings.session_toml import KEYS
 from ident.recordings.session_toml import NAME as SESSION_FILE
 from ident.safe_read import toml_line
 from ident.sessions import load_robot
-from ident.show.report.diagnosis_actions import WRITE_NUMBERS, first_action
+from ident.show.report.diagnosis_actions import WRITE_NUMBERS, first_action, second_action
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.diagnosis_verdict import diagnosis_headline
 from ident.show.report.laws import draw_laws
@@ -219,7 +219,7 @@ class Desk:
         return {
             "verdict": record["verdict"],
             "headline": diagnosis_headline(record),
-            "first": first,
+            "first": f"{first} {second_action(record)}".strip(),
             "told": told,
             "files": self.files,
         }

@@ -194,7 +194,7 @@ def with_mesh_paths(
         for mesh in link.findall(f"{tag}/geometry/mesh"):
             name = mesh.get("filename", "")
             path = find_mesh(name, source)
-            place = f"link {link.get('name', '')}: mesh {name!r}"
+            place = f"{link.get('name', '')}: mesh {name!r}"
             if path is None:
                 remedy = "put the mesh files beside the URDF, under their package's name"
                 raise RobotError(where, f"{place} is not there", remedy)

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Float, freeze
-from ident.errors import RobotError, first_line
+from ident.errors import RobotError, first_line, join_words
 from ident.robot.branches import arm_tips
 from ident.robot.chain import PER_LINK, Chain
 from ident.robot.meshes import with_mesh_paths
@@ -59,9 +59,12 @@ def _require_no_fork(model: pin.Model, urdf: str, where: str) -> None:
 
 
 def _require_no_followers(urdf: str, where: str) -> None:
-    coupled = ", ".join(followers(parse_urdf(urdf, where)))
+    coupled = followers(parse_urdf(urdf, where))
     if coupled:
-        what = f"{coupled} move with other joints (<mimic>): as a palletiser's, they make no chain"
+        moves = "moves" if len(coupled) == 1 else "move"
+        what = (
+            f"{join_words(list(coupled))} {moves} with other joints (<mimic>), which makes no chain"
+        )
         remedy = "give an arm of free joints; coupled ones that hardly weigh can be made fixed"
         raise RobotError(where, what, remedy)
 
@@ -69,10 +72,10 @@ def _require_no_followers(urdf: str, where: str) -> None:
 def _require_masses(model: pin.Model, where: str) -> None:
     masses = [model.inertias[joint].mass for joint in range(model.njoints - 1, 0, -1)]
     moved = np.cumsum(masses)[::-1]
-    for joint, mass in enumerate(moved, start=1):
-        if not mass > 0.0:
-            what = f"joint {model.names[joint]} moves no mass"
-            raise RobotError(where, what, "add <inertial> to the links beyond that joint")
+    without = [model.names[joint] for joint, mass in enumerate(moved, start=1) if not mass > 0.0]
+    if without:
+        what = f"{join_words(without)} {'moves' if len(without) == 1 else 'move'} no mass"
+        raise RobotError(where, what, "give the links beyond their <inertial>, with a mass")
 
 
 def inertial_parameters(model: pin.Model) -> Float[Array, " 10n"]:

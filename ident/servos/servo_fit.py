@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int, least_squares
-from ident.errors import RecordingError, join_words, plural
+from ident.errors import RecordingError
 from ident.motion.motion import Motion, prepare_run, session_noise
 from ident.motion.settings import USUAL_MOTION
 from ident.recordings.load import load_session
@@ -158,15 +158,6 @@ class ServoJoint:
     # Following error on stretches left out: as it is, and less what the figures say [rad].
     rms_before: float
     rms_after: float
-
-    def describe_untold(self) -> list[str]:
-        """Figures that are not reported, a line for each reason; of all alike the reason alone."""
-        reasons = dict[str, list[str]]()
-        for name, reason in self.untold.items():
-            reasons.setdefault(reason, []).append(FIGURES[name]["name"])
-        if not self.figures and len(reasons) == 1:
-            return list(reasons)
-        return [f"{join_words(names)}: {reason}" for reason, names in reasons.items()]
 
 
 def fit_servos(runs: Sequence[GoalRun], arm: ArmModel | None) -> tuple[ServoJoint, ...]:
@@ -401,28 +392,3 @@ class ServoArm(Result):
             "joints": joints,
             "provenance": self.provenance.to_dict(),
         }
-
-    def summary(self) -> str:
-        """A few lines a joint."""
-        lines = [f"{issue.severity}: {issue.evidence}; {issue.remedy}" for issue in self.telemetry]
-        for joint in self.joints:
-            known = f"{1e3 * joint.rms_after:.4g} mrad of it are not explained"
-            error = f"off its goal by {1e3 * joint.rms_before:.4g} mrad rms; {known}"
-            if np.isnan(joint.rms_before):
-                error = "nothing can be reported"
-            lines.append(f"{joint.joint}: {error}")
-            for name, figure in joint.figures.items():
-                if "words" in FIGURES[name]:
-                    lines.append(
-                        "  " + FIGURES[name]["words"].format(*(1e3 * end for end in figure))
-                    )
-            if "dead_band_rad" in joint.figures:
-                lines.append(f"    dead band, dry friction or backlash: {TEXT['parted_by']}")
-            lines += [f"  not reported: {line}" for line in joint.describe_untold()]
-        for model in self.rolled:
-            runs = plural(len(model.held), "run")
-            error = f"{1e3 * model.held_error:.0f} mrad on average over {runs} held back"
-            lines.append(f"{model.joint}: rolled out from its goals alone it is off by {error}")
-        if any(LATE & {*joint.figures} for joint in self.joints):
-            lines.append(TEXT["held"].format(hold=1e3 * self.hold_s, half=500.0 * self.hold_s))
-        return "\n".join(lines)

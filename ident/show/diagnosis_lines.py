@@ -11,7 +11,15 @@ from ident.checks.report import MISREAD
 from ident.errors import plural
 from ident.show.console import columns, print_issues, say, text_width
 from ident.show.number_lines import print_numbers
-from ident.show.report.diagnosis_actions import PATCH, WRITE_NUMBERS, first_action, order_of
+from ident.show.report.diagnosis_actions import (
+    AFTER_THE_BODY,
+    PATCH,
+    WRITE_NUMBERS,
+    first_action,
+    leads_with_friction,
+    order_of,
+    second_action,
+)
 from ident.show.report.diagnosis_doubts import describe_reservations, describe_unnamed
 from ident.show.report.diagnosis_gap import describe_findings, describe_noise, energy_pair, noise_is_left
 from ident.show.report.diagnosis_verdict import diagnosis_headline
@@ -49,7 +57,10 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
     say(console, headline, style="bold")
     if action := first_action(record):
         say(console, f"Do: {action}", hanging="    ")
-    if record["verdict"] != "no_gap" and states_friction(record):
+    if second := second_action(record):
+        say(console, f"Then: {second}", hanging="    ")
+    is_told = record["verdict"] == "no_gap" or leads_with_friction(record)
+    if not is_told and states_friction(record):
         say(console, describe_numbers(record))
     _print_findings(console, record, details)
     _print_numbers(console, record)
@@ -86,7 +97,7 @@ def untold_issues(record: Mapping[str, Any], headline: str) -> list[Mapping[str,
 def _print_findings(console: Console, record: Mapping[str, Any], details: bool) -> None:
     """Each name with how sure it is and what it closes; what to do about those after the first."""
     runs = int(record["session"]["runs"])
-    first = first_action(record).removesuffix(".")
+    told = {action.removesuffix(".") for action in (first_action(record), second_action(record))}
     unseen = "on unseen runs" if runs > 1 else "on unseen parts"
     for number, finding in enumerate(in_order_of_joints(record), start=1):
         lead = f"{number}. "
@@ -95,8 +106,10 @@ def _print_findings(console: Console, record: Mapping[str, Any], details: bool) 
             text = in_units_of(finding["joints"], record, describe_long(finding, runs), finding["effect"])
             say(console, text, "   ")
         action = sentence(order_of(finding, record))
-        if action and action != first:
+        if action and action not in told:
             say(console, f"Do: {action}.", "   ", "       ")
+        if action == sentence(AFTER_THE_BODY):
+            told.add(action)  # said once
 
 
 def describe_long(finding: Mapping[str, Any], runs: int) -> str:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ident.fitting.fit import FitResults
     from ident.infer.new_session import NewSession
     from ident.model.evaluation import Evaluation, SessionScore
+    from ident.servos.servo_fit import ServoArm
 
 
 def write(console: Console, result: Result) -> None:
@@ -77,6 +78,13 @@ def _of_record(place: str) -> Callable[..., Any]:
         return getattr(import_module(module), name)(*given[:-1], given[-1].to_dict())
 
     return show
+
+
+def print_servos(console: Console, result: ServoArm) -> None:
+    """What holds each joint of a position-only arm back."""
+    from ident.show.servo_lines import print_servo
+
+    print_servo(console, result)
 
 
 def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
@@ -175,8 +183,11 @@ def print_inspection(console: Console, result: Inspection) -> None:
         session = report.session
         size = f"{plural(len(session.runs), 'run')}, {session.samples} samples, {session.duration:.1f} s"
         console.print(f"{session.name}: {size}")
+        told = {issue.evidence for issue in report.issues}
         for one in report.effort:
-            say(console, f"effort of {one.joint}: {TABLES['efforts'][one.kind]} ({one.evidence})", hanging="  ")
+            evidence = "see below" if one.evidence in told else one.evidence
+            kind = TABLES["efforts"][one.kind]
+            say(console, f"effort of {one.joint}: {kind} ({evidence})", hanging="  ")
         print_issues(console, report.to_dict()["telemetry"])
         say(console, report.verdict, style="" if report.is_fit else "red")
 
@@ -249,6 +260,7 @@ WORDS: dict[str, Callable[[Console, Any], None]] = {
     "FitResults": print_fit,
     "Inspection": print_inspection,
     "NewSession": print_guesses,
+    "ServoArm": print_servos,
 }
 PICTURES: dict[str, Callable[[Any], Figure]] = {
     "ArmComparison": _of_record("ident.show.terminal:draw_comparison"),

@@ -250,7 +250,7 @@ def _triangles(arm: ArmModel, shape: pin.GeometryObject) -> Float[Array, "m 3 3"
     if hasattr(mesh, "vertices"):
         points = np.array(mesh.vertices())
     if len(points) < 3 or not np.isfinite(points).all():
-        what = f"link {_name(arm, shape)}: the mesh {shape.meshPath} has no finite triangle"
+        what = f"{_name(arm, shape)}: the mesh {shape.meshPath} has no finite triangle"
         raise RobotError(arm.source or arm.name, what, "mend or replace that mesh")
     return points[mesh_triangles(mesh)]
 

@@ -126,7 +126,7 @@ def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
     if hypothesis.gravity == COMPENSATED:
         found["effort_kind"] = "gravity_compensated"
     elif hypothesis.gravity != AS_STATED:
-        found["gravity_mps2"] = [round(float(value), 2) for value in hypothesis.gravity]
+        found["gravity_mps2"] = [round(float(value), 2) + 0.0 for value in hypothesis.gravity]
     if hypothesis.mass_factor != 1.0:
         found["mass_factor"] = float(f"{hypothesis.mass_factor:.3g}")
     if hypothesis.effort_scale:
@@ -162,8 +162,10 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
     ):
         if kind in known:
             names = ", ".join(known[kind])
+            places = "every joint" if len(known[kind]) == len(joints) > 1 else names
             line = toml_line(kind, known[kind])
-            issues.append(issue_of(key, session, known[kind], names=names, line=line, **seen))
+            words = seen | {"names": names, "places": places, "line": line}
+            issues.append(issue_of(key, session, known[kind], **words))
     issues += _angle_issues(known, session, seen)
     moved = {**known.get("order", {}), **known.get("effort_order", {})}
     if moved:
@@ -178,9 +180,10 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         low, high = WORDS["usual_mass_factor"]
         severity: Severity = "warning" if low < factor < high else "fatal"
         weight = float(arm.inertial_parameters[::10].sum())
-        figures: dict[str, Any] = {"factor": factor, "weight": weight, "right": factor * weight}
+        shown = {"weight": _three_digits(weight), "right": _three_digits(factor * weight)}
+        figures = seen | shown | {"factor": factor}
         key = "mass_factor" if weighs_better(arm, factor) else "common_unit"
-        issues.append(issue_of(key, session, joints, severity=severity, **figures, **seen))
+        issues.append(issue_of(key, session, joints, severity=severity, **figures))
     if "masses" in known:
         plain = f"{100.0 * found.as_it_is.explains:.1f} %"
         issues.append(issue_of("guessed_masses", session, joints, plain=plain, **seen))
@@ -190,6 +193,11 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         both = "; or ".join(_with_lines(reading, joints) for reading in (found.best, found.second))
         issues.append(issue_of("untold", session, joints, both=both))
     return issues
+
+
+def _three_digits(value: float) -> float:
+    """A number to three digits."""
+    return float(f"{value:.3g}")
 
 
 def _with_lines(scored: Scored, joints: tuple[str, ...]) -> str:

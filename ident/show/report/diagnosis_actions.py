@@ -18,7 +18,7 @@ from ident.show.report.leading_joint import (
     names_factor,
 )
 from ident.show.report.misread_torque import misread_torque
-from ident.show.report.numbers import describe_numbers
+from ident.show.report.numbers import describe_numbers, is_mostly_friction
 from ident.show.report.words import effect_name, sentence
 
 # What the check of the recordings says of a body at the arm's end.
@@ -44,10 +44,29 @@ WRITE_NUMBERS = f"Write these numbers into your model: {PATCH}"
 WITHOUT_ACTION = ("not_testable", "none_of_catalogue")
 # Verdicts after which no motion is asked for.
 WITHOUT_MOTION = ("no_gap", "refused")
+# Verdicts beside which the URDF's friction may be what is said first.
+BESIDE_FRICTION = ("named", "partial", "none_of_catalogue")
+# What to do about a small effect beside a mass at the arm's end that is not the URDF's.
+AFTER_THE_BODY = "put the mass at the arm's end right first; act on this only if it is named again"
+
+
+def leads_with_friction(record: JsonTable) -> bool:
+    """Whether the URDF's friction is said before all else, as most of what the URDF errs by.
+
+    A factor of the leading joint's torque and a mass at the arm's end come before: what friction is
+    found with them wrong is not the arm's.
+    """
+    if record["verdict"] not in BESIDE_FRICTION or overtuned_joints(record):
+        return False
+    scale = misread_torque(record)
+    if scale and leading_joint(record)[0] in ("", *scale["joints"]):
+        return False
+    return is_mostly_friction(record) and not is_of_the_end(record)
 
 
 def first_action(record: JsonTable) -> str:
-    """What to do first, about the leading joint: set its torque right if that is off by a factor.
+    """What to do first: about the URDF's friction where that is most of its error, else about the
+    leading joint.
 
     Args:
         record: Of a diagnosis, `ident.diagnosis/1`.
@@ -55,6 +74,16 @@ def first_action(record: JsonTable) -> str:
     Returns:
         One or two sentences with their full stops; "" where there is nothing to do.
     """
+    return WRITE_NUMBERS if leads_with_friction(record) else _action_at_the_lead(record)
+
+
+def second_action(record: JsonTable) -> str:
+    """What to do about the leading joint where the URDF's friction comes first; else ""."""
+    return _action_at_the_lead(record) if leads_with_friction(record) else ""
+
+
+def _action_at_the_lead(record: JsonTable) -> str:
+    """What to do about the leading joint: set its torque right if that is off by a factor."""
     scale = misread_torque(record)
     joint, beyond = leading_joint(record)
     if scale and not scale["bodily"] and joint in ("", *scale["joints"]):
@@ -95,10 +124,21 @@ def is_of_the_end(record: JsonTable) -> bool:
     return bool(issues_of_kind(record, BODY)) and joint in tuned_away_joints(record)
 
 
+def is_beside_the_body(finding: Finding, record: JsonTable) -> bool:
+    """Whether a name is of another joint than the leading one, whose gap is a mass at the arm's
+    end that is not the URDF's.
+    """
+    if not record.get("findings") or not is_of_the_end(record):
+        return False
+    return not acts_on(finding, leading_joint(record)[0], record)
+
+
 def order_of(finding: Finding, record: JsonTable) -> str:
     """What to do about a name; of tied ones that are less likely than not no single order."""
     names = finding.get("class", [])
     action = _with_joint_names(str(finding.get("action", "")), record)
+    if action and is_beside_the_body(finding, record):
+        return AFTER_THE_BODY
     scale = misread_torque(record) if record.get("findings") else None
     if action and scale and names_factor(finding, scale):
         what = "settle the factor above first; what is left of it with all masses tuned"

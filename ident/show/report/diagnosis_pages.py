@@ -12,7 +12,7 @@ from ident.diagnosis.gap.gap_map import says_where
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.errors import plural
 from ident.show.report import numbers
-from ident.show.report.diagnosis_actions import first_action, order_of
+from ident.show.report.diagnosis_actions import first_action, order_of, second_action
 from ident.show.report.diagnosis_doubts import describe_reservations, describe_unnamed
 from ident.show.report.diagnosis_gap import (
     describe_findings,
@@ -136,6 +136,7 @@ def verdict_section(record: Record) -> Section:
     values = {
         "headline": glue(diagnosis_headline(record)),
         "first": glue(first_action(record)),
+        "then": glue(second_action(record)),
         "lead": glue(" ".join(text for text in lead if text)),
         "telemetry": record.get("telemetry", []),
         "motion": glue(describe_motion(record)),

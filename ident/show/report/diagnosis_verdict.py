@@ -11,9 +11,21 @@ from typing import NamedTuple
 
 from ident.errors import join_words, plural
 from ident.records import JsonTable
-from ident.show.report.diagnosis_actions import adds_mass, is_at_the_end, is_of_the_end
+from ident.show.report.diagnosis_actions import (
+    adds_mass,
+    is_at_the_end,
+    is_beside_the_body,
+    leads_with_friction,
+)
 from ident.show.report.diagnosis_gap import describe_largest_rest, likeliest_doubt
-from ident.show.report.finding_words import BODIES, OF_THE_ARM, Finding, called, is_likely
+from ident.show.report.finding_words import (
+    BODIES,
+    OF_THE_ARM,
+    Finding,
+    called,
+    in_units_of,
+    is_likely,
+)
 from ident.show.report.leading_joint import (
     acts_on,
     in_order_of_joints,
@@ -22,8 +34,9 @@ from ident.show.report.leading_joint import (
     verdict_key,
 )
 from ident.show.report.misread_torque import misread_torque
-from ident.show.report.numbers import MOST_NAMED, describe_numbers
-from ident.show.report.words import TABLES, percent, sentence
+from ident.show.report.numbers import MOST_NAMED, describe_most, describe_numbers
+from ident.show.report.words import TABLES, lowered, percent, sentence, significant
+from ident.units import TORQUE
 
 # A first line that is longer says less, step by step [characters].
 LONGEST_HEADLINE = 200
@@ -32,7 +45,7 @@ MASS_AT_THE_END = {
     True: "more mass at the arm's end than the URDF has",
 }
 # Where no name is found at the leading joint, but a mass at the arm's end.
-OF_THE_END = "by a mass at the arm's end that is not the URDF's (body_differs)"
+OF_THE_END = "The gap is largest at {}, {} beyond noise: a mass at the arm's end is not the URDF's."
 # Where nothing but numbers of the URDF is wrong: what is left once they are right, and how they get
 # there.
 RIGHTED = "Put right, it is as good as these recordings can tell."
@@ -62,15 +75,20 @@ FEWER = (
 
 
 def diagnosis_headline(record: JsonTable) -> str:
-    """The leading joint's gap if no effect of its own explains it, the verdict, and a factor of a
-    torque elsewhere.
+    """The URDF's friction if that is most of its error; the leading joint's gap if no effect of its
+    own explains it, the verdict, and a factor of a torque elsewhere.
 
     As many names, and as many that they can't be told from, as one line holds; all of them stand in
     the list below it.
     """
     line = ""
+    has_friction = leads_with_friction(record)
     for most in FEWER:
         line = _headline_of(record, most)
+        if has_friction:
+            joint = "" if most.brief else leading_joint(record)[0]
+            most_of_it = describe_most(record, joint)
+            line = f"{most_of_it} Beyond that, {lowered(line)}"
         if len(line) <= LONGEST_HEADLINE:
             return line
     return line
@@ -105,16 +123,19 @@ def _headline_of(record: JsonTable, most: Most) -> str:
     if not misread and is_elsewhere and key != "mostly":
         acts = acts_on(shown[0], joint, record)
         there = "where a cause elsewhere is felt" if acts else "and is unexplained there"
-        if is_of_the_end(record) and not acts:
-            there = OF_THE_END
         lead = f"The gap is largest at {joint}, {size}, {there}."
+    beside = bool(shown) and not misread and is_beside_the_body(shown[0], record)
+    if beside:
+        lead = OF_THE_END.format(joint, beyond)
     # A gain of a joint that reads a factor is only another name of it.
     other = shown
     if scale and misread:
         other = [finding for finding in shown if not names_factor(finding, scale)]
     listed = other or shown
     words = _verdict_words(record, listed, most, misread)
-    if scale and misread and scale["bodily"] and not first:
+    if beside:
+        words = f"Beside it{_largest_error(listed, record)}: {_first_names(listed, most, record)}."
+    elif scale and misread and scale["bodily"] and not first:
         may_be = MAY_BE_A_BODY.get(key)
         rest = describe_largest_rest(record) if most.rest else ""
         if may_be:
@@ -122,7 +143,7 @@ def _headline_of(record: JsonTable, most: Most) -> str:
         else:
             words = f"A load or a link's wrong mass may be why. {words}"
     elif misread and not first and (other or not shown):
-        words = f"Beyond that, {words[:1].lower()}{words[1:]}"
+        words = f"Beyond that, {lowered(words)}"
     return " ".join(text for text in (lead, words, elsewhere) if text)
 
 
@@ -171,6 +192,18 @@ def _words_without_gap(words: str, record: JsonTable, misread: bool, brief: bool
         left = f"with {percent(share)} an unnamed cause at {joint}"
         return f"{wrong} Put right, nothing is left, or {left}."
     return f"{wrong} {RIGHTED}"
+
+
+def _largest_error(findings: Sequence[Finding], record: JsonTable) -> str:
+    """What the model errs by at most where some names show; "" where that is not known."""
+    errors: dict[str, float] = {}
+    for finding in findings:
+        errors |= finding.get("heldout", {}).get("rms_before_Nm", {})
+    worst = max(errors, key=errors.__getitem__, default="")
+    if not worst:
+        return ""
+    size = in_units_of([worst], record, f"{significant(errors[worst])} {TORQUE}")
+    return f", where the model is off by {size} at most"
 
 
 def _first_names(listed: Sequence[Finding], most: Most, record: JsonTable) -> str:

@@ -246,6 +246,49 @@ def plain(value: float | None) -> str:
     return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
 
 
+def wrong_friction(record: JsonTable) -> list[Number]:
+    """The URDF's damping and dry friction that differ by more torque than noise."""
+    return [number for number in numbers_of(record) if number.key in STATED and number.matters]
+
+
+def is_mostly_friction(record: JsonTable) -> bool:
+    """Whether the URDF's friction makes more torque error than all that is left beyond noise.
+
+    What is left counts as it is where tuning hides nothing: with the URDF's inertias, if that is
+    more.
+    """
+    changes = [number.figure["change_rms_Nm"] ** 2 for number in wrong_friction(record)]
+    rest = 0.0
+    for gap in record.get("gap", {}).values():
+        left = max(gap["rms_Nm"], gap.get("fixed_rms_Nm", 0.0))
+        rest += left**2 - gap["noise_floor_Nm"] ** 2
+    return bool(changes) and sum(changes) > rest
+
+
+def describe_most(record: JsonTable, joint: str) -> str:
+    """That friction is most of what the URDF errs by, in a sentence.
+
+    Args:
+        record: The diagnosis, in which some of the URDF's friction is wrong.
+        joint: The joint whose number is an example, where its are wrong.
+    """
+    wrong = wrong_friction(record)
+    factor = common_factor(record, wrong)
+    if factor:
+        where = _where(record, sorted({number.joint for number in wrong}))
+        what = f"friction is {factor} times what your URDF says {where}"
+    elif states_friction(record):
+        what = f"your URDF's friction is off in {plural(len(wrong), 'number')}"
+    else:
+        what = "your URDF states no friction"
+    at_joint = [number for number in wrong if number.joint == joint]
+    if not at_joint:
+        return f"Most of the error: {what}."
+    worst = max(at_joint, key=lambda number: number.figure["change_rms_Nm"])
+    said = f" (URDF: {worst.nominal})" if worst.figure["nominal"] else ""
+    return f"Most of the error: {what}; {joint} has {worst.name} {worst.value} {worst.unit}{said}."
+
+
 def describe_numbers(record: JsonTable, brief: bool = False) -> str:
     """What is wrong with the URDF's friction, in a sentence; empty where nothing is that matters.
 
@@ -253,7 +296,7 @@ def describe_numbers(record: JsonTable, brief: bool = False) -> str:
         record: The diagnosis.
         brief: Whether the number that matters most is all that is given in full.
     """
-    wrong = [number for number in numbers_of(record) if number.key in STATED and number.matters]
+    wrong = wrong_friction(record)
     if not wrong:
         return ""
     stated = [number for number in wrong if number.figure["nominal"]]
@@ -278,8 +321,7 @@ def describe_numbers(record: JsonTable, brief: bool = False) -> str:
 
 def states_friction(record: JsonTable) -> bool:
     """Whether the URDF states friction, and not as the arm has it."""
-    wrong = [number for number in numbers_of(record) if number.key in STATED and number.matters]
-    return any(number.figure["nominal"] for number in wrong)
+    return any(number.figure["nominal"] for number in wrong_friction(record))
 
 
 def common_factor(record: JsonTable, wrong: Sequence[Number]) -> str:

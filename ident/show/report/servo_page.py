@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ident.errors import plural
 from ident.servos.servo_fit import FIGURES, TEXT, ServoArm
 from ident.servos.told_runs import ToldRun
 from ident.show.report.numbers import with_error
@@ -22,9 +20,15 @@ from ident.show.report.page import (
 )
 from ident.show.report.traces import MOST_JOINTS, MOST_RUNS, RunTraces, Traces, section_values
 from ident.show.report.words import significant
-
-ServoRecord = Mapping[str, Any]
-"""`ident.servo/1`, or a part of it."""
+from ident.show.servo_lines import (
+    ALIKE,
+    RECORD_MORE,
+    WRITE_FILES,
+    ServoRecord,
+    headline,
+    judged_joints,
+    untold_lines,
+)
 
 CURVES = (
     "Angle as it was measured, the goal, and where the figures put the joint. Below: what both are off by. Where a "
@@ -32,8 +36,6 @@ CURVES = (
 )
 # Figures that people have words for.
 SHOWN = tuple(name for name, figure in FIGURES.items() if "shown" in figure)
-WRITE_FILES = "Write what was found for your simulator: `ident servo … --robot … --out servo` (MuJoCo, mjlab, BAM)."
-RECORD_MORE = "Record this again: every joint over its whole range, slowly both ways and with sudden starts."
 
 
 def write_servo_report(path: str | Path, result: ServoArm) -> Path:
@@ -48,8 +50,9 @@ def write_servo_report(path: str | Path, result: ServoArm) -> Path:
 def render_servo_report(result: ServoArm) -> str:
     """The page as text, what was found first."""
     record = result.to_dict()
+    values = {**verdict_values(record), "untold": untold_lines(result)}
     sections = [
-        Section("verdict", "What was found", "servo.html", verdict_values(record)),
+        Section("verdict", "What was found", "servo.html", values),
         traces_section(result),
         facts_section(provenance_facts(record)),
     ]
@@ -63,8 +66,7 @@ def render_servo_report(result: ServoArm) -> str:
 def verdict_values(record: ServoRecord) -> ServoRecord:
     """What the first section shows."""
     joints = record["joints"]
-    judged = {name: joint for name, joint in joints.items() if joint["heldout"] is not None}
-    untold = [(name, reasons_of(joint)) for name, joint in joints.items() if joint["not_told"]]
+    judged = judged_joints(record)
     rows = servo_rows(record)
     told = set[str]()
     for joint in joints.values():
@@ -77,28 +79,8 @@ def verdict_values(record: ServoRecord) -> ServoRecord:
         "columns": [(name, FIGURES[name]["name"], FIGURES[name]["shown"]) for name in used],
         "rows": rows,
         "rolled": any(row["rolled"] is not None for row in rows),
-        "untold": untold,
-        "parted": TEXT["parted_by"] if tied else "",
+        "parted": ALIKE.format(TEXT["parted_by"]) if tied else "",
     }
-
-
-def reasons_of(joint: ServoRecord) -> list[tuple[str, str]]:
-    """Figures of a joint that are not told, in words, and why."""
-    return [(FIGURES[name]["name"], reason) for name, reason in joint["not_told"].items()]
-
-
-def headline(judged: Mapping[str, ServoRecord]) -> str:
-    """The joint that follows worst, and what is known of it, in one sentence."""
-    if not judged:
-        return "These recordings tell nothing of the servos."
-    errors = {name: joint["heldout"] for name, joint in judged.items()}
-    worst = max(errors, key=lambda name: errors[name]["rms_before_rad"])
-    before, after = (1e3 * errors[worst][f"rms_{when}_rad"] for when in ("before", "after"))
-    late = judged[worst]["figures"].get("total_lag_s")
-    lag = f", {1e3 * late['value']:.0f} ms late" if late else ""
-    whose = f"{worst} follows" if len(judged) == 1 else f"Of {plural(len(judged), 'joint')} {worst} follows worst:"
-    known = f"all but {significant(after)} mrad of it is explained"
-    return f"{whose} its goal within {significant(before)} mrad{lag}; {known}."
 
 
 def servo_rows(record: ServoRecord) -> Sequence[ServoRecord]:

@@ -182,6 +182,11 @@ def sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def lowered(text: str) -> str:
+    """The text with a small letter at its beginning."""
+    return text[:1].lower() + text[1:]
+
+
 def axis_name(axis: str) -> str:
     """An axis of the map as words."""
     return str(TABLES["axes"].get(axis, (axis, ""))[0])

@@ -67,4 +67,22 @@ def test_every_joints_effort_has_a_verdict_with_evidence(
         evidence = seen[name]["evidence"]
         assert seen[name]["kind"] == kind, seen[name]
         assert any(letter.isdigit() for letter in evidence) or kind == "unknown"
-        assert f"effort of {name}: {KINDS_IN_WORDS[kind]} ({evidence})" in lines
+        shown = "see below" if kind in ("external_torque", "commanded") else evidence
+        assert f"effort of {name}: {KINDS_IN_WORDS[kind]} ({shown})" in lines
+        assert evidence in lines
+
+
+def test_counts_are_no_torque_from_outside(clean: Session, arm: ArmModel, tmp_path: Path) -> None:
+    """Law: an effort that follows the motion, in another unit, does not come from outside."""
+
+    def count(run: Recording) -> Recording:
+        effort = np.array(run.effort)
+        effort[:, 5] = np.round(1000.0 * effort[:, 5])
+        return run.replace(effort=effort)
+
+    write_session(spoil(clean, count), tmp_path / "session")
+    found = inspect_files(tmp_path / "session", arm)
+    assert not found.is_fit
+    lines = " ".join(found.summary().split())
+    assert "effort of joint_6: unknown (see below)" in lines
+    assert "torque from outside" not in lines

@@ -107,6 +107,25 @@ def test_nothing_but_joints_and_inertias_changes(
         assert np.array_equal(getattr(old, name), getattr(new, name)), name
 
 
+def test_a_number_that_is_the_same_keeps_its_text(
+    planted: tuple[Path, dict[str, Any], mujoco.MjModel], tmp_path: Path
+) -> None:
+    """Law: of what a file says, text changes only where its number does."""
+    urdf, record, _ = planted
+    file = tmp_path / "mine.urdf"
+    file.write_text(re.sub(r'value="(\d+)\.(\d+)"', r'value="\1.\g<2>000"', urdf.read_text()))
+    values = re.compile(r'"([^"]*)"')
+    before = values.findall(file.read_text())
+    patch(record, urdf, tmp_path / "patch", into=file)
+    after = values.findall(file.read_text())
+    assert len(before) == len(after)
+    changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
+    assert changed
+    for old, new in changed:
+        numbers = [np.array(text.split(), dtype=float) for text in (old, new)]
+        assert not np.allclose(*numbers, rtol=1e-8, atol=0.0)
+
+
 def test_links_of_other_frames_are_left_and_it_is_told(
     planted: tuple[Path, dict[str, Any], mujoco.MjModel], own: Path, tmp_path: Path
 ) -> None:

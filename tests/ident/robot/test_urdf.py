@@ -96,7 +96,7 @@ def test_joints_that_follow_others_are_no_free_ones() -> None:
     chain = [joint(name, "base" if i == 0 else f"link_{i - 1}", f"link_{i}") for i, name in enumerate(names)]
     links = [link("base"), *(link(f"link_{i}") for i in range(5))]
     follows = '<mimic joint="arm_1" multiplier="-1"/></joint>'
-    with pytest.raises(RobotError, match="arm_3 move with other joints"):
+    with pytest.raises(RobotError, match="arm_3 moves with other joints"):
         ArmModel.from_urdf(urdf(*links, *chain[:3], chain[3].replace("</joint>", follows), chain[4]))
     hand = [joint(f"finger_{i}", "link_4", f"f{i}").replace("</joint>", follows if i else "</joint>") for i in range(2)]
     arm = ArmModel.from_urdf(urdf(*links, link("f0"), link("f1"), *chain, *hand))
@@ -191,7 +191,11 @@ BAD = {
     ),
     "no inertia": (
         urdf(link("a"), link("b"), '<link name="c"/>', joint("one", "a", "b"), joint("two", "b", "c")),
-        "joint two moves no mass",
+        "two moves no mass",
+    ),
+    "no inertia at all": (
+        urdf(*(f'<link name="{name}"/>' for name in "abc"), joint("one", "a", "b"), joint("two", "b", "c")),
+        "one and two move no mass",
     ),
     "two bases": (_robot(('<link name="a">', '<link name="x"/><link name="a">')), "2 base links (x, a)"),
     "a loop": (urdf(link("a"), link("b"), joint("one", "a", "b"), joint("two", "b", "a")), "0 base links"),

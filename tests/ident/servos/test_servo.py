@@ -78,7 +78,7 @@ def test_slow_motion_tells_the_sum_of_delay_and_lag_but_not_the_delay(arm: ArmMo
     assert "move it faster" in joint.untold["delay_s"]
     _, low, high = joint.figures["total_lag_s"]
     assert low <= truth(one)["total_lag_s"] <= high
-    assert "not reported: delay of goals" in found.summary()
+    assert "Delay of goals: a later goal and a slower joint are the same here" in found.summary()
 
 
 def test_without_a_load_that_changes_nothing_is_said_of_droop_and_gain() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -99,3 +100,16 @@ def test_the_command_writes_it(tmp_path: Path) -> None:
     ended = CliRunner().invoke(app, ["servo", str(tmp_path / "lever"), "--html", str(html)])
     assert ended.exit_code == 0, ended.output
     assert "follows its goal within" in html.read_text(encoding="utf-8")
+
+
+def test_what_is_not_told_of_several_joints_stands_once(found: ServoArm) -> None:
+    """Law: a reason is printed once, with all of its joints; the joint that follows worst comes first."""
+    (joint,) = found.joints
+    untold = {"droop_rad_Nm": "hold known masses", "zero_rad": "no offset beyond chance"}
+    better = replace(joint, joint="wrist", rms_before=0.1 * joint.rms_before, untold=untold)
+    two = replace(found, joints=(better, replace(joint, untold={"zero_rad": untold["zero_rad"]})))
+    text = " ".join(two.summary().split())
+    assert text.startswith(f"Of 2 joints {joint.joint} follows worst: ")
+    assert "Droop (wrist): hold known masses" in text
+    assert "Error of its zero (every joint): no offset beyond chance" in text
+    assert text.count(untold["zero_rad"]) == 1

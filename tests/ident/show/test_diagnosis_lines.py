@@ -11,7 +11,7 @@ import pytest
 
 from ident.show.console import PlainConsole, wrap
 from ident.show.diagnosis_lines import print_diagnosis, untold_issues
-from ident.show.report.diagnosis_actions import first_action
+from ident.show.report.diagnosis_actions import first_action, second_action
 from ident.show.report.diagnosis_gap import describe_noise
 from ident.show.report.diagnosis_verdict import diagnosis_headline
 from ident.show.report.finding_words import place_words
@@ -110,6 +110,66 @@ def test_a_urdf_without_friction(stated: float | None) -> None:
     line = diagnosis_headline(healthy(1.0, stated))
     assert line.startswith("Your URDF states no friction")
     assert ("0 → 8.00 ± 0.03" if stated == 0.0 else "– → 8.00 ± 0.03") in told(healthy(1.0, stated))
+
+
+def named(stated: float | None, left: float, untuned: float = 0.0) -> dict[str, Any]:
+    """The record of an arm with a named effect at the elbow, whose URDF states so much friction.
+
+    Args:
+        stated: The URDF's dry friction; that of the arm is 8 N m.
+        left, untuned: What the model tuned, and untuned, errs by at the elbow [N m].
+    """
+    record = healthy(1.0, stated)
+    record |= {"verdict": "named", "where": [{"joint": "elbow", "beyond_noise_Nm": left}]}
+    gap = record["gap"]["elbow"]
+    record["gap"]["elbow"] = {**gap, "rms_Nm": left, "fixed_rms_Nm": untuned}
+    finding = copy.deepcopy(RECORD["findings"][0])
+    finding |= {"effect": "spring_torque", "class": ["spring_torque"], "joints": ["elbow"], "probability": 0.9}
+    finding |= {"action": "look at the spring", "class_shares": {}}
+    finding["heldout"] |= {"rms_before_Nm": {"elbow": left}, "rms_after_Nm": {"elbow": 0.1}}
+    return record | {"findings": [finding], "heldout": {}}
+
+
+@pytest.mark.parametrize("stated", [0.0, None, 4.0])
+@pytest.mark.parametrize(("left", "untuned", "leads"), [(1.0, 1.0, True), (1.0, 90.0, False), (90.0, 90.0, False)])
+def test_friction_comes_first_where_it_is_most_of_the_error(
+    stated: float | None, left: float, untuned: float, leads: bool
+) -> None:
+    """Law: of a URDF's friction and all that tuning leaves or hides, the larger is said first, and done first."""
+    record = named(stated, left, untuned)
+    line = diagnosis_headline(record)
+    assert line.startswith("Most of the error: ") is leads
+    assert line.endswith("eyond that, the gap has a name: spring torque in elbow.") is leads
+    assert "spring torque in elbow" in line
+    assert ("elbow has" in line) is leads
+    orders = [first_action(record), second_action(record)]
+    assert orders[0].startswith("Write these numbers") is leads
+    assert "Look at the spring." in orders
+    text = told(record)
+    assert text.count("ook at the spring") == 1
+    assert text.count("Write these numbers into your model") == leads
+
+
+def test_a_urdf_whose_friction_is_right_is_no_news_beside_a_name() -> None:
+    assert diagnosis_headline(named(8.0, 1.0)) == "The gap has a name: spring torque in elbow."
+
+
+def test_a_mass_at_the_end_comes_before_small_effects_of_other_joints() -> None:
+    """Law: with the URDF's body wrong, names of other joints are said second, and acted on if named again."""
+    record = named(None, 0.02, 0.02)
+    hidden = {"rms_Nm": 0.1, "noise_floor_Nm": 0.1, "fixed_rms_Nm": 4.0, "tuned_away_Nm": 3.9}
+    record["gap"]["shoulder"] |= hidden
+    record["where"] = [{"joint": "shoulder", "beyond_noise_Nm": 3.9}]
+    body = {"issue": "body_differs", "severity": "warning", "joints": ["elbow"], "evidence": "less at its end"}
+    record["telemetry"] = [{**body, "remedy": "take the hand out of the URDF"}]
+    assert diagnosis_headline(record) == (
+        "The gap is largest at shoulder, 3.9 N m beyond noise: a mass at the arm's end is not the URDF's. "
+        "Beside it, where the model is off by 0.020 N m at most: spring torque in elbow."
+    )
+    text = " ".join(told(record).split())
+    assert "Do: Take the hand out of the URDF; then diagnose again." in text
+    assert "act on this only if it is named again" in text
+    assert "ook at the spring" not in text
 
 
 def test_one_joint_that_is_off_is_said_alone() -> None:

@@ -15,9 +15,13 @@ from ident.show.report.diagnosis_doubts import describe_reservations
 from ident.show.report.diagnosis_pages import gap_rows, map_table, write_diagnosis_report
 from ident.show.report.diagnosis_verdict import diagnosis_headline
 from ident.show.report.evaluation import ReportInput
+from ident.show.report.numbers import LOSSES, READINGS
 from ident.show.report.words import parameter_rows, with_units
+from tests.accessible import tables_cut
 from tests.ident.show.report.reader import read
 
+# A desk's screen, less the bar that scrolls [px].
+DESK = 1185
 RECORD: dict[str, Any] = {
     "schema": "ident.diagnosis/1",
     "robot": "tm5_900",
@@ -278,3 +282,14 @@ def test_what_a_solver_left_of_zero_is_shown_as_zero(value: float, shown: str) -
     """Law: of an interval of 1.7 nobody reads a ten-thousandth."""
     (row,) = parameter_rows({"coulomb_change_Nm": {"value": value, "low": -0.842, "high": 0.842}})
     assert row["value"] == shown
+
+
+def test_tables_are_whole_where_joints_have_long_names(tmp_path: Path) -> None:
+    """Law: on a desk's screen nothing is to be scrolled sideways, however long names and intervals are."""
+    name = "left_arm_shoulder_pan_joint_of_the_robot"
+    interval = {"low": 0.0, "high": 0.0018, "low_with_urdf": 0.0, "high_with_urdf": 0.0041, "change_rms_Nm": 9.0}
+    numbers = {key: {"nominal": 0.123456, "value": 0.000213, **interval} for key in (*LOSSES, *READINGS)}
+    text = json.dumps(copy.deepcopy(RECORD)).replace('"joint_1"', f'"{name}"')
+    record = json.loads(text) | {"identified": {name: numbers, "links": {}}}
+    page = write_diagnosis_report(tmp_path / "long.html", record)
+    assert tables_cut(page, tmp_path, DESK) == []

@@ -293,7 +293,7 @@ def test_a_gap_that_a_body_at_the_end_explains_is_not_called_unexplained(is_foun
     assert ("unexplained" in line) is not is_found
     assert ("mass at the arm's end" in line) is is_found
     assert action.startswith("Take the hand or tool") is is_found
-    assert line.startswith("The gap is largest at shoulder, 3.9 N m beyond noise, ")
+    assert line.startswith("The gap is largest at shoulder, 3.9 N m beyond noise")
 
 
 def test_a_joint_that_an_effect_counts_goes_by_its_name() -> None:
