@@ -232,7 +232,8 @@ class Sequential(Planner):
             before = ledger.seconds_left
             finer = self._finer(courses, ledger, known, range(most))
             self._polish(ledger)
-            if most > 0 and not finer[0].local.problem.way.given:
+            whole = most == LEVELS[courses[0].local.timed]
+            if whole and not finer[0].local.problem.way.given:
                 taken = before - ledger.seconds_left
                 self._go_on(ways, finer, ledger, rng, taken)
 
@@ -256,7 +257,7 @@ class Sequential(Planner):
             rng: Source of randomness.
             taken: Processor time that finer grids may take, as a guess [s].
         """
-        most = min(self.levels, LEVELS[courses[0].local.timed])
+        most = LEVELS[courses[0].local.timed]
         refined = [courses[0]]
         idle = 0
         while ledger.kept_back > 0.0 and idle < IDLE:
