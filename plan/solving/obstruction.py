@@ -41,9 +41,9 @@ def require_valid_ends(problem: PlanningProblem, task: Task, inside: bool = Fals
         raise InputError(task.source, f"task.{key}: {bad.what}", bad.remedy)
     _require_cones(problem, task)
     for number, via in enumerate(problem.way.vias, start=1):
-        bad = None if via.of_tool else _out_of_limits(problem, via.target)
-        if bad is not None:
-            raise InputError(task.source, f"pass {number}.deg: {bad[0]}", bad[1])
+        reason = None if via.of_tool else _out_of_limits(problem, via.target)
+        if reason is not None:
+            raise InputError(task.source, f"pass {number}.deg: {reason[0]}", reason[1])
         missed = _out_of_reach(problem, via)
         if missed:
             raise InputError(task.source, f"pass {number}.{missed}", "move that via point")
