@@ -26,10 +26,10 @@ from plan.planners.descent import (
     begin,
     count_finer,
     descend,
+    move_aside,
     refine,
 )
 from plan.planners.evolution import Evolution
-from plan.planners.kicks import move_aside
 from plan.planners.local_model import LocalModel
 from plan.planners.transcription import Grid, on_steps
 from plan.problem.problem import SHARE, STRAIGHT, PlanningProblem
@@ -97,9 +97,7 @@ LOST = 0.2
 FINEST = 96
 # Most refinements, for energy and for time.
 LEVELS = (3, 4)
-# Steps after which a motion that was moved aside is given up where it costs so many times as much
-# as before or where it is on its way back.
-EARLY = 10
+# A motion that was moved aside is given up early where it costs so many times as much as before.
 DEARER = 1.05
 # While asked seconds are left, in turns: so many motions are moved aside, each one of so many of
 # the best, and the best one that was not refined is. The search ends after so many turns in which
@@ -107,8 +105,6 @@ DEARER = 1.05
 MOVED = 10
 BEST = 3
 IDLE = 4
-# Motions on the first finer grid that are remembered for that.
-REMEMBERED = 12
 # Fewest via points that a motion without acceleration at its ends leaves free.
 SOFT_VIAS = 3
 # Trajectories by which CMA-ES moves time stamps that are named.
@@ -263,12 +259,12 @@ class Sequential(Planner):
         while ledger.kept_back > 0.0 and idle < IDLE:
             best = ledger.best
             if ledger.seconds_left > taken:
-                found = [*courses, *self._beside(courses, ledger, rng)]
+                reached = [*courses, *self._beside(courses, ledger, rng)]
                 for way in islice(ways, 1):
-                    course = self._try(begin_course(way, self.parts), ledger, found)
-                    found.append(self._refine(course, ledger, 0)[1])
-                found.sort(key=lambda course: course.rank)
-                courses = _different(found, REMEMBERED)
+                    course = self._try(begin_course(way, self.parts), ledger, reached)
+                    reached.append(self._refine(course, ledger, 0)[1])
+                reached.sort(key=lambda course: course.rank)
+                courses = _different(reached, self.starts)
             fresh = next((course for course in courses if course not in refined), None)
             if fresh is None or ledger.remaining == 0:
                 return
@@ -283,20 +279,20 @@ class Sequential(Planner):
         self, courses: Sequence[Course], ledger: Ledger, rng: np.random.Generator
     ) -> list[Course]:
         """Where descents lead that begin a little beside the best courses."""
-        found = []
+        ends = []
         for _ in range(MOVED):
             if ledger.remaining == 0:
                 break
             course = courses[int(rng.integers(min(BEST, len(courses))))]
             beside = begin(course.local, move_aside(course, rng))
-            beside = descend(beside, ledger, EARLY, FROM_COURSE, TOLERANCES[0])
+            beside = descend(beside, ledger, self.first // 3, FROM_COURSE, TOLERANCES[0])
             is_lost = beside.look.clearance > LOST
             is_far = beside.look.cost > DEARER * course.look.cost
             if is_lost or is_far or len(_different([course, beside], 2)) == 1:
                 continue
             beside = descend(beside, ledger, self.steps, FROM_COURSE, TOLERANCES[0])
-            found.append(self.settle(beside, ledger)[0])
-        return found
+            ends.append(self.settle(beside, ledger)[0])
+        return ends
 
     def _polish(self, ledger: Ledger) -> None:
         """Descends anew from the best motion while that pays and asked seconds are left.

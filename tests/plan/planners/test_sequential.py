@@ -10,9 +10,8 @@ from plan.dynamics.power import METRICS
 from plan.initial.limit_times import quickest_of_each_joint
 from plan.paper.brute_force import BruteForce
 from plan.planners import local_model, subproblem, velocity_reversals
-from plan.planners.descent import begin, choose_parts, count_finer, descend, refine
+from plan.planners.descent import begin, choose_parts, count_finer, descend, move_aside, refine
 from plan.planners.evolution import Evolution
-from plan.planners.kicks import move_aside
 from plan.planners.local_model import LocalModel
 from plan.planners.sequential import POLISHED, SAME, Sequential, begin_course
 from plan.planners.subproblem import ConstraintRows, solve_step
