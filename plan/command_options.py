@@ -106,7 +106,8 @@ class ExciteOptions:
     joint: str | None = option(None, "The joint in question: its name or number.")
     minutes: float | None = option(
         None,
-        "Length of the motion; as long as odds of 20 : 1 take, if not given.",
+        "Length of the motion, of four runs at the least; as long as odds of 20 : 1 take, "
+        "if not given.",
         min=0.1,
         max=240,
     )

@@ -25,6 +25,13 @@ from plan.geometry.tool import CARRIED
 # A pair of links that overlaps in most positions is an overlap of the shapes, not of the arm.
 ALWAYS = 0.5
 PROBES = 500
+# Attributes of an SRDF's elements that name links and joints.
+SRDF_NAMES = {
+    "disable_collisions": ("link1", "link2"),
+    "joint": ("name",),
+    "chain": ("base_link", "tip_link"),
+    "link": ("name",),
+}
 # Name of the obstacle on which the arm may stand.
 FLOOR = "floor"
 # Joints closer than this meet in one point [m].
@@ -174,6 +181,9 @@ def _probe(
 def read_srdf(path: Path, arm: ArmModel) -> ElementTree.Element:
     """The root of a robot's SRDF file.
 
+    Robots are often called otherwise in their URDF than in their SRDF, so what counts is whether it
+    speaks of this robot's links and joints.
+
     Raises:
         InputError: Not an SRDF file, or that of another robot.
     """
@@ -184,10 +194,22 @@ def read_srdf(path: Path, arm: ArmModel) -> ElementTree.Element:
     if root.tag != "robot":
         what = f"the root element is <{root.tag}>, not <robot>"
         raise InputError(path, what, remedy)
-    if root.get("name") != arm.name:
+    if root.get("name") != arm.name and not _names_only(root, arm):
         what = f"it is the SRDF of {root.get('name')!r}, the robot is {arm.name!r}"
         raise InputError(path, what, "give this robot's SRDF")
     return root
+
+
+def _names_only(root: ElementTree.Element, arm: ArmModel) -> bool:
+    """Whether an SRDF names links and joints, and all of them are the robot's."""
+    known = {frame.name for frame in arm.model.frames}
+    named = {
+        element.get(key)
+        for tag, keys in SRDF_NAMES.items()
+        for element in root.iter(tag)
+        for key in keys
+    }
+    return bool(named) and named <= known
 
 
 def read_disabled(path: Path, arm: ArmModel) -> dict[frozenset[str], str]:
@@ -199,6 +221,9 @@ def read_disabled(path: Path, arm: ArmModel) -> dict[frozenset[str], str]:
     root = read_srdf(path, arm)
     frames = arm.model.frames
     links = {frame.name for frame in frames if frame.type == pin.FrameType.BODY}
+    of = path.name
+    if root.get("name") != arm.name:
+        of += f", which is of a robot {root.get('name')!r}"
     disabled = {}
     for element in root.findall("disable_collisions"):
         pair = frozenset((element.get("link1", ""), element.get("link2", "")))
@@ -206,5 +231,5 @@ def read_disabled(path: Path, arm: ArmModel) -> dict[frozenset[str], str]:
             what = f"the robot has no link {name!r}"
             raise InputError(path, what, "give this robot's SRDF")
         reason = element.get("reason", "no reason given")
-        disabled[pair] = f"left out by {path.name}: {reason}"
+        disabled[pair] = f"left out by {of}: {reason}"
     return disabled

@@ -63,6 +63,10 @@ EVENLY = 0.5
 NARROWEST = 0.002
 # Share of a limit from which it binds.
 BINDS = 0.95
+# How far a motion is moved aside where it is moved most, between these [rad].
+ASIDE = (0.4, 1.5)
+# How long the part is that is moved: standard deviations of a bell, as shares of the duration.
+BELL = (0.1, 0.35)
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,3 +337,29 @@ def choose_parts(course: Course) -> Int[Array, " K"]:
         gains = np.where(is_wide, wanted / parts, 0.0)
         parts[int(np.argmax(gains))] += 1
     return parts
+
+
+def move_aside(course: Course, rng: np.random.Generator) -> Float[Array, " d"]:
+    """Variables of a motion a part of which is moved aside, or comes earlier or later.
+
+    Obstacles, and the modulus of power, part what motions cost into many basins that lie close to
+    one another. A descent ends in the one where it began; one from beside its end may find the
+    next.
+
+    Args:
+        course: Where a descent has ended.
+        rng: Source of randomness.
+    """
+    local = course.local
+    grid = local.grid
+    free = slice(grid.held, -grid.held)
+    bell = np.exp(-np.square((grid.places[free] - rng.uniform()) / rng.uniform(*BELL)))
+    along = np.gradient(local.split(course.x)[0], axis=0)[free]
+    aside = np.broadcast_to(rng.normal(size=local.n), along.shape)
+    moved = bell[:, None] * (aside if rng.choice([True, False]) else along * np.sign(rng.normal()))
+    low, high = np.log(ASIDE)
+    moved *= np.exp(rng.uniform(low, high)) / max(float(np.abs(moved).max()), SHORTEST)
+    x = course.x.copy()
+    x[: moved.size] += moved.reshape(-1)
+    lowest, highest = local.bounds
+    return np.clip(x, lowest, highest)

@@ -26,6 +26,7 @@ from plan.planners.descent import (
     begin,
     count_finer,
     descend,
+    move_aside,
     refine,
 )
 from plan.planners.evolution import Evolution
@@ -96,6 +97,14 @@ LOST = 0.2
 FINEST = 96
 # Most refinements, for energy and for time.
 LEVELS = (3, 4)
+# A motion that was moved aside is given up early where it costs so many times as much as before.
+DEARER = 1.05
+# While asked seconds are left, in turns: so many motions are moved aside, each one of so many of
+# the best, and the best one that was not refined is. The search ends after so many turns in which
+# nothing better came.
+MOVED = 10
+BEST = 3
+IDLE = 4
 # Fewest via points that a motion without acceleration at its ends leaves free.
 SOFT_VIAS = 3
 # Trajectories by which CMA-ES moves time stamps that are named.
@@ -147,7 +156,7 @@ class Sequential(Planner):
             self._search_named(problems, ledger, rng)
             return
         ways = self._initial(problems, ledger, rng)
-        self._search(islice(ways, max(self.starts, len(problems))), ledger)
+        self._search(ways, max(self.starts, len(problems)), ledger, rng)
         best = ledger.best
         if len(problems) == 1 and best is not None and best.problem.via_count < given.via_count:
             ledger.best = _with_vias(best, given.via_count)
@@ -188,23 +197,102 @@ class Sequential(Planner):
                 course = descend(course, ledger, self.steps, FROM_COURSE, CLOSELY)
                 course, _ = self.settle(course, ledger)
 
-    def _search(self, ways: Iterable[PlanningProblem], ledger: Ledger) -> None:
-        """Tries some ways and takes the best to finer grids, as many on each as `kept` says."""
+    def _search(
+        self,
+        ways: Iterator[PlanningProblem],
+        count: int,
+        ledger: Ledger,
+        rng: np.random.Generator,
+    ) -> None:
+        """Tries so many ways and takes the best to finer grids, as many on each as `kept` says.
+
+        Args:
+            ways: Initial trajectories, the most promising first.
+            count: How many of them are tried.
+            ledger: Counts what is evaluated.
+            rng: Source of randomness.
+        """
         courses: list[Course] = []
         known: Refined = {}
-        for problem in ways:
+        for problem in islice(ways, count):
             course = begin_course(problem, self.parts)
             courses.append(self._try(course, ledger, courses))
             if ledger.remaining == 0:
                 return
             if len(courses) == LEAD < self.starts:
                 best = min(courses, key=lambda course: course.rank)
-                self._finer([best], ledger, known, LEADS[best.local.timed])
+                self._finer([best], ledger, known, range(LEADS[best.local.timed]))
         if courses:
             courses.sort(key=lambda course: course.rank)
             most = min(self.levels, LEVELS[courses[0].local.timed])
-            self._finer(courses, ledger, known, most)
+            before = ledger.seconds_left
+            finer = self._finer(courses, ledger, known, range(most))
             self._polish(ledger)
+            whole = most == LEVELS[courses[0].local.timed]
+            if whole and not finer[0].local.problem.way.given:
+                taken = before - ledger.seconds_left
+                self._go_on(ways, finer, ledger, rng, taken)
+
+    def _go_on(
+        self,
+        ways: Iterator[PlanningProblem],
+        courses: Sequence[Course],
+        ledger: Ledger,
+        rng: np.random.Generator,
+        taken: float,
+    ) -> None:
+        """Looks on while asked seconds are left: beside the best courses, and along further ways.
+
+        What a course costs on the first finer grid tells little of which is best on the last, so
+        one after the other is refined.
+
+        Args:
+            ways: Further initial trajectories.
+            courses: On the first finer grid, the best ones first.
+            ledger: Counts what is evaluated.
+            rng: Source of randomness.
+            taken: Processor time that finer grids may take, as a guess [s].
+        """
+        most = LEVELS[courses[0].local.timed]
+        refined = [courses[0]]
+        idle = 0
+        while ledger.kept_back > 0.0 and idle < IDLE:
+            best = ledger.best
+            if ledger.seconds_left > taken:
+                reached = [*courses, *self._beside(courses, ledger, rng)]
+                for way in islice(ways, 1):
+                    course = self._try(begin_course(way, self.parts), ledger, reached)
+                    reached.append(self._refine(course, ledger, 0)[1])
+                reached.sort(key=lambda course: course.rank)
+                courses = _different(reached, self.starts)
+            fresh = next((course for course in courses if course not in refined), None)
+            if fresh is None or ledger.remaining == 0:
+                return
+            before = ledger.seconds_left
+            self._finer([fresh], ledger, {}, range(1, most))
+            taken = before - ledger.seconds_left
+            refined.append(fresh)
+            self._polish(ledger)
+            idle = idle + 1 if ledger.best is best else 0
+
+    def _beside(
+        self, courses: Sequence[Course], ledger: Ledger, rng: np.random.Generator
+    ) -> list[Course]:
+        """Where descents lead that begin a little beside the best courses."""
+        ends = []
+        for _ in range(MOVED):
+            if ledger.remaining == 0:
+                break
+            course = courses[int(rng.integers(min(BEST, len(courses))))]
+            beside = begin(course.local, move_aside(course, rng))
+            beside = descend(beside, ledger, self.first // 3, FROM_COURSE, TOLERANCES[0])
+            is_lost = beside.look.clearance > LOST
+            is_far = beside.look.cost > DEARER * course.look.cost
+            if is_lost or is_far or len(_different([course, beside], 2)) == 1:
+                continue
+            beside = descend(beside, ledger, self.steps, FROM_COURSE, TOLERANCES[0])
+            ends.append(self.settle(beside, ledger)[0])
+        return ends
 
     def _polish(self, ledger: Ledger) -> None:
         """Descends anew from the best motion while that pays and asked seconds are left.
@@ -293,7 +381,13 @@ class Sequential(Planner):
             return
         yield from iterate_ways(base, rng, lambda: ledger.solved, lambda: ledger.seconds_left)
 
-    def _finer(self, courses: Sequence[Course], ledger: Ledger, done: Refined, most: int) -> None:
+    def _finer(
+        self,
+        courses: Sequence[Course],
+        ledger: Ledger,
+        done: Refined,
+        levels: range,
+    ) -> Sequence[Course]:
         """Parts the sections until that brings less than the gain, on each grid for fewer courses.
 
         What a course costs on a coarse grid tells little of what it will on a fine one: of ten
@@ -304,24 +398,31 @@ class Sequential(Planner):
             courses: The best ones first.
             ledger: Counts what is evaluated.
             done: What became of courses on finer grids; filled.
-            most: Most refinements.
+            levels: Numbers of the refinements that are made.
+
+        Returns:
+            The courses on the first of the finer grids, the best ones first.
         """
         gain = self.gains[courses[0].local.timed]
         known = np.inf
-        for level in range(most):
+        first = courses
+        for level in levels:
             finer: list[tuple[float, Course]] = []
             for course in _different(courses, self.kept[min(level, len(self.kept) - 1)]):
                 if course not in done:
                     done[course] = self._refine(course, ledger, level)
                 if ledger.remaining == 0:
-                    return
+                    return first
                 finer.append(done[course])
             finer.sort(key=lambda reached: (reached[1].rank, reached[0]))
             courses = [course for _, course in finer]
             cost = min(cost for cost, _ in finer)
+            if level == levels.start:
+                first = courses
             if level > 0 and known < np.inf and cost > known * (1.0 - gain):
-                return
+                return first
             known = min(known, cost)
+        return first
 
     def _refine(self, course: Course, ledger: Ledger, level: int) -> tuple[float, Course]:
         """Cost and course after steps on a finer grid; as they were where none finer is made."""

@@ -92,6 +92,12 @@ class Grid:
         return self.sections + DEGREE - 2 * self.held
 
     @cached_property
+    def places(self) -> Float[Array, " C"]:
+        """Where each coefficient acts most, as a share of the duration."""
+        windows = np.lib.stride_tricks.sliding_window_view(self._padded[1:-1], DEGREE)
+        return freeze(windows.mean(axis=1))
+
+    @cached_property
     def shares(self) -> Float[Array, " T"]:
         """Places of all nodes as shares of the duration, section by section."""
         widths = np.diff(self.knots)

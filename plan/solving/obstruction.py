@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.arrays import Array
+from ident.arrays import Array, Float
 from ident.errors import InputError
 from plan.geometry.clearance_proof import why_refused
 from plan.geometry.scene import Scene
@@ -40,11 +40,10 @@ def require_valid_ends(problem: PlanningProblem, task: Task, inside: bool = Fals
         key = task.keys[bad.name == "goal"]
         raise InputError(task.source, f"task.{key}: {bad.what}", bad.remedy)
     _require_cones(problem, task)
-    limits = problem.limits
     for number, via in enumerate(problem.way.vias, start=1):
-        if not via.of_tool and np.any((via.target < limits.lower) | (via.target > limits.upper)):
-            what = f"pass {number}.deg is out of the joints' limits"
-            raise InputError(task.source, what, "move that via point")
+        reason = None if via.of_tool else _out_of_limits(problem, via.target)
+        if reason is not None:
+            raise InputError(task.source, f"pass {number}.deg: {reason[0]}", reason[1])
         missed = _out_of_reach(problem, via)
         if missed:
             raise InputError(task.source, f"pass {number}.{missed}", "move that via point")
@@ -74,21 +73,28 @@ class BadEnd:
 
 def _bad_end(problem: PlanningProblem) -> BadEnd | None:
     """The first end that is not allowed; None if both are."""
-    limits = problem.limits
-    arm = problem.scene.arm
     for name, q in zip(("start", "goal"), problem.ends, strict=True):
-        outside = np.flatnonzero((q < limits.lower) | (q > limits.upper))
-        if len(outside):
-            j = int(outside[0])
-            slides = bool(arm.sliding_joints[j])
-            low = as_given(limits.lower[j], slides, 0)
-            high = as_given(limits.upper[j], slides, 0)
-            what = f"{as_given(q[j], slides)} of {arm.joint_names[j]} is out of its limits"
-            return BadEnd(name, what, f"stay within {low} to {high}")
-        refused = why_refused(problem.scene, q, limits.clearance)
+        refused = _out_of_limits(problem, q)
+        if refused is None:
+            refused = why_refused(problem.scene, q, problem.limits.clearance)
         if refused is not None:
             return BadEnd(name, *refused)
     return None
+
+
+def _out_of_limits(problem: PlanningProblem, q: Float[Array, " n"]) -> tuple[str, str] | None:
+    """What is wrong with a position that is out of the joints' limits, and the remedy."""
+    limits = problem.limits
+    arm = problem.scene.arm
+    outside = np.flatnonzero((q < limits.lower) | (q > limits.upper))
+    if len(outside) == 0:
+        return None
+    j = int(outside[0])
+    slides = bool(arm.sliding_joints[j])
+    low = as_given(limits.lower[j], slides, 0)
+    high = as_given(limits.upper[j], slides, 0)
+    what = f"{as_given(q[j], slides)} of {arm.joint_names[j]} is out of its limits"
+    return what, f"stay within {low} to {high}"
 
 
 def _out_of_reach(problem: PlanningProblem, via: ViaPoint) -> str:

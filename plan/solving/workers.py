@@ -47,7 +47,8 @@ def search_together(
     if "fork" not in multiprocessing.get_all_start_methods():
         raise InputError("--workers", "this system can't copy a running process", "leave it out")
     context = multiprocessing.get_context("fork")
-    share = Ledger(max(ledger.most // workers, 1), ledger.seconds_left / workers)
+    seconds = ledger.seconds_left / workers
+    share = Ledger(max(ledger.most // workers, 1), seconds, ledger.kept_back)
     running = []
     for number in range(workers):
         receiver, sender = context.Pipe(duplex=False)
@@ -82,7 +83,7 @@ def _search(
 ) -> None:
     """What one worker does; the first draws as a search alone does."""
     rng = np.random.default_rng(seed if number == 0 else [seed, number])
-    ledger = Ledger(share.most, share.most_seconds)
+    ledger = Ledger(share.most, share.most_seconds, share.kept_back)
     planner.run(problems, ledger, rng)
     rows = [_row(label, best) for label, best in ledger.best_of.items()]
     if ledger.best is not None:  # its knots may have been parted since

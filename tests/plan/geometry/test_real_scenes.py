@@ -170,6 +170,19 @@ def test_bad_srdf_files(tmp_path: Path, text: str | None, words: str) -> None:
         set_up(load_task(path))
 
 
+def test_an_srdf_by_another_name_counts_where_it_speaks_of_this_robot(tmp_path: Path) -> None:
+    """All links that it names are the robot's; what it leaves out says whose it is."""
+    path = tmp_path / "scene.toml"
+    path.write_text(f'srdf = "arm.srdf"\n{TASK}')
+    links = '<disable_collisions link1="link_1" link2="link_3" reason="Never"/>'
+    (tmp_path / "arm.srdf").write_text(f'<robot name="other">{links}</robot>')
+    scene = set_up(load_task(path)).scene
+    assert "left out by arm.srdf, which is of a robot 'other': Never" in [pair.reason for pair in scene.unchecked]
+    (tmp_path / "arm.srdf").write_text('<robot name="other"><group name="none"/></robot>')
+    with pytest.raises(InputError, match="give this robot's SRDF"):
+        set_up(load_task(path))
+
+
 def test_pairs_of_an_srdf_are_left_out_and_named(tmp_path: Path) -> None:
     """What the SRDF disables is not checked, and the certificate says so with the SRDF's reason."""
     path = tmp_path / "scene.toml"

@@ -10,10 +10,10 @@ from plan.dynamics.power import METRICS
 from plan.initial.limit_times import quickest_of_each_joint
 from plan.paper.brute_force import BruteForce
 from plan.planners import local_model, subproblem, velocity_reversals
-from plan.planners.descent import begin, choose_parts, count_finer, descend, refine
+from plan.planners.descent import begin, choose_parts, count_finer, descend, move_aside, refine
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
-from plan.planners.sequential import POLISHED, Sequential, begin_course
+from plan.planners.sequential import POLISHED, SAME, Sequential, begin_course
 from plan.planners.subproblem import ConstraintRows, solve_step
 from plan.planners.transcription import Grid
 from plan.problem.certificate import certify
@@ -291,3 +291,33 @@ def test_polishing_never_costs_more(kept_back: float) -> None:
     polished = own.best
     Sequential()._polish(own)
     assert own.best.cost >= polished.cost * (1.0 - 2.0 * POLISHED)
+
+
+@pytest.mark.parametrize("objective", ["energy", "time"])
+def test_a_motion_is_moved_aside_within_its_bounds(objective: str) -> None:
+    """Law: what is drawn beside a motion keeps its ends, its duration and the search's bounds, and is another."""
+    task = problem(objective=objective, free="both" if objective == "time" else "vias")
+    course = begin_course(task)
+    low, high = course.local.bounds
+    for seed in range(20):
+        beside = move_aside(course, np.random.default_rng(seed))
+        assert np.all((low <= beside) & (beside <= high))
+        points, duration = course.local.split(beside)
+        assert points[0].tolist() == task.start.tolist()
+        assert points[-1].tolist() == task.goal.tolist()
+        assert duration == course.local.split(course.x)[1]
+        assert np.abs(beside - course.x).max() > SAME
+
+
+def test_asked_seconds_that_are_left_are_spent() -> None:
+    """Law: what is looked at while asked seconds are left costs evaluations, and never ends worse."""
+    task = problem(objective="time", free="both")
+    quick = Sequential(starts=1, first=6, kept=(1,), steps=3)
+    first = quick.run([task], ledger(), np.random.default_rng(0))
+    longer = ledger(first.evaluations + 150, kept_back=0.1)
+    quick.run([task], longer, np.random.default_rng(0))
+    assert first.best is not None
+    assert longer.best is not None
+    assert first.best.feasible
+    assert longer.best.cost <= first.best.cost
+    assert longer.evaluations > first.evaluations

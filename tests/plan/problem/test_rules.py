@@ -171,7 +171,7 @@ ADDED = [
     ("[[pass]]", "neither deg nor xyz_m"),
     ("[[pass]]\ndeg = [1, 2]", "has 2 numbers, not 3"),
     ("[[pass]]\ndeg = [1, 2, 3]\nwithin_m = 1", "pass 1 has both deg and within_m"),
-    ("[[pass]]\ndeg = [1, 2, 900]", "out of the joints' limits"),
+    ("[[pass]]\ndeg = [1, 2, 900]", "pass 1.deg: 900.0 deg of joint_3 is out of its limits"),
     ("[[pass]]\ndegrees = [1, 2, 3]", "unknown key 'degrees'"),
 ]
 OBSTACLES = [
