@@ -277,7 +277,7 @@ def sized(
     also = []
     if effect == "payload":
         may_stand_at.update(names[-1:])
-    elif effect == "link_inertial_error" and planted_at == names[-1:]:
+    elif effect == "link_inertial_error" and planted_at == [names[-1]]:
         also = ["payload"]  # a load is one torque with what the last link has more of, exactly
     if law.whole_arm or effect == "external_contact":
         may_stand_at.update(shown)

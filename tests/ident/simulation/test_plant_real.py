@@ -92,6 +92,20 @@ def test_of_a_pair_the_later_set_alone_has_what_is_planted(arm: MovedArm, seed: 
     assert max(np.abs(np.diff(torque, axis=0)).max(initial=0.0) for torque in torques) > 0.0
 
 
+def test_more_of_the_last_link_may_be_told_as_a_load(arm: MovedArm) -> None:
+    """Law: both are one torque exactly there, and nowhere else."""
+    for seed in range(8):
+        made = sized(arm, "link_inertial_error", 3.0, np.random.default_rng(seed), set())
+        assert made is not None
+        entry = made[1]
+        is_last = entry["joints"] == [arm.source.joints[-1]]
+        assert entry["also"] == (["payload"] if is_last else [])
+    others = set(arm.source.joints[:-1])
+    made = sized(arm, "link_inertial_error", 3.0, np.random.default_rng(0), others)
+    assert made is not None
+    assert made[1]["also"] == ["payload"]
+
+
 def test_a_body_put_on_and_taken_off_is_none(arm: MovedArm) -> None:
     place, joint = np.array([0.05, -0.02, 0.1]), arm.source.joints[-1]
     heavier = with_body(arm.source.urdf, joint, 1.3, place, 0.03)
