@@ -436,7 +436,12 @@ def _change_mjcf_body(
     scale = parameter_scale(arm)[10 * index : 10 * index + 10]
     if np.all(np.abs(change) <= SAME * scale):
         return
-    if np.any(np.abs(whole - nominal) > SAME_INERTIA * scale):
+    off = (whole - nominal) / scale
+    beside = off - change / scale  # as it will be once the change is in it
+    if np.all(np.abs(beside) <= SAME_INERTIA) and np.linalg.norm(beside) < np.linalg.norm(off):
+        written.left.append(f"{name}: its inertia is as identified already")
+        return
+    if np.any(np.abs(off) > SAME_INERTIA):
         written.left.append(f"{name}: its inertia is not that of {arm.links[index]} in --robot")
         return
     back = turn.T

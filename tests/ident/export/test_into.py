@@ -107,6 +107,20 @@ def test_nothing_but_joints_and_inertias_changes(
         assert np.array_equal(getattr(old, name), getattr(new, name)), name
 
 
+def test_what_is_written_already_is_not_added_again(
+    planted: tuple[Path, dict[str, Any], mujoco.MjModel], own: Path, tmp_path: Path
+) -> None:
+    """Law: a second patch of the same file changes nothing, and says of each link that it is as identified."""
+    urdf, record, _ = planted
+    first = patch(record, urdf, tmp_path / "first", into=own).to_dict()["into"]
+    once = own.read_text()
+    again = patch(record, urdf, tmp_path / "second", into=own).to_dict()["into"]
+    assert own.read_text() == once
+    assert first["links"]
+    assert not again["links"]
+    assert sum("already" in left for left in again["left"]) == len(first["links"])
+
+
 def test_a_number_that_is_the_same_keeps_its_text(
     planted: tuple[Path, dict[str, Any], mujoco.MjModel], tmp_path: Path
 ) -> None:
