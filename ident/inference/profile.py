@@ -54,12 +54,14 @@ class Profile:
             values_on_grid = np.unique(values)
             if len(values_on_grid) < 2 or np.any(values_on_grid <= 0):
                 found[name] = Interval(float(value), float(value), float(value))
-            # What is one of a few numbers lies at one of them.
             elif name in self.group.effect.doubt.exact:
                 likely = values[self.log_likelihood > self.log_likelihood.max() - self.drop]
-                found[name] = Interval(
-                    float(value), float(min(value, *likely)), float(max(value, *likely))
-                )
+                # A whole number lies at one of them; a line of a spectrum anywhere up to the next.
+                is_whole = np.array_equal(values_on_grid, np.round(values_on_grid))
+                reach = 0.0 if is_whole else 0.5 * float(np.diff(values_on_grid).min())
+                low = min(value, *likely) - reach
+                high = max(value, *likely) + reach
+                found[name] = Interval(float(value), float(low), float(high))
             else:
                 falls = np.array(
                     [self.log_likelihood[values == point].max() for point in values_on_grid]
