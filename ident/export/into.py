@@ -31,6 +31,7 @@ from ident.files import atomic_write
 from ident.laws.acting import payload_parameters
 from ident.model.bodies import is_consistent
 from ident.model.link_inertia import (
+    ENTRIES,
     SAME,
     about_centre,
     is_stated,
@@ -51,7 +52,7 @@ COMPARED_AT = 0.3
 # Significant digits that are written into a user's own file.
 DIGITS = 7
 # Order of MuJoCo's moments: xx yy zz xy xz yz.
-FULL_INERTIA = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
+MUJOCO_ENTRIES = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
 OTHER_LINKS = "links are left as they are: {}"
 
 
@@ -445,19 +446,20 @@ def _change_mjcf_body(
         written.left.append(f"{name}: its inertia is not that of {arm.links[index]} in --robot")
         return
     back = turn.T
-    changed = _body_inertia(model, number) + moved(change, back, -back @ place)
+    given = _body_inertia(model, number)
+    changed = given + moved(change, back, -back @ place)
     if not is_consistent(changed):
         written.left.append(f"{name}: what was identified is more than the body itself has")
         return
     mass, centre, about = about_centre(changed)
     old = body.child("inertial")
-    moments = about_centre(_body_inertia(model, number))[2]
+    moments = about_centre(given)[2]
     size = np.abs(about).max()
     place_of_mass: dict[str, Sequence[float] | Array] = {"pos": centre, "mass": [mass]}
     if old is not None and np.abs(about - moments).max() <= SAME * size:
         edited.set(old, _new_digits(old, place_of_mass))
     else:
-        numbers = {**place_of_mass, "fullinertia": about[FULL_INERTIA]}
+        numbers = {**place_of_mass, "fullinertia": about[MUJOCO_ENTRIES]}
         text = " ".join(f'{key}="{_digits(value)}"' for key, value in numbers.items())
         if old is None:
             edited.insert(body, f"<inertial {text}/>")
@@ -471,7 +473,7 @@ def _body_inertia(model: mujoco.MjModel, body: int) -> Float[Array, " 10"]:
     principal = np.diag(model.body_inertia[body])
     turn = Rotation.from_quat(model.body_iquat[body], scalar_first=True).as_matrix()
     about = turn @ principal @ turn.T
-    ball = np.concatenate([[0.0, 0.0, 0.0, 0.0], about[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]])
+    ball = np.concatenate([[0.0, 0.0, 0.0, 0.0], about[ENTRIES]])
     ball[0] = model.body_mass[body]
     return moved(ball, np.eye(3), model.body_ipos[body])
 

@@ -65,6 +65,13 @@ def factorise(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
     return upper.T * np.where(np.diag(upper) < 0.0, -1.0, 1.0)
 
 
+def _with_prior(gram: Float[Array, "k k"], deviation: Float[Array, " k"]) -> Float[Array, "k k"]:
+    """I + S^½ G S^½: the precision of coefficients in units of their prior deviations."""
+    inner = deviation[:, None] * gram * deviation
+    inner[np.diag_indices(len(inner))] += 1.0
+    return inner
+
+
 @dataclass(frozen=True, eq=False)
 class Solved:
     """Coefficients with their evidence."""
@@ -84,9 +91,7 @@ def log_evidence(
         target: Sums of the columns times the torque.
         deviation: Prior standard deviation of each coefficient; zero fixes it at zero.
     """
-    inner = deviation[:, None] * gram * deviation
-    inner[np.diag_indices(len(inner))] += 1.0
-    factor = factorise(inner)
+    factor = factorise(_with_prior(gram, deviation))
     scaled = deviation * target
     mean = dpotrs(factor, scaled, lower=1)[0]
     inverse = dpotri(factor, lower=1)[0]
@@ -188,8 +193,7 @@ def solve_set(
         Log evidence, and the coefficients in the columns' scale; none of the signed ones is
         negative.
     """
-    inner = deviation[:, None] * sums * deviation
-    inner[np.diag_indices(len(inner))] += 1.0
+    inner = _with_prior(sums, deviation)
     factor = factorise(inner)
     scaled = deviation * target
     free = cho_solve((factor, True), scaled, check_finite=False)
@@ -253,8 +257,7 @@ def mass_left(
         place: Where the mass stands among the coefficients. Others that their bound keeps at zero
             stay there.
     """
-    inner = deviation[:, None] * sums * deviation
-    inner[np.diag_indices(len(inner))] += 1.0
+    inner = _with_prior(sums, deviation)
     scaled = estimate / deviation
     slope = deviation * target - inner @ scaled
     free = ~(signed & (estimate <= 0.0))

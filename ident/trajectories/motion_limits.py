@@ -92,9 +92,7 @@ class MotionLimits:
         """
         if (np.abs(self.arm.gravity(poses)) > TORQUE_SHARE * self.torque).any():
             return False
-        if self._geometry is None:
-            return True
-        return not any(pin.computeCollisions(*self._geometry, pose, True) for pose in poses)
+        return not self._touches_in(poses)
 
     @cached_property
     def span(self) -> Float[Array, " n"]:
@@ -148,9 +146,12 @@ class MotionLimits:
 
     def touches(self, q: Float[Array, "K n"]) -> bool:
         """Whether the arm comes nearer than the clearance to itself anywhere on a path."""
+        return self._touches_in(thin(q, CHECK_STEP))
+
+    def _touches_in(self, poses: Float[Array, "K n"]) -> bool:
+        """The same in any of some poses."""
         if self._geometry is None:
             return False
-        poses = thin(q, CHECK_STEP)
         return any(pin.computeCollisions(*self._geometry, pose, True) for pose in poses)
 
     @cached_property

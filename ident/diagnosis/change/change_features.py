@@ -85,10 +85,13 @@ def describe_changes(likely: ChangeSet, scorers: Scorers) -> list[Described]:
     # What both sets share cancels, a wrong URDF too: so it makes no interval wider.
     solution = Solution(likely.search, likely.search, likely.chosen)
     turns = in_turns(likely.search, likely.chosen)
+    score = scorers.tuned.score()
     for number, group in enumerate(turns):
         before = turns[:number]
         after = turns[: number + 1]
-        view = HeldOutView(scorers.tuned.score(before), scorers.tuned.score(after), fixed=False)
+        last = score
+        score = scorers.tuned.score(after)
+        view = HeldOutView(last, score, fixed=False)
         joints = shows_at(group, view, likely.evidence.layout.n)
         rivals = find_rivals(likely.search, after, group)
         features = {
