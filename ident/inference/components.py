@@ -33,7 +33,7 @@ from ident.regression.baseline import Baseline, UrdfError
 from ident.regression.design import Group
 from ident.regression.discrepancy import BLOCKS
 from ident.regression.least_squares import Prior, ridge_of
-from ident.regression.run_spread import estimate_run_spread
+from ident.regression.run_spread import estimate_walk
 
 URDF = read_group(__file__, "urdf")
 # Whitened rows of a joint below which nothing is learnt of its discrepancy.
@@ -47,6 +47,7 @@ class Components:
     """Variances beside a set of effects."""
 
     friction: Float[Array, " n"]  # relative spread of each joint's friction level
+    walk: Float[Array, " n"]  # share of its variance that gathers as a random walk
     urdf: UrdfError  # by how much the URDF is off
     discrepancy: Float[Array, "n b"]  # variance of the whitened coefficients of each joint's blocks
     dispersion: Float[Array, " n"]  # what each joint's sums are divided by
@@ -63,6 +64,7 @@ class Components:
         blocks = len(layout.flexible[0])
         return cls(
             friction=np.full(layout.n, sums.evidence.settings.wide_spread),
+            walk=np.zeros(layout.n),
             urdf=UrdfError(),
             discrepancy=np.zeros((layout.n, blocks)),
             dispersion=np.ones(layout.n),
@@ -113,15 +115,16 @@ class ModelSums:
         self.components = components
         layout = sums.evidence.layout
         self.whole = []
+        self.friction_nats = np.zeros(layout.n)
         for j in range(layout.n):
-            of_joint = sums.of_joint(j, float(components.friction[j]))
+            of_joint, nats = sums.of_joint(j, components.friction[j], components.walk[j])
             self.whole.append(of_joint / components.dispersion[j])
+            self.friction_nats[j] = nats
         # The discrepancies' columns come last, before the torque.
         flexible = [group.columns[0] for blocks in layout.flexible for group in blocks]
         self.last = int(min(flexible, default=layout.size))
         self.fixed_nats = -0.5 * float(sums.evidence.samples @ np.log(components.dispersion))
-        for j in range(layout.n):
-            self.fixed_nats += sums.friction_nats(j, float(components.friction[j]))
+        self.fixed_nats += float(self.friction_nats.sum())
         self._reduce()
 
     def _reduce(self) -> None:
@@ -165,6 +168,27 @@ class ModelSums:
             other.reduced[joint] = reduced
             other.log_determinants[joint] = nats
         other.components = replace(self.components, discrepancy=variances)
+        return other
+
+    def with_friction(self, changed: Mapping[int, tuple[float, float]]) -> ModelSums:
+        """A copy in which the friction of some joints varies otherwise.
+
+        Args:
+            changed: For each of these joints, by index, the relative spread of its friction level
+                and the share of it that walks.
+        """
+        other = copy(self)
+        friction = self.components.friction.copy()
+        walk = self.components.walk.copy()
+        other.whole = list(self.whole)
+        other.friction_nats = self.friction_nats.copy()
+        for joint, (spread, share) in changed.items():
+            friction[joint], walk[joint] = spread, share
+            of_joint, other.friction_nats[joint] = self.sums.of_joint(joint, spread, share)
+            other.whole[joint] = of_joint / self.components.dispersion[joint]
+        other.components = replace(self.components, friction=friction, walk=walk)
+        other.fixed_nats += float((other.friction_nats - self.friction_nats).sum())
+        other._reduce()
         return other
 
     def with_urdf(self, error: UrdfError) -> ModelSums:
@@ -438,6 +462,21 @@ def discrepancy_at(
     return best.variances, best.nats
 
 
+def friction_beside(model: ModelSums, joints: Sequence[int], chosen: Sequence[Group]) -> ModelSums:
+    """Sums with the friction spread of some joints that is likeliest beside a set of effects.
+
+    Args:
+        model: Sums, with the other components as they are.
+        joints: Indices of the joints.
+        chosen: The effects.
+    """
+    components = model.components
+    evidence = model.sums.evidence.with_run_spread(components.friction)
+    evidence = evidence.with_dispersion(components.dispersion)
+    weights = model.residual(chosen).weights
+    return model.with_friction({j: estimate_walk(evidence, j, weights) for j in joints})
+
+
 def revise(model: ModelSums, chosen: Sequence[Group], warm: bool = True) -> Components:
     """Variance components that are likeliest beside a set of effects, one after the other.
 
@@ -454,9 +493,10 @@ def revise(model: ModelSums, chosen: Sequence[Group], warm: bool = True) -> Comp
     model = model.with_urdf(error)
     left = model.residual(chosen)
     seen = evidence.with_run_spread(before.friction).with_dispersion(before.dispersion)
-    friction = estimate_run_spread(seen, left.weights)
+    joints = range(evidence.layout.n)
+    friction, walk = np.transpose([estimate_walk(seen, j, left.weights) for j in joints])
     dispersion = np.maximum(1.0, before.dispersion * left.mean_square)
-    return replace(model.components, friction=friction, dispersion=dispersion)
+    return replace(model.components, friction=friction, walk=walk, dispersion=dispersion)
 
 
 def urdf_errors() -> list[UrdfError]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import SessionContext, impossible
-from ident.inference.components import ModelSums, discrepancy_at
+from ident.inference.components import ModelSums, discrepancy_at, friction_beside
 from ident.inference.infer import Inference, Inferred, evidence_of
 from ident.inference.rivals import find_rivals, of_rivals, share_of_plain_law
 from ident.inference.scales import signed_log, squashed
@@ -191,8 +191,8 @@ def shows_at(group: Group, view: HeldOutView, n: int) -> tuple[int, ...]:
 def _of_evidence(
     fine: Inferred, group: Group, joints: Sequence[int], smooth_power: Float[Array, " n"]
 ) -> dict[str, float]:
-    """Log evidence that an effect adds, the discrepancy as it is, and free to take the effect's
-    place; and what the discrepancy still finds beside it.
+    """Log evidence that an effect adds, discrepancy and friction's levels as they are, and free to
+    take the effect's place; and what the discrepancy still finds beside it.
 
     Args:
         fine, group, joints: The set, one of its effects, and where that shows.
@@ -200,8 +200,9 @@ def _of_evidence(
     """
     model, others = fine.model, rest_of(fine.chosen, group)
     alone = fine.search.nats(fine.chosen) - fine.search.nats(others)
-    changed = {j: discrepancy_at(model, j, others)[0] for j in joints}
-    freed = model.with_discrepancy(changed)
+    loose = friction_beside(model, joints, others)
+    changed = {j: discrepancy_at(loose, j, others)[0] for j in joints}
+    freed = loose.with_discrepancy(changed)
     without = freed.log_evidence(()) + SetSearch.of(freed).nats(others)
     beside = min(fine.log_evidence - without, alone)
     rows = float(model.sums.evidence.samples[list(joints)].sum())

@@ -122,7 +122,8 @@ def infer(evidence: Evidence, baseline: Baseline, session: SessionContext) -> In
 def without_spread(components: Components, sums: SessionSums) -> Components:
     """Components whose friction varies from run to run as little as it usually does."""
     usual = sums.evidence.settings.usual_spread
-    return replace(components, friction=np.full_like(components.friction, usual))
+    steady = np.full_like(components.friction, usual)
+    return replace(components, friction=steady, walk=np.zeros_like(steady))
 
 
 def settle(model: ModelSums, start: Sequence[Group] = ()) -> Inferred:

@@ -304,7 +304,10 @@ class SetSearch:
             sums = self.rest[columns[:, :, None], columns[:, None, :]] - taken
             free = free_gains(sums, target[columns], batch.deviation)
             gains = free.nats + batch.known
-            below = (batch.signed & (free.sizes < 0.0)).any(axis=1) & (gains > 0.0)
+            # Beyond its bound a free fit that gains nothing adds nothing at its bound either,
+            # unless more is known of its size.
+            may_add = np.isfinite(gains) & (batch.sized | (gains > 0.0))
+            below = (batch.signed & (free.sizes < 0.0)).any(axis=1) & may_add
             for k in np.flatnonzero((batch.sized & np.isfinite(gains)) | below):
                 after = SumsAfter(sums[k], target[columns[k]], batch.deviation[k], batch.signed[k])
                 group = self.names.groups[batch.slots[k]]

@@ -16,6 +16,7 @@ from scipy.linalg import cholesky, eigh
 
 from ident.arrays import Array, Float
 from ident.regression.gram import Evidence
+from ident.regression.run_spread import spread_prior
 
 # Shift of a correlation matrix's eigenvalues within which rounding may make them negative.
 ROUNDING = 1e-9
@@ -42,25 +43,36 @@ class SessionSums:
             whole.append(sums)
         return tuple(whole)
 
-    def of_joint(self, joint: int, spread: float) -> Float[Array, "p p"]:
+    def of_joint(
+        self, joint: int, spread: float, walk: float = 0.0
+    ) -> tuple[Float[Array, "p p"], float]:
         """A joint's sums where each stretch has a friction level of its own.
 
         Args:
             joint: The joint.
             spread: Relative standard deviation of its friction level from stretch to stretch.
-        """
-        taken = self.evidence.friction.absorbed(joint, spread)
-        return without_negative_directions(self.free[joint] - taken)
+            walk: Share of that variance that gathers as a random walk.
 
-    def friction_nats(self, joint: int, spread: float) -> float:
-        """Log determinant of a joint's friction levels, and the prior of their spread [nats]."""
+        Returns:
+            The sums; and the log determinant of the levels with the prior of their spread [nats].
+        """
+        settings = self.evidence.settings
+        prior = spread_prior(spread, settings)
+        if walk > 0.0:
+            levels = self.evidence.friction.walking(joint, spread, walk)
+            taken, nats = levels.absorbed, levels.nats
+        else:
+            taken = self.evidence.friction.absorbed(joint, spread)
+            nats = self._nats_of_levels(joint, spread)
+        return without_negative_directions(self.free[joint] - taken), nats + prior
+
+    def _nats_of_levels(self, joint: int, spread: float) -> float:
+        """Log determinant of a joint's friction levels that don't hang on each other [nats]."""
         friction = self.evidence.friction
         sizes = spread * friction.level[joint]
         seen = friction.by_stretch[joint][:, :, friction.columns]
         widened = np.eye(2) + sizes[:, None] * seen * sizes
-        settings = self.evidence.settings
-        usual = 2.0 * np.log(spread) + (settings.usual_spread / spread) ** 2
-        return -0.5 * float(np.linalg.slogdet(widened)[1].sum() + settings.usual_runs * usual)
+        return -0.5 * float(np.linalg.slogdet(widened)[1].sum())
 
 
 def without_negative_directions(sums: Float[Array, "p p"]) -> Float[Array, "p p"]:

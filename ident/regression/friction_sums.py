@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.sparse import csr_array
 
 from ident.arrays import Array, Bool, Float, Int
@@ -41,6 +42,38 @@ LEAST_SQUARE = 1e-12
 RIDGE = 1e-3
 # Least information on a level's share, in units of the whitened noise: below it the joint rests.
 LEAST_INFORMATION = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class WalkingLevels:
+    """Friction levels of a joint's stretches, each near the one before, integrated out."""
+
+    half: Float[Array, "2R p"]  # H, of which HᵀH is what they take off the joint's XᵀX
+    nats: float  # −½ log |I + Λ^½ FᵀF Λ^½| [nats]
+
+    @property
+    def absorbed(self) -> Float[Array, "p p"]:
+        """What these levels take off a joint's XᵀX."""
+        return self.half.T @ self.half
+
+
+def walking_covariance(stretches: int, spread: float, walk: float) -> Float[Array, "R R"]:
+    """Covariance of the relative friction levels of stretches one after the other.
+
+    A share `walk` of their variance is a random walk's. About their mean, levels of R stretches
+    vary by `spread`² in the mean, whatever share of it walks.
+
+    Args:
+        stretches: R, their number.
+        spread: Relative standard deviation.
+        walk: The share, between 0 and 1.
+    """
+    number = np.arange(1, stretches + 1)
+    gathered = np.minimum(number[:, None], number)
+    # The mean variance of a walk of R steps of variance one about its own mean is
+    # (R² − 1) / 6R; of independent levels it is 1 − 1/R.
+    step = 6.0 / (stretches + 1.0)
+    return spread**2 * ((1.0 - walk) * np.eye(stretches) + walk * step * gathered)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +112,31 @@ class FrictionSums:
         size = pieces.shape[-1]
         half = pieces.reshape(-1, size).T @ responses.reshape(-1, size)
         return np.asarray(0.5 * (half + half.T))
+
+    def walking(self, joint: int, spread: float, walk: float) -> WalkingLevels:
+        """A joint's friction levels where part of their variance gathers from stretch to stretch.
+
+        Args:
+            joint: Index of the joint.
+            spread: Relative standard deviation of its friction level from stretch to stretch.
+            walk: Share of that variance, between 0 and 1, that is a random walk's.
+        """
+        whole = self.by_stretch[joint]
+        stretches = len(whole)
+        root = np.linalg.cholesky(walking_covariance(stretches, spread, walk))
+        scaled = self.level[joint][:, None] * whole
+        # The viscous levels of all stretches first, then the Coulomb levels.
+        tied = root.T @ np.swapaxes(scaled, 0, 1)
+        seen = whole[:, :, self.columns] * np.outer(self.level[joint], self.level[joint])
+        inner = np.eye(2 * stretches)
+        for a, b in np.ndindex(2, 2):
+            rows = slice(a * stretches, (a + 1) * stretches)
+            columns = slice(b * stretches, (b + 1) * stretches)
+            inner[rows, columns] += root.T @ (seen[:, a, b, None] * root)
+        factor = np.linalg.cholesky(0.5 * (inner + inner.T))
+        flat = tied.reshape(2 * stretches, -1)
+        half = solve_triangular(factor, flat, lower=True, check_finite=False)
+        return WalkingLevels(half, -float(np.log(np.diag(factor)).sum()))
 
     def absorbed_by_block(
         self, joint: int, spread: float, weights: Float[Array, " p"], count: int

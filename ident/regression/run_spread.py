@@ -18,6 +18,7 @@ Source: Patterson and Thompson 1971 (restricted likelihood of a variance compone
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +32,10 @@ from ident.regression.settings import RegressionSettings
 GUESS = 4.0
 # Spreads of friction that are tried: least and greatest share, and how many (chosen: steps of 4 %).
 SPREADS = (1e-3, 0.5, 160)
+# Shares of that variance that gather as a random walk: all that are tried.
+WALKING = (0.0, 0.3, 0.6, 0.9, 1.0)
+# Variance of a level before anything is seen of it.
+DIFFUSE = 1e4
 # Below this share of the model's variance the variance between blocks is numerically zero.
 LEAST_BLOCK_VARIANCE = 1e-9
 # Columns of a joint that carry less than this share of its largest carry nothing: their scores are
@@ -218,8 +223,92 @@ def _likelihood(
     log_information = np.linalg.slogdet(information)[1].sum(axis=1)
     log_total = np.linalg.slogdet(total)[1]
     weight = log_information - log_total
-    usual = settings.usual_runs * (2.0 * np.log(spreads) + (settings.usual_spread / spreads) ** 2)
-    return np.asarray(0.5 * (weight - squares - usual))
+    return np.asarray(0.5 * (weight - squares) + spread_prior(spreads, settings))
+
+
+def spread_prior(spread: Any, settings: RegressionSettings) -> Any:
+    """Log prior of friction's relative spread, or of several, up to a constant [nats].
+
+    Args:
+        spread: τ.
+        settings: τ_0 and ν, `usual_spread` and `usual_runs`.
+    """
+    usual = 2.0 * np.log(spread) + (settings.usual_spread / spread) ** 2
+    return -0.5 * settings.usual_runs * usual
+
+
+def estimate_walk(
+    evidence: Evidence, joint: int, weights: Float[Array, " P"]
+) -> tuple[float, float]:
+    """By how much a joint's friction varies, and which share of that gathers as a random walk.
+
+    Args:
+        evidence: Sums of the session.
+        joint: Index of the joint.
+        weights: As in `estimate_run_spread`.
+
+    Returns:
+        The relative standard deviation, the usual one where a single stretch says nothing of it;
+        and the share of the variance, between 0 and 1.
+    """
+    settings = evidence.settings
+    misfit = evidence.misfit(joint, weights)
+    of_weights, noise = evidence.friction.estimate_levels(joint, misfit)
+    levels = (of_weights @ weights[evidence.layout.local[joint]]).reshape(-1, 2)
+    if len(levels) < 2:
+        return settings.usual_spread, 0.0
+    tried = np.geomspace(*SPREADS)
+    tables = [walk_likelihood(levels, noise, tried, share) for share in WALKING]
+    table = np.array(tables) + spread_prior(tried, settings)
+    best, at = np.unravel_index(int(np.argmax(table)), table.shape)
+    return float(tried[at]), WALKING[best]
+
+
+def walk_likelihood(
+    levels: Float[Array, "R 2"],
+    noise: Float[Array, "R 2 2"],
+    spreads: Float[Array, " k"],
+    walk: float,
+) -> Float[Array, " k"]:
+    """Log likelihoods of friction levels that vary by so much, a share of it as a random walk.
+
+    A Kalman filter over the stretches, both levels' first values unknown [nats]; up to a constant.
+
+    Args:
+        levels: s_r, the stretches' viscous and Coulomb levels as shares of the model's.
+        noise: V_r, their covariances by noise.
+        spreads: Values of τ that are tried.
+        walk: The share.
+    """
+    step = walk * 6.0 / (len(levels) + 1.0) * spreads**2
+    lone = (1.0 - walk) * spreads**2
+    # Covariance of the walk's two levels: variances a and c, covariance b.
+    a = np.full(len(spreads), DIFFUSE)
+    b = np.zeros(len(spreads))
+    c = np.full(len(spreads), DIFFUSE)
+    viscous = np.zeros(len(spreads))
+    coulomb = np.zeros(len(spreads))
+    nats = np.zeros(len(spreads))
+    for (seen_viscous, seen_coulomb), ((v, w), (_, u)) in zip(levels, noise, strict=True):
+        sa = a + lone + v
+        sb = b + w
+        sc = c + lone + u
+        determinant = sa * sc - sb**2
+        off_viscous = seen_viscous - viscous
+        off_coulomb = seen_coulomb - coulomb
+        pulled_viscous = (sc * off_viscous - sb * off_coulomb) / determinant
+        pulled_coulomb = (sa * off_coulomb - sb * off_viscous) / determinant
+        squares = off_viscous * pulled_viscous + off_coulomb * pulled_coulomb
+        nats -= 0.5 * (np.log(determinant) + squares)
+        viscous = viscous + a * pulled_viscous + b * pulled_coulomb
+        coulomb = coulomb + b * pulled_viscous + c * pulled_coulomb
+        # What is left of the covariance: P − P S⁻¹ P.
+        ka, kb = (a * sc - b * sb) / determinant, (b * sa - a * sb) / determinant
+        kc, kd = (b * sc - c * sb) / determinant, (c * sa - b * sb) / determinant
+        a, b, c = a - ka * a - kb * b + step, b - ka * b - kb * c, c - kc * b - kd * c + step
+    return nats
+
+
 
 
 def estimate_held(
