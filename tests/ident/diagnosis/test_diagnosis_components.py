@@ -12,9 +12,9 @@ from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.regression.baseline import UrdfError
-from ident.regression.friction_sums import FrictionSums
+from ident.regression.friction_sums import FrictionSums, walking_covariance
 from ident.regression.least_squares import factorise, positive
-from ident.regression.run_spread import _likelihood
+from ident.regression.run_spread import WALKING, _likelihood, walk_likelihood
 from ident.regression.settings import USUAL_REGRESSION
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import COULOMB, SLIP, VISCOUS, all_evidence, analyse, named, nothing, record
@@ -55,6 +55,60 @@ def test_the_likelihood_of_a_spread_is_that_of_the_contrasts() -> None:
 
     here, there = _likelihood(levels, noise, np.array([0.02, 0.08]), none)
     assert here - there == pytest.approx(oracle(0.02) - oracle(0.08), rel=1e-9)
+
+
+@pytest.mark.parametrize("walk", WALKING)
+def test_the_likelihood_of_a_walk_is_that_of_the_contrasts(walk: float) -> None:
+    """Law: whatever share of friction's variance walks, its likelihood is the normal density of the levels' contrasts."""
+    rng = np.random.default_rng(6)
+    roots = 0.03 * rng.standard_normal((9, 2, 2))
+    noise, levels = roots @ np.swapaxes(roots, 1, 2), 0.05 * rng.standard_normal((9, 2))
+    contrasts = null_space(np.tile(np.eye(2), (1, 9))).T
+
+    def oracle(spread: float) -> float:
+        covariance = block_diag(*noise) + np.kron(walking_covariance(9, spread, walk), np.eye(2))
+        normal = multivariate_normal(cov=contrasts @ covariance @ contrasts.T)
+        return float(normal.logpdf(contrasts @ levels.ravel()))
+
+    here, there = walk_likelihood(levels, noise, np.array([0.02, 0.08]), walk)
+    assert here - there == pytest.approx(oracle(0.02) - oracle(0.08), abs=1e-4)
+
+
+@pytest.mark.parametrize("walk", [0.0, 1.0])
+def test_levels_that_walk_are_told_from_levels_that_do_not(walk: float) -> None:
+    """Law: of twelve stretches' levels the likelier share is mostly the true one; they vary by the spread either way."""
+    rng = np.random.default_rng(8)
+    noise = np.tile(1e-6 * np.eye(2), (12, 1, 1))
+    root = np.linalg.cholesky(walking_covariance(12, SPREAD, walk))
+    spread, right = [], []
+    for _ in range(40):
+        levels = root @ rng.standard_normal((12, 2))
+        spread.append(np.mean((levels - levels.mean(axis=0)) ** 2))
+        other = 1.0 - walk
+        true, false = (walk_likelihood(levels, noise, np.array([SPREAD]), share)[0] for share in (walk, other))
+        right.append(true > false)
+    assert np.mean(right) >= 0.9
+    assert np.sqrt(np.mean(spread) * 12 / 11) == pytest.approx(SPREAD, rel=0.2)
+
+
+@pytest.mark.parametrize("walk", [1e-9, 0.5, 1.0])
+def test_levels_that_walk_are_integrated_out(walk: float) -> None:
+    """Law: what they take off the sums, and their log determinant, are those of all rows' covariance at once."""
+    rng = np.random.default_rng(4)
+    level, spread = np.array([0.7, 1.3]), 0.2
+    tables = rng.standard_normal((4, 30, 5))
+    columns = slice(1, 3)
+    tied = np.stack([x[:, columns].T @ x for x in tables])
+    sums = FrictionSums(np.arange(4), np.arange(4), (tied,), level[None], rank=0)
+    rows = np.concatenate(tables)
+    friction = np.concatenate([np.kron(np.eye(4)[r], x[:, columns] * level) for r, x in enumerate(tables)])
+    beforehand = np.kron(walking_covariance(4, spread, walk), np.eye(2))
+    whole = np.eye(len(rows)) + friction @ beforehand @ friction.T
+    found = sums.walking(0, spread, walk)
+    assert rows.T @ rows - found.absorbed == pytest.approx(rows.T @ np.linalg.solve(whole, rows))
+    assert found.nats == pytest.approx(-0.5 * np.linalg.slogdet(whole)[1])
+    if walk < 1e-6:
+        assert found.absorbed == pytest.approx(sums.absorbed(0, spread), rel=1e-6)
 
 
 def test_what_a_run_has_of_its_own_friction_is_taken_out(healthy: Analysis) -> None:

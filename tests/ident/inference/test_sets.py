@@ -1,5 +1,7 @@
 """Sets of effects: their evidence, coefficients and covariances, and the search among them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -243,6 +245,19 @@ def test_over_a_mass_that_is_hardly_known_is_integrated(mass: float, gain: float
     terms = target[0] * masses - 0.5 * sums[0, 0] * masses**2 + by_moment + log_prior(masses) + logs
     exact = np.log(np.trapezoid(np.exp(terms - terms.max()), logs)) + terms.max()
     assert nats + mean - LOG_TWO == pytest.approx(exact, abs=0.02)
+
+
+def test_a_candidate_below_its_bound_has_a_finite_gain(sprung: Analysis) -> None:
+    """Law: whatever torque the recordings leave, and so whatever sign a body's mass would have, no gain is undefined."""
+    search = coarse_of(sprung).search
+    body = next(group for group in search.names.groups if group.prior is not None)
+    mass = int(body.columns[0]) - search.names.first
+    less = search.rest[:-1, mass] / np.sqrt(search.rest[mass, mass])
+    for deviations in np.linspace(0.5, 8.0, 16):
+        rest = search.rest.copy()
+        rest[-1, :-1] = rest[:-1, -1] = -deviations * less
+        gains = replace(search, rest=rest).gains(())
+        assert not np.isnan(gains).any()
 
 
 def test_beforehand_candidates_are_one_name_together(sprung: Analysis) -> None:
