@@ -5,11 +5,13 @@ never saw.
     python -m ident.benchmark.calibrate fit TABLE --results RESULTS --index INDEX --out
     calibration.toml [--features a,b,…] [--signs SIGNS.toml]
     python -m ident.benchmark.calibrate gaps INDEX RESULTS [INDEX RESULTS …] --out calibration.toml
+    python -m ident.benchmark.calibrate unlike TABLE [TABLE …] --out calibration.toml
 
 `store` reads one JSON a session into a table (`corpus_table`). `fit` writes the calibration, and
 beside the table the probabilities that each row gets from a fit without its own unit
 (`held_out.parquet`): a unit is a real arm, a drawn world, or an arm of another simulator, and it is
-left out whole. `gaps` fits only what tells causes without a name anew, in a file that is there. The
+left out whole. `gaps` fits only what tells causes without a name anew, in a file that is there, and
+`unlike` only what a parameter that no arm has says against a name (`fit` keeps what it said). The
 ridge is that of the best held-out log score. `SIGNS.toml` holds `increasing =
 […]` and `decreasing = […]`: features that by their meaning speak for or against.
 """
@@ -41,10 +43,11 @@ from ident.benchmark.logistic import Logistic, fit_logistic
 from ident.benchmark.name_odds import ROWS, SCHEMES, FittedNames, fit_calibration, judge_groups
 from ident.benchmark.outcomes import NAMED_FROM
 from ident.benchmark.tempering import choices, fit_growing_temper
+from ident.benchmark.unlike_odds import fit_unlike
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.files import atomic_write
-from ident.inference.calibration import Temper, left_of_kind, sizes_of
+from ident.inference.calibration import Temper, left_of_kind, read_odds, sizes_of
 from ident.inference.features import SHAPE_LEFT
 from ident.records import JsonRecord, JsonTable
 from ident.safe_read import read_toml
@@ -218,6 +221,34 @@ def write_gaps(corpora: Sequence[tuple[Path, Path]], out: Path, origin: JsonTabl
     return record
 
 
+def write_unlike(tables: Sequence[Path], out: Path, origin: JsonTable) -> JsonRecord:
+    """Fits what a parameter that no arm has says anew; all else in the calibration's file stays.
+
+    Args:
+        tables: Of the candidates of some corpora.
+        out: The calibration's file.
+        origin: What is written down of where it comes from.
+
+    Returns:
+        The file's new record.
+
+    Raises:
+        InputError: There is no such file, or no candidate with such a parameter.
+    """
+    record = dict(read_toml(out, "fit one: python -m ident.benchmark.calibrate fit"))
+    loaded = [load_table(table, CANDIDATE) for table in tables]
+    fit = fit_unlike(loaded, read_odds(record))
+    record["unlike_any_arm"] = {
+        "nats": fit.nats,
+        "right": fit.right,
+        "wrong": fit.wrong,
+        "held_out_nats": round(fit.held_out_nats, 2),
+        "origin": {**origin, "sessions": sum(len(table.sessions) for table in loaded)},
+    }
+    write_calibration(out, record)
+    return record
+
+
 def _terms(model: Logistic) -> dict[str, dict[str, float]]:
     return {
         name: {
@@ -300,6 +331,10 @@ def main() -> None:
     unnamed.add_argument("corpora", type=Path, nargs="+", help="index and results of each corpus")
     unnamed.add_argument("--out", type=Path, required=True)
     unnamed.add_argument("--seeds", type=int, nargs="*", default=[], help="to be written down")
+    unlike = jobs.add_parser("unlike")
+    unlike.add_argument("tables", type=Path, nargs="+", help="tables of candidates")
+    unlike.add_argument("--out", type=Path, required=True)
+    unlike.add_argument("--seeds", type=int, nargs="*", default=[], help="to be written down")
     given = parser.parse_args()
     if given.job == "gaps":
         if len(given.corpora) % 2:
@@ -308,6 +343,12 @@ def main() -> None:
         when = datetime.now(UTC).strftime("%Y-%m-%d")
         origin = {"seeds": given.seeds, "commit": current_commit(), "date": when}
         record = write_gaps(corpora, given.out, origin)
+        sys.stdout.write("\n".join(summary_lines(record)) + "\n")
+        return
+    if given.job == "unlike":
+        when = datetime.now(UTC).strftime("%Y-%m-%d")
+        origin = {"seeds": given.seeds, "commit": current_commit(), "date": when}
+        record = write_unlike(given.tables, given.out, origin)
         sys.stdout.write("\n".join(summary_lines(record)) + "\n")
         return
     if given.job == "store":

@@ -86,6 +86,13 @@ def summary_lines(record: JsonTable) -> list[str]:
             f"others: {gap['false']:.3f} of {gap['closed']} (units left out); "
             f"temper {record['temper']:.3f}; even odds at {record['even_nats']:.1f} nats"
         )
+    if "unlike_any_arm" in record:
+        unlike = record["unlike_any_arm"]
+        lines.append(
+            f"a parameter that no arm has: {unlike['nats']:+.2f} nats, by {unlike['right']} right "
+            f"and {unlike['wrong']} wrong candidates; gains {unlike['held_out_nats']:.1f} nats on "
+            "units left out"
+        )
     if "widths" in record:
         widths = record["widths"]
         lines.append(

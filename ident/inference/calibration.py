@@ -94,13 +94,21 @@ class Odds:
         """
         return {name: term.nats(features[name]) for name, term in self.terms.items()}
 
+    def log_odds(self, features: Mapping[str, float]) -> float:
+        """Sum of the intercept and of what all features add [nats].
+
+        Args:
+            features: Values by name, as for `parts`.
+        """
+        return self.intercept + sum(self.parts(features).values())
+
     def probability(self, features: Mapping[str, float]) -> float:
         """Probability, from 0 to 1, that the log odds of the intercept and all features make.
 
         Args:
             features: Values by name, as for `parts`.
         """
-        return float(expit(self.intercept + sum(self.parts(features).values())))
+        return float(expit(self.log_odds(features)))
 
 
 @dataclass(frozen=True)
@@ -165,6 +173,8 @@ class NameCalibration:
     temper: float  # exponent of the evidence between rivals, of a thousand samples
     growth: float  # power of the number of samples by which it grows
     widths: Widths | None  # None for intervals as the recordings alone have them
+    # What a parameter that no arm has adds to the log odds [nats]; below 0.
+    unlike_any_arm: float
 
     def temper_of(self, features: Mapping[str, float]) -> float:
         """Exponent of the evidence between rivals where an effect has such features.
@@ -194,12 +204,13 @@ def load_calibration(path: Path = FILE) -> Calibration:
     """
     record = read_toml(path, "write it: python -m ident.benchmark.calibrate fit")
     return Calibration(
-        names=_odds(record),
-        gaps=_odds(record["gap"]),
+        names=read_odds(record),
+        gaps=read_odds(record["gap"]),
         even_nats=float(record["even_nats"]),
         temper=float(record["temper"]),
         growth=float(record["temper_growth"]),
         widths=_widths(record["widths"]),
+        unlike_any_arm=float(record["unlike_any_arm"]["nats"]),
     )
 
 
@@ -207,14 +218,16 @@ def load_calibration(path: Path = FILE) -> Calibration:
 def load_names(path: Path) -> NameCalibration:
     """The numbers that names alone are told by (no joint's gap), from a file of their own.
 
-    They don't depend on the number of samples: the growth is 0.
+    They don't depend on the number of samples: the growth is 0. What a parameter that no arm has
+    says is fitted to diagnoses alone: the bounds are the same.
 
     Raises:
         InputError: There is no such file, or it can't be read.
     """
     record = read_toml(path, "write it: python -m ident.benchmark.change_calibration fit")
     widths = _widths(record["widths"])
-    return NameCalibration(_odds(record), float(record["temper"]), 0.0, widths)
+    unlike_any_arm = load_calibration().unlike_any_arm
+    return NameCalibration(read_odds(record), float(record["temper"]), 0.0, widths, unlike_any_arm)
 
 
 def _widths(record: Mapping[str, Any]) -> Widths:
@@ -223,6 +236,7 @@ def _widths(record: Mapping[str, Any]) -> Widths:
     )
 
 
-def _odds(record: Mapping[str, Any]) -> Odds:
+def read_odds(record: Mapping[str, Any]) -> Odds:
+    """The odds that a part of a calibration's file holds."""
     terms = {name: Term(**values) for name, values in record["feature"].items()}
     return Odds(float(record["intercept"]), terms)

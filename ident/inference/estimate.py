@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import expit
 
 from ident.arrays import Float
 from ident.effects.base import Interval, SessionContext, impossible
@@ -30,8 +31,6 @@ from ident.regression.design import Group
 
 # Odds within which two effects are told as one class (the method's own definition).
 CLASS_ODDS = 20.0
-# Share of a posterior that a 95 % interval leaves on one side at the most.
-OUTSIDE = 0.025
 
 
 @dataclass(frozen=True)
@@ -121,12 +120,13 @@ def estimate(
         parameters = widened(given, free, calibration.widths, left)
         parts = calibration.names.parts(one.features)
         ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
-        sure = calibration.names.probability(one.features)
+        log_odds = calibration.names.log_odds(one.features)
         reasons = [Reason(name, nats) for name, nats in ordered]
         outside = impossible(one.group.effect, session, one.group.joint, given)
         if outside is not None:
-            sure *= OUTSIDE  # a 95 % interval that lies wholly beyond what arms have
-            reasons.insert(0, Reason("unlike_any_arm", float(np.log(OUTSIDE)), outside))
+            log_odds += calibration.unlike_any_arm
+            reasons.insert(0, Reason("unlike_any_arm", calibration.unlike_any_arm, outside))
+        sure = float(expit(log_odds))
         shares, odds, places = _shares(one, calibration.temper_of(one.features))
         classed = [name for name in sorted(odds, key=odds.__getitem__) if odds[name] <= CLASS_ODDS]
         estimates.append(
