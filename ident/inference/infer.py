@@ -154,7 +154,9 @@ def settle(model: ModelSums, start: Sequence[Group] = ()) -> Inferred:
 def foretelling(reached: Inferred) -> Inferred:
     """A set without what foretells nothing on parts that a fit never saw.
 
-    Variances become those that are likeliest beside what stays.
+    Variances become those that are likeliest beside what stays; and beside them each effect that
+    stays is at its best point once more, or gives way to what is better in its place: one that
+    shared its torque with an effect that left may be another law's now.
     """
     prior = reached.model.prior()
     scorer = HeldOut(evidence_of(reached.model), prior, expected=reached.chosen)
@@ -163,7 +165,8 @@ def foretelling(reached: Inferred) -> Inferred:
         return reached
     before = reached.model
     model = ModelSums(before.sums, before.names, before.baseline, revise(before, chosen))
-    return Inferred.of(model, SetSearch.of(model), chosen)
+    search = SetSearch.of(model)
+    return Inferred.of(model, search, search.settled(chosen))
 
 
 def evidence_of(model: ModelSums) -> Evidence:

@@ -385,6 +385,28 @@ class SetSearch:
             chosen = fuller
         return chosen
 
+    def with_standing(self, chosen: Sequence[Group]) -> list[Group]:
+        """A set in whose order what is best stands in place of each effect that has left its own
+        point of the grid beside the others; it stays where nothing adds anything there.
+        """
+        standing = list(chosen)
+        for k, group in enumerate(chosen):
+            if self._stands(standing, group):
+                continue
+            others = rest_of(standing, group)
+            joint = group.joint if group.effect.rows == "own" else None
+            better = self.best(others, joint=joint)
+            if better is not None and better[0] > 0.0:
+                standing[k] = better[1]
+        return standing
+
+    def settled(self, chosen: Sequence[Group]) -> list[Group]:
+        """A set with each effect at its best point beside the others, or what is better in its
+        place; none is added, and none leaves that adds anything.
+        """
+        everywhere = set(range(self.names.joints))
+        return self.without_idle(self._swapped(list(chosen), everywhere))
+
     def without_idle(self, chosen: list[Group]) -> list[Group]:
         """A set without the effects whose removal doesn't lower its log evidence, the weakest going
         first.

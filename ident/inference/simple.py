@@ -83,7 +83,9 @@ def is_alike(first: Group, second: Group) -> bool:
 def explain_simply(model: ModelSums) -> SimplestSet:
     """The simplest set that explains: the best effect is added until none adds anything.
 
-    After each step all that the set leaves at a joint counts as noise.
+    After each step all that the set leaves at a joint counts as noise; and an effect that beside
+    the new one is another law than its name's (a spring whose rest went beyond any turn) gives its
+    place to that law.
 
     Args:
         model: Sums without discrepancies.
@@ -101,6 +103,7 @@ def explain_simply(model: ModelSums) -> SimplestSet:
         chosen.append(addition[1])
         model = with_misfit(model, chosen)
         search = SetSearch.of(model)
+        chosen = search.with_standing(chosen)
     last = best_by_name(search, chosen)
     return SimplestSet(model, search, tuple(chosen), tuple(nats), alone, last)
 
