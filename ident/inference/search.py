@@ -383,21 +383,37 @@ class SetSearch:
             if self.nats(fuller) <= before + 1e-6:
                 break
             chosen = fuller
-        return chosen
+        return self.with_standing(chosen)
 
     def with_standing(self, chosen: Sequence[Group]) -> list[Group]:
-        """A set in whose order what is best stands in place of each effect that has left its own
-        point of the grid beside the others; it stays where nothing adds anything there.
+        """A set with what stands in place of each effect (see `standing_for`)."""
+        return [group for group in self.standing_for(chosen) if group is not None]
+
+    def standing_for(self, chosen: Sequence[Group]) -> list[Group | None]:
+        """What stands in place of each effect that has left its own point of the grid beside the
+        others: what is best there.
+
+        Where nothing adds anything there, nothing does if one of the others explains the same
+        torque, so that it adds less than half of what it would alone. Else it stays itself.
+
+        Args:
+            chosen: The set.
+
+        Returns:
+            An effect, or None, for each of the set in its order.
         """
-        standing = list(chosen)
+        standing: list[Group | None] = list(chosen)
         for k, group in enumerate(chosen):
-            if self._stands(standing, group):
+            present = [one for one in standing if one is not None]
+            if self._stands(present, group):
                 continue
-            others = rest_of(standing, group)
+            others = rest_of(present, group)
             joint = group.joint if group.effect.rows == "own" else None
             better = self.best(others, joint=joint)
             if better is not None and better[0] > 0.0:
                 standing[k] = better[1]
+            elif self.nats(present) - self.nats(others) < 0.5 * self.nats([group]):
+                standing[k] = None
         return standing
 
     def settled(self, chosen: Sequence[Group]) -> list[Group]:

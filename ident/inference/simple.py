@@ -103,7 +103,9 @@ def explain_simply(model: ModelSums) -> SimplestSet:
         chosen.append(addition[1])
         model = with_misfit(model, chosen)
         search = SetSearch.of(model)
-        chosen = search.with_standing(chosen)
+        standing = search.standing_for(chosen)
+        nats = [added for added, group in zip(nats, standing, strict=True) if group is not None]
+        chosen = [group for group in standing if group is not None]
     last = best_by_name(search, chosen)
     return SimplestSet(model, search, tuple(chosen), tuple(nats), alone, last)
 

@@ -158,6 +158,11 @@ class ChangeOf(Effect):
     def parts(self, variant: Variant) -> Sequence[tuple[Variant, Sequence[int]]]:
         return optional.parts(self.effect, variant)
 
+    def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
+        """Whether a point holds for what has come, or for what has gone."""
+        came = optional.stands_for(self.effect, variant, coefficients)
+        return came or optional.stands_for(self.effect, variant, -coefficients)
+
     def prior_scale(
         self, session: SessionContext, joint: int, variant: Variant
     ) -> Float[Array, " k"] | None:

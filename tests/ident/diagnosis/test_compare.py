@@ -69,6 +69,8 @@ def rubs_more(share: float) -> Plant:
 with_load, with_friction, with_warmth = on_top(carrying(LOAD)), rubs_more(0.25), rubs_more(0.05)
 with_gain = on_top(lambda *states: at_joint(1, 0.1 * (healthy_torque(*states) + wrong_everywhere(*states))[:, 1]))
 with_offset = on_top(lambda arm, q, dq, ddq: at_joint(0, np.full(len(q), 0.7)))
+# Many times what an offset usually is: a spring with a rest far beyond any turn would do as well.
+with_large_offset = on_top(lambda arm, q, dq, ddq: at_joint(1, np.full(len(q), 60.0)))
 
 
 # A link between that is a tenth denser: not far from what a tool does.
@@ -96,6 +98,7 @@ def test_nothing_changed_is_no_change_though_the_model_is_wrong(three_joints: Ar
         (with_friction, "friction_change", "joint_2", "coulomb_change_Nm", 0.25 * COULOMB[1]),
         (with_gain, "torque_gain_error", "joint_2", "gain", 0.1),
         (with_offset, "torque_offset", "joint_1", "offset_Nm", 0.7),
+        (with_large_offset, "torque_offset", "joint_2", "offset_Nm", 60.0),
     ],
 )
 def test_what_changed_is_found_where_it_changed(

@@ -153,6 +153,27 @@ def test_what_a_search_ends_with_stands_for_its_own_points(sprung: Analysis, see
             assert search.best(others, joint=group.joint) is None
 
 
+def test_a_spring_without_a_rest_gives_its_place_to_an_offset(sprung: Analysis) -> None:
+    """Law: beside a constant torque a spring has no rest that a joint could reach, and is not what is told."""
+    search = coarse_of(sprung).search
+    for joint in range(3):
+        offset = next(group for group in search.names.groups if group.key == ("torque_offset", joint, None))
+        spring = next(group for group in search.names.groups if group.key == ("spring_torque", joint, None))
+        column = int(offset.columns[0]) - search.names.first
+        rest = search.rest.copy()
+        rest[-1, :-1] = rest[:-1, -1] = 60.0 * rest[:-1, column] / np.sqrt(rest[column, column])
+        rest[-1, -1] = 1.2 * 60.0**2
+        constant = replace(search, rest=rest)
+        assert constant.nats([spring]) > 10.0
+        assert not stands_for(spring.effect, spring.variant, constant.coefficients([spring])[spring])
+        (instead,) = constant.standing_for([spring])
+        assert instead is not None
+        assert instead.effect.id != "spring_torque"
+        assert constant.nats([instead]) > 10.0
+        left = constant.with_standing([offset, spring])
+        assert offset in left
+
+
 def test_a_search_from_a_wrong_name_ends_where_one_from_nothing_does(sprung: Analysis) -> None:
     """Law: what does not stand goes from the start, what stands is found without it."""
     search = coarse_of(sprung).search
