@@ -11,8 +11,7 @@ never saw.
 beside the table the probabilities that each row gets from a fit without its own unit
 (`held_out.parquet`): a unit is a real arm, a drawn world, or an arm of another simulator, and it is
 left out whole. `gaps` fits only what tells causes without a name anew, in a file that is there, and
-`unlike` only what a parameter that no arm has says against a name (`fit` keeps what it said). The
-ridge is that of the best held-out log score. `SIGNS.toml` holds `increasing =
+`unlike` only what a parameter that no arm has says against a name. The ridge is that of the best held-out log score. `SIGNS.toml` holds `increasing =
 […]` and `decreasing = […]`: features that by their meaning speak for or against.
 """
 
@@ -43,7 +42,7 @@ from ident.benchmark.logistic import Logistic, fit_logistic
 from ident.benchmark.name_odds import ROWS, SCHEMES, FittedNames, fit_calibration, judge_groups
 from ident.benchmark.outcomes import NAMED_FROM
 from ident.benchmark.tempering import choices, fit_growing_temper
-from ident.benchmark.unlike_odds import fit_unlike
+from ident.benchmark.unlike_odds import UnlikeFit, fit_unlike
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.files import atomic_write
@@ -233,20 +232,25 @@ def write_unlike(tables: Sequence[Path], out: Path, origin: JsonTable) -> JsonRe
         The file's new record.
 
     Raises:
-        InputError: There is no such file, or no candidate with such a parameter.
+        InputError: There is no such file.
     """
     record = dict(read_toml(out, "fit one: python -m ident.benchmark.calibrate fit"))
     loaded = [load_table(table, CANDIDATE) for table in tables]
-    fit = fit_unlike(loaded, read_odds(record))
-    record["unlike_any_arm"] = {
-        "nats": fit.nats,
+    sessions = sum(len(table.sessions) for table in loaded)
+    fitted = unlike_record(fit_unlike(loaded, read_odds(record)))
+    record["unlike_any_arm"] = {**fitted, "origin": {**origin, "sessions": sessions}}
+    write_calibration(out, record)
+    return record
+
+
+def unlike_record(fit: UnlikeFit) -> JsonRecord:
+    """What `calibration.toml` holds of parameters that no arm has."""
+    return {
+        "share": fit.share,
         "right": fit.right,
         "wrong": fit.wrong,
         "held_out_nats": round(fit.held_out_nats, 2),
-        "origin": {**origin, "sessions": sum(len(table.sessions) for table in loaded)},
     }
-    write_calibration(out, record)
-    return record
 
 
 def _terms(model: Logistic) -> dict[str, dict[str, float]]:
@@ -271,6 +275,7 @@ def write_fit(
 ) -> JsonRecord:
     """Writes a calibration, and beside its table what it says of units that it has not seen."""
     record = {**calibration_record(table, fitted, origin), **further}
+    record["unlike_any_arm"] = unlike_record(fit_unlike([table], read_odds(record)))
     write_calibration(out, record)
     labels = [str(label) for label in fitted.labels]
     with atomic_write(folder / HELD_OUT_FILE) as temporary:

@@ -89,9 +89,9 @@ def summary_lines(record: JsonTable) -> list[str]:
     if "unlike_any_arm" in record:
         unlike = record["unlike_any_arm"]
         lines.append(
-            f"a parameter that no arm has: {unlike['nats']:+.2f} nats, by {unlike['right']} right "
-            f"and {unlike['wrong']} wrong candidates; gains {unlike['held_out_nats']:.1f} nats on "
-            "units left out"
+            f"beside a parameter that no arm has {unlike['share']:.3f} of the probability stays, "
+            f"by {unlike['right']} right and {unlike['wrong']} wrong candidates; gains "
+            f"{unlike['held_out_nats']:.1f} nats on units left out"
         )
     if "widths" in record:
         widths = record["widths"]

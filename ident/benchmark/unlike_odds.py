@@ -1,8 +1,9 @@
-"""Fits what a parameter that no arm has takes off a name's log odds.
+"""Fits how often a cause is right although one of its figures is none that an arm has.
 
-Few candidates have one, so that a ridge over all features would hide what it says: its part is
-fitted alone, beside the odds as they are, so that as many of these candidates are right as the odds
-say. It is judged on arms and worlds that were left out whole.
+What an effect's own bounds rule out is no such effect, whatever else speaks for it: but bounds and
+intervals have their errors, so that some of these causes are right all the same. The share of the
+probability that stays is fitted so that as many are right as the probabilities then say. It is
+judged on arms and worlds that were left out whole.
 """
 
 from __future__ import annotations
@@ -11,28 +12,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import expit, log_expit
+from scipy.optimize import minimize_scalar
 
-from ident.arrays import Array, Bool, Float
+from ident.arrays import Bool, Float
 from ident.benchmark.corpus_table import Table
-from ident.benchmark.labels import RIGHT, UNKNOWN
-from ident.errors import InputError
+from ident.benchmark.labels import RIGHT
 from ident.inference.calibration import Odds
 
 FEATURE = "unlike_any_arm"
-# Half a candidate that is right and half a one that is wrong are added, both of even odds: without
-# one of either kind there would be no bound (Jeffreys' prior of a share).
+# Half a candidate that is right and half a one that is wrong are added, both sure beforehand:
+# without one of either kind the share would be 0 or 1 (Jeffreys' prior of a share).
 ADDED = 0.5
-# Log odds between which the solution lies [nats].
-BOUNDS = (-50.0, 50.0)
 
 
 @dataclass(frozen=True)
 class UnlikeFit:
     """What is fitted, and how it holds."""
 
-    nats: float  # added to the log odds
+    share: float  # of the probability that stays
     right: int  # candidates of this kind that are right
     wrong: int  # and that are wrong
     held_out_nats: float  # log score gained over all of them, each by a fit without its unit
@@ -41,49 +38,52 @@ class UnlikeFit:
 def fit_unlike(tables: Sequence[Table], odds: Odds) -> UnlikeFit:
     """Fits it to the candidates of some corpora.
 
+    An arm's own faults, which other sessions show as well, are wrong here: as the effects that
+    their figures rule out they are none. Left out are those that others measured on the arm.
+
     Args:
         tables: Their candidates.
         odds: Of names, without a part of this feature.
 
-    Raises:
-        InputError: No candidate has such a parameter.
+    Returns:
+        The share with how it holds; one half where no candidate has such a figure.
     """
-    log_odds: list[float] = []
+    probabilities: list[float] = []
     right: list[bool] = []
     units: list[str] = []
     for table in tables:
         labels = table.labels(table.named)
-        counted = (labels != UNKNOWN) & (table.features[FEATURE] > 0.0)
-        for k in np.flatnonzero(counted):
+        unlike = table.features.get(FEATURE, np.zeros(len(table.rows)))
+        for k in np.flatnonzero(unlike > 0.0):
+            if labels[k] != RIGHT and table.rows[k]["known"]:
+                continue
             features = {name: float(column[k]) for name, column in table.features.items()}
-            log_odds.append(odds.log_odds(features))
+            probabilities.append(odds.probability(features))
             right.append(labels[k] == RIGHT)
             units.append(str(table.units[k]))
-    if not right:
-        raise InputError("the tables", f"hold no candidate with {FEATURE}", "diagnose more sessions")
-    values = np.array(log_odds)
-    is_right = np.array(right)
+    said = np.array(probabilities)
+    is_right = np.array(right, dtype=bool)
     of_unit = np.array(units)
     gained = 0.0
     for unit in np.unique(of_unit):
         inside = of_unit == unit
-        nats = _solve(values[~inside], is_right[~inside])
-        gained += _log_score(values[inside] + nats, is_right[inside])
-        gained -= _log_score(values[inside], is_right[inside])
+        share = _solve(said[~inside], is_right[~inside])
+        gained += _log_score(share * said[inside], is_right[inside])
+        gained -= _log_score(said[inside], is_right[inside])
     count = int(is_right.sum())
-    return UnlikeFit(_solve(values, is_right), count, len(right) - count, gained)
+    return UnlikeFit(_solve(said, is_right), count, len(right) - count, gained)
 
 
-def _solve(log_odds: Float[Array, " N"], right: Bool[Array, " N"]) -> float:
-    """Log odds that are to be added so that as many are right as they say."""
+def _solve(said: Float[np.ndarray, " N"], right: Bool[np.ndarray, " N"]) -> float:
+    """The share with which the log score is greatest."""
 
-    def too_many(nats: float) -> float:
-        said = float(expit(log_odds + nats).sum()) + 2.0 * ADDED * float(expit(nats))
-        return said - float(right.sum()) - ADDED
+    def loss(share: float) -> float:
+        added = ADDED * float(np.log(share) + np.log1p(-share))
+        return -_log_score(share * said, right) - added
 
-    return float(brentq(too_many, *BOUNDS))
+    return float(minimize_scalar(loss, bounds=(1e-6, 1.0 - 1e-6), method="bounded").x)
 
 
-def _log_score(log_odds: Float[Array, " N"], right: Bool[Array, " N"]) -> float:
+def _log_score(said: Float[np.ndarray, " N"], right: Bool[np.ndarray, " N"]) -> float:
     """Log probability of what is true [nats]."""
-    return float(log_expit(np.where(right, log_odds, -log_odds)).sum())
+    return float(np.log(np.where(right, said, 1.0 - said)).sum())

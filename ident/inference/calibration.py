@@ -94,21 +94,13 @@ class Odds:
         """
         return {name: term.nats(features[name]) for name, term in self.terms.items()}
 
-    def log_odds(self, features: Mapping[str, float]) -> float:
-        """Sum of the intercept and of what all features add [nats].
-
-        Args:
-            features: Values by name, as for `parts`.
-        """
-        return self.intercept + sum(self.parts(features).values())
-
     def probability(self, features: Mapping[str, float]) -> float:
         """Probability, from 0 to 1, that the log odds of the intercept and all features make.
 
         Args:
             features: Values by name, as for `parts`.
         """
-        return float(expit(self.log_odds(features)))
+        return float(expit(self.intercept + sum(self.parts(features).values())))
 
 
 @dataclass(frozen=True)
@@ -173,7 +165,7 @@ class NameCalibration:
     temper: float  # exponent of the evidence between rivals, of a thousand samples
     growth: float  # power of the number of samples by which it grows
     widths: Widths | None  # None for intervals as the recordings alone have them
-    # What a parameter that no arm has adds to the log odds [nats]; below 0.
+    # Share of the probability that stays where a parameter is none that an arm has.
     unlike_any_arm: float
 
     def temper_of(self, features: Mapping[str, float]) -> float:
@@ -210,7 +202,7 @@ def load_calibration(path: Path = FILE) -> Calibration:
         temper=float(record["temper"]),
         growth=float(record["temper_growth"]),
         widths=_widths(record["widths"]),
-        unlike_any_arm=float(record["unlike_any_arm"]["nats"]),
+        unlike_any_arm=float(record["unlike_any_arm"]["share"]),
     )
 
 

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import expit
 
 from ident.arrays import Float
 from ident.effects.base import Interval, SessionContext, impossible
@@ -120,13 +119,13 @@ def estimate(
         parameters = widened(given, free, calibration.widths, left)
         parts = calibration.names.parts(one.features)
         ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
-        log_odds = calibration.names.log_odds(one.features)
+        sure = calibration.names.probability(one.features)
         reasons = [Reason(name, nats) for name, nats in ordered]
         outside = impossible(one.group.effect, session, one.group.joint, given)
         if outside is not None:
-            log_odds += calibration.unlike_any_arm
-            reasons.insert(0, Reason("unlike_any_arm", calibration.unlike_any_arm, outside))
-        sure = float(expit(log_odds))
+            sure *= calibration.unlike_any_arm
+            nats = float(np.log(calibration.unlike_any_arm))
+            reasons.insert(0, Reason("unlike_any_arm", nats, outside))
         shares, odds, places = _shares(one, calibration.temper_of(one.features))
         classed = [name for name in sorted(odds, key=odds.__getitem__) if odds[name] <= CLASS_ODDS]
         estimates.append(

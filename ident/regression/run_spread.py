@@ -309,8 +309,6 @@ def walk_likelihood(
     return nats
 
 
-
-
 def estimate_held(
     evidence: Evidence, dwells: Sequence[DwellRows], model: Projection
 ) -> tuple[float, ...]:

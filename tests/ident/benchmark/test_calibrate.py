@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,10 @@ from ident.benchmark.logistic import fit_logistic, log_score
 from ident.benchmark.name_odds import GROUPS, ROWS, SESSIONS, fit_calibration, judged, row_weights
 from ident.benchmark.run import BlindOptions
 from ident.benchmark.tempering import Choice, fit_growing_temper
+from ident.benchmark.unlike_odds import FEATURE as UNLIKE
+from ident.benchmark.unlike_odds import fit_unlike
 from ident.errors import InputError
+from ident.inference.calibration import Odds, Term
 from ident.inference.joints_left import COMPARED
 
 FEATURES = ("evidence", "nothing")
@@ -51,6 +55,23 @@ def test_log_odds_are_those_that_made_the_labels(table: Table) -> None:
     assert abs(slope[0] - SLOPE) < 0.5
     assert abs(base - BASE) < 0.5
     assert abs(slope[1]) < 0.25
+
+
+def test_the_share_that_an_impossible_figure_leaves_is_what_made_the_labels(table: Table) -> None:
+    """Law: true odds leave all of the probability, odds that are too high by e the share by which they are; no
+    candidate says one half.
+    """
+    right = Odds(BASE, {"evidence": Term(SLOPE, 0.0, 1.0)})
+    for said, kept in ((right, 1.0), (replace(right, intercept=BASE + 2.0), None)):
+        unlike = replace(table, features={**table.features, UNLIKE: np.ones(len(table.rows))})
+        fit = fit_unlike([unlike], said)
+        assert fit.right + fit.wrong == len(table.rows)
+        probabilities = [said.probability({"evidence": float(x)}) for x in table.features["evidence"]]
+        expected = fit.right / float(np.sum(probabilities)) if kept is None else kept
+        assert fit.share == pytest.approx(expected, abs=0.15)
+        assert (fit.held_out_nats > 1.0) is (kept is None)
+    possible = replace(table, features={**table.features, UNLIKE: np.zeros(len(table.rows))})
+    assert fit_unlike([possible], right).share == pytest.approx(0.5, abs=1e-3)
 
 
 def test_what_is_said_of_units_left_out_is_as_often_right(table: Table) -> None:
