@@ -11,8 +11,9 @@ never saw.
 beside the table the probabilities that each row gets from a fit without its own unit
 (`held_out.parquet`): a unit is a real arm, a drawn world, or an arm of another simulator, and it is
 left out whole. `gaps` fits only what tells causes without a name anew, in a file that is there, and
-`unlike` only what a parameter that no arm has says against a name. The ridge is that of the best held-out log score. `SIGNS.toml` holds `increasing =
-[…]` and `decreasing = […]`: features that by their meaning speak for or against.
+`unlike` only what a parameter that no arm has says against a name. The ridge is that of the best
+held-out log score. `SIGNS.toml` holds `increasing = […]` and `decreasing = […]`: features that by
+their meaning speak for or against.
 """
 
 from __future__ import annotations

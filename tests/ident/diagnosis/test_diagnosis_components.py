@@ -59,7 +59,7 @@ def test_the_likelihood_of_a_spread_is_that_of_the_contrasts() -> None:
 
 @pytest.mark.parametrize("walk", WALKING)
 def test_the_likelihood_of_a_walk_is_that_of_the_contrasts(walk: float) -> None:
-    """Law: whatever share of friction's variance walks, its likelihood is the normal density of the levels' contrasts."""
+    """Law: whatever share of the variance walks, the likelihood is the normal density of the levels' contrasts."""
     rng = np.random.default_rng(6)
     roots = 0.03 * rng.standard_normal((9, 2, 2))
     noise, levels = roots @ np.swapaxes(roots, 1, 2), 0.05 * rng.standard_normal((9, 2))
@@ -76,7 +76,7 @@ def test_the_likelihood_of_a_walk_is_that_of_the_contrasts(walk: float) -> None:
 
 @pytest.mark.parametrize("walk", [0.0, 1.0])
 def test_levels_that_walk_are_told_from_levels_that_do_not(walk: float) -> None:
-    """Law: of twelve stretches' levels the likelier share is mostly the true one; they vary by the spread either way."""
+    """Law: of twelve levels the likelier share is mostly the true one; they vary by the spread either way."""
     rng = np.random.default_rng(8)
     noise = np.tile(1e-6 * np.eye(2), (12, 1, 1))
     root = np.linalg.cholesky(walking_covariance(12, SPREAD, walk))

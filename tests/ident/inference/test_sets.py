@@ -269,7 +269,7 @@ def test_over_a_mass_that_is_hardly_known_is_integrated(mass: float, gain: float
 
 
 def test_a_candidate_below_its_bound_has_a_finite_gain(sprung: Analysis) -> None:
-    """Law: whatever torque the recordings leave, and so whatever sign a body's mass would have, no gain is undefined."""
+    """Law: whatever torque is left, and so whatever sign a body's mass would have, no gain is undefined."""
     search = coarse_of(sprung).search
     body = next(group for group in search.names.groups if group.prior is not None)
     mass = int(body.columns[0]) - search.names.first
