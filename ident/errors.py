@@ -1,4 +1,6 @@
-"""The error tree. Every error a user can cause says where it is, what is wrong and what to do about it."""
+"""The error tree. Every error a user can cause says where it is, what is wrong and what to do about
+it.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +8,11 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-# Control characters, marks that turn the direction of writing, and bytes of names that are not UTF-8.
-UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
+# Control characters, marks that turn the direction of writing, and bytes of names that are not
+# UTF-8.
+UNSEEN = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]"
+)
 # A line for a settings file within a remedy, where it stands in backquotes.
 LINE_TO_WRITE = re.compile(r"`(\w+ = [^`]+)`")
 # As much of a place, a fault and a remedy as is told: together they fill a screen [characters].
@@ -15,7 +20,8 @@ LONGEST_PART = 600
 
 
 def visible(text: str, lines: bool = False) -> str:
-    """A text with everything in it that a terminal would obey rather than show written as its escape.
+    """A text with everything in it that a terminal would obey rather than show written as its
+    escape.
 
     Args:
         text: Names from files, messages with such names in them.

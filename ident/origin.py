@@ -7,7 +7,8 @@ import re
 from functools import cache
 from pathlib import Path
 
-# Distributions whose numbers stand in results: linear algebra, dynamics, solvers, collisions, simulation, nets, tables.
+# Distributions whose numbers stand in results: linear algebra, dynamics, solvers, collisions,
+# simulation, nets, tables.
 ENGINES: tuple[str, ...] = ("numpy", "scipy", "numba", "pin", "clarabel", "pyarrow", "scikit-learn")
 ENGINES += ("casadi", "coal", "cma", "daqp", "mujoco", "torch")
 HASH = re.compile(r"[0-9a-f]{40}([0-9a-f]{24})?")

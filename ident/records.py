@@ -1,8 +1,10 @@
-"""What the result files hold: one class is the value in memory, its JSON and, by `ident schema`, its JSON Schema.
+"""What the result files hold: one class is the value in memory, its JSON and, by `ident schema`,
+its JSON Schema.
 
-And numbers that decide: each with its unit, its meaning and where it comes from, in one small group a stage. A number
-is a `law` (a convention of statistics or plain arithmetic), `chosen` (a size below which nothing matters in practice,
-or a limit on work), or `calibrated` on development sets of simulated arms or on recordings of real ones.
+And numbers that decide: each with its unit, its meaning and where it comes from, in one small group
+a stage. A number is a `law` (a convention of statistics or plain arithmetic), `chosen` (a size
+below which nothing matters in practice, or a limit on work), or `calibrated` on development sets of
+simulated arms or on recordings of real ones.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ class Record:
 
 
 def as_record(value: Any) -> Any:
-    """A value as JSON knows it: records by their keys, lists, tables, and a text of anything else."""
+    """A value as JSON knows it: records by their keys, lists, tables; a text of anything else."""
     if isinstance(value, Record):
         return value.to_dict()
     if isinstance(value, Mapping):
@@ -106,8 +108,8 @@ class Numbers(Record):
 class Settings(Numbers):
     """Numbers whose rows stand in a table.
 
-    A class that names a `table` has its numbers there, a row each, in the `settings.toml` beside its module; it is a
-    dataclass of these and of the groups that it lists itself.
+    A class that names a `table` has its numbers there, a row each, in the `settings.toml` beside
+    its module; it is a dataclass of these and of the groups that it lists itself.
     """
 
     if TYPE_CHECKING:  # its numbers by name, which no type checker knows
@@ -122,11 +124,15 @@ class Settings(Numbers):
             for name, row in rows.items():
                 value = row["value"]
                 facts = {key: row[key] for key in row if key != "value"}
-                setattr(cls, name, number(tuple(value) if isinstance(value, list) else value, **facts))
+                setattr(
+                    cls, name, number(tuple(value) if isinstance(value, list) else value, **facts)
+                )
             cls.__annotations__ = dict.fromkeys(rows, Any) | vars(cls).get("__annotations__", {})
             dataclass(frozen=True)(cls)
 
 
 def read_group(module: str, table: str) -> Any:
-    """A table of the `settings.toml` beside a module as `Settings` without a class: an attribute a number."""
+    """A table of the `settings.toml` beside a module as `Settings` without a class: an attribute a
+    number.
+    """
     return type(table, (Settings,), {}, table=table, module=module)()

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     KnownSeries = tuple[str, Series]
 
 
-# Where a result comes from: the command, the version, its settings, and the recordings by their hashes.
-# Digits of a file's hash by which it is known again.
+# Where a result comes from: the command, the version, its settings, and the recordings by their
+# hashes. Digits of a file's hash by which it is known again.
 RUN_DIGITS = 12
 # What anchors the scale of a session's torque.
 SCALES = {
@@ -68,12 +68,15 @@ class SessionStamp(Record):
 
     Attributes:
         path: Its folder or file; its name where it never was a file.
-        sha256: Of its runs: of their files' hashes in order, or of their arrays where they never were files.
-        content: SHA-256 of what its runs hold, whatever their files: times, positions, torques and other channels.
+        sha256: Of its runs: of their files' hashes in order, or of their arrays where they never
+            were files.
+        content: SHA-256 of what its runs hold, whatever their files: times, positions, torques and
+            other channels.
         scale: What the torque's scale rests on: see `SCALES`.
-        first, last: Times of the first and the last sample on the session's clock [s]; None without any.
-        runs: First digits of each file's hash, and of that of every known recording that it holds in another form:
-            whether two results were made from a common recording.
+        first, last: Times of the first and the last sample on the session's clock [s]; None without
+            any.
+        runs: First digits of each file's hash, and of that of every known recording that it holds
+            in another form: whether two results were made from a common recording.
     """
 
     path: str
@@ -128,11 +131,14 @@ def files_of(record: Mapping[str, Any]) -> frozenset[str]:
         record: The provenance of a result or of a model.
     """
     runs = (run for one in record.get("sessions", []) for run in one.get("runs", []))
-    return frozenset((*map(str, runs), *(str(one["sha256"])[:RUN_DIGITS] for one in record.get("data", []))))
+    return frozenset(
+        (*map(str, runs), *(str(one["sha256"])[:RUN_DIGITS] for one in record.get("data", [])))
+    )
 
 
 def known_series(record: Mapping[str, Any]) -> tuple[KnownSeries, ...]:
-    """The recordings of a model, by which they are known again in another form; damaged or missing ones are left out.
+    """The recordings of a model, by which they are known again in another form; damaged or missing
+    ones are left out.
 
     Args:
         record: The provenance of a model.
@@ -156,7 +162,8 @@ def stamp_sessions(sessions: Iterable[Session]) -> tuple[SessionStamp, ...]:
 
 
 class StampLedger:
-    """Takes note of sessions while somebody else goes through them, so that a long one is read once only.
+    """Takes note of sessions while somebody else goes through them, so that a long one is read once
+    only.
 
     Args:
         known: Recordings that are looked for in them.
@@ -173,7 +180,9 @@ class StampLedger:
 
     @property
     def files(self) -> list[dict[str, Any]]:
-        """Session, name, SHA-256 and series of each file so far, and of each run that never was one."""
+        """Session, name, SHA-256 and series of each file so far, and of each run that never was
+        one.
+        """
         return [data for stamping in self._open for data in stamping.data()]
 
     def passing(self, sessions: Iterable[Session]) -> Iterator[Session]:
@@ -214,7 +223,9 @@ class _Stamping:
             digest = self._digest_of(run)
             self._digest.update(digest)
             self._runs[digest.hex()[:RUN_DIGITS]] = None
-            self._names.setdefault(digest.hex(), run.name if run.source is None else run.source.name)
+            self._names.setdefault(
+                digest.hex(), run.name if run.source is None else run.source.name
+            )
             series = Series.of(run)
             if series is not None:
                 self._series.setdefault(digest.hex(), []).append(series)
@@ -222,7 +233,9 @@ class _Stamping:
             for known, theirs in self._known:
                 if known not in self._runs and theirs.is_in(searched):
                     self._runs[known] = None
-            self._times += [float(time) for time in (*run.time[:1], *run.time[-1:]) if isfinite(time)]
+            self._times += [
+                float(time) for time in (*run.time[:1], *run.time[-1:]) if isfinite(time)
+            ]
 
     def data(self) -> list[dict[str, Any]]:
         """What a model's provenance says of the session."""
@@ -257,7 +270,7 @@ class _Stamping:
 
 
 def content_of(run: Recording) -> bytes:
-    """SHA-256 of what a run holds: its joints in alphabetical order, times and channels as doubles."""
+    """SHA-256 of what a run holds: its joints by their names' order, times, channels as doubles."""
     order = sorted(range(len(run.joints)), key=lambda index: run.joints[index])
     digest = hashlib.sha256("\0".join(sorted(run.joints)).encode() + run.time.tobytes())
     for name, values in run.channels().items():
@@ -276,8 +289,8 @@ class Result:
         provenance: Where it comes from.
     """
 
-    # How a result looks is known above, where pictures are made, and asked for by name when somebody looks:
-    # a module with `write(console, result)` and `draw(result)`.
+    # How a result looks is known above, where pictures are made, and asked for by name when
+    # somebody looks: a module with `write(console, result)` and `draw(result)`.
     SHOWN_BY: ClassVar[str] = "ident.show.results"
     # Of a result whose fields are the keys of its record.
     SCHEMA: ClassVar[str] = ""
@@ -290,8 +303,13 @@ class Result:
         cls.__repr__ = Result._first_lines  # type: ignore[assignment,method-assign]
 
     def _first_lines(self) -> str:
-        lines = [line if len(line) <= LINE else f"{line[: LINE - 1]}…" for line in self.summary().splitlines()]
-        more = f"  … {len(lines) - LINES} more lines: print(….summary())" if len(lines) > LINES else ""
+        lines = [
+            line if len(line) <= LINE else f"{line[: LINE - 1]}…"
+            for line in self.summary().splitlines()
+        ]
+        more = (
+            f"  … {len(lines) - LINES} more lines: print(….summary())" if len(lines) > LINES else ""
+        )
         return "\n".join([f"{type(self).__name__}:", *lines[:LINES], *filter(None, [more])])
 
     def to_dict(self) -> dict[str, Any]:

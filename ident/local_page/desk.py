@@ -1,7 +1,8 @@
-"""What a person does with one log and one robot, step by step: give, check, correct, diagnose, take the files.
+"""What a person does with one log and one robot, step by step: give, check, correct, diagnose, take
+the files.
 
-Nothing here knows of a browser. The user's own files are read where they lie; what is corrected, guessed and written
-stands in a folder of its own.
+Nothing here knows of a browser. The user's own files are read where they lie; what is corrected,
+guessed and written stands in a folder of its own.
 """
 
 from __future__ import annotations
@@ -68,7 +69,11 @@ class Desk:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
-        own = None if self.log is None else (self.log if self.log.is_dir() else self.log.parent) / SESSION_FILE
+        own = (
+            None
+            if self.log is None
+            else (self.log if self.log.is_dir() else self.log.parent) / SESSION_FILE
+        )
         if own is not None and own.is_file():
             shutil.copyfile(own, self.session_file)
 
@@ -80,7 +85,9 @@ class Desk:
     @property
     def files(self) -> list[str]:
         """Names of what can be taken away by now."""
-        return [name for name in (SESSION_FILE, RECORD, PAGE, ZIPPED) if (self.folder / name).is_file()]
+        return [
+            name for name in (SESSION_FILE, RECORD, PAGE, ZIPPED) if (self.folder / name).is_file()
+        ]
 
     def take_log(self, name: str, content: bytes) -> None:
         """Takes a run, or a session.toml, that was dropped; all runs together are the session.
@@ -166,7 +173,9 @@ class Desk:
             wanted = tomllib.loads(line)
             record = tomllib.loads(self._text())
         except tomllib.TOMLDecodeError as error:
-            raise InputError(SESSION_FILE, f"not TOML ({first_line(error)})", "write KEY = VALUE") from None
+            raise InputError(
+                SESSION_FILE, f"not TOML ({first_line(error)})", "write KEY = VALUE"
+            ) from None
         for key, value in wanted.items():
             if key not in KEYS:
                 known = ", ".join(KEYS)
@@ -186,11 +195,15 @@ class Desk:
         try:
             tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
-            raise InputError(SESSION_FILE, f"not TOML ({first_line(error)})", "correct it") from None
+            raise InputError(
+                SESSION_FILE, f"not TOML ({first_line(error)})", "correct it"
+            ) from None
         self.session_file.write_text(text, encoding="utf-8")
 
     def diagnose(self) -> None:
-        """Diagnoses, and writes record, page and patch; `progress` tells how far it has come, and of a failure."""
+        """Diagnoses, and writes record, page and patch; `progress` tells how far it has come, and
+        of a failure.
+        """
         with self._lock:
             self.progress = Progress(running=True)
             try:
@@ -215,7 +228,10 @@ class Desk:
         told = self._patch(robot)
         first = first_action(record)
         if first == WRITE_NUMBERS and not told:
-            first = "Take the corrected model below; your own file takes these numbers by `ident patch … --into`."
+            first = (
+                "Take the corrected model below; your own file takes these numbers by "
+                "`ident patch … --into`."
+            )
         return {
             "verdict": record["verdict"],
             "headline": diagnosis_headline(record),

@@ -1,4 +1,6 @@
-"""What the commands print, tables, progress and plain lines, and where: names from files give a terminal no orders."""
+"""What the commands print, tables, progress and plain lines, and where: names from files give a
+terminal no orders.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ WIDE = 160
 
 
 class PlainConsole(Console):
-    """A console without markup: `[x]`, `:x:` and control characters in a text are part of it. Style by `styled`."""
+    """A console without markup: `[x]`, `:x:` and control characters in a text are part of it. Style
+    by `styled`.
+    """
 
     def render_str(self, text: str, **options: Any) -> Text:
         return super().render_str(visible(text, lines=True), **options)
@@ -40,7 +44,10 @@ def make_console() -> PlainConsole:
 
 def styled(*parts: str | tuple[str, str]) -> Text:
     """A text of plain parts and (part, style) pairs."""
-    shown = (visible(part, lines=True) if isinstance(part, str) else (visible(part[0]), part[1]) for part in parts)
+    shown = (
+        visible(part, lines=True) if isinstance(part, str) else (visible(part[0]), part[1])
+        for part in parts
+    )
     return Text.assemble(*shown)
 
 
@@ -59,7 +66,9 @@ def ladder_table(score: SessionScore) -> Table:
     table.add_column("joint", overflow="fold")  # names that begin alike stay apart
     for column in ("energy error [J]", "torque RMSE [N m]"):
         table.add_column(column, justify="right")
-    for name, *rows in zip(score.rungs, score.energy_mean, score.energy_std, score.rmse_mean, strict=True):
+    for name, *rows in zip(
+        score.rungs, score.energy_mean, score.energy_std, score.rmse_mean, strict=True
+    ):
         rung = rung_name(name)
         for joint, mean, std, rmse in zip([*score.joints, "total"], *rows, strict=True):
             energy = pair(mean, std if len(score.runs) > 1 else None, 2)
@@ -68,8 +77,12 @@ def ladder_table(score: SessionScore) -> Table:
     return table
 
 
-def print_issues(console: Console, issues: Sequence[Mapping[str, Any]], least: str = "note") -> None:
-    """Records of telemetry issues, the worst first and none below a severity, a line each and the remedy below."""
+def print_issues(
+    console: Console, issues: Sequence[Mapping[str, Any]], least: str = "note"
+) -> None:
+    """Records of telemetry issues, the worst first and none below a severity, a line each and the
+    remedy below.
+    """
     order = list(COLOURS)
     for issue in sorted(issues, key=lambda found: order.index(found["severity"])):
         kind = issue["severity"]
@@ -84,13 +97,20 @@ def print_issues(console: Console, issues: Sequence[Mapping[str, Any]], least: s
 
 
 @contextmanager
-def progress_line(console: Console, job: str, clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
-    """Shows how far a job has come: one line, rewritten, on a terminal; elsewhere now and then a line."""
+def progress_line(
+    console: Console, job: str, clock: Callable[[], float] = time.monotonic
+) -> Iterator[None]:
+    """Shows how far a job has come: one line, rewritten, on a terminal; elsewhere now and then a
+    line.
+    """
     shown, last = clock(), ""
 
     def log(stage: str, share: float, left: float | None) -> None:
         nonlocal shown, last
-        if clock() - shown >= BETWEEN_LINES and (words := progress_words(job, stage, share, left)) != last:
+        if (
+            clock() - shown >= BETWEEN_LINES
+            and (words := progress_words(job, stage, share, left)) != last
+        ):
             shown, last = clock(), words
             console.print(words, soft_wrap=True)
 
@@ -119,14 +139,23 @@ def progress_words(job: str, stage: str, share: float, left: float | None) -> st
         share: Done of it, 0 to 1.
         left: Time that is left [s]; None says nothing of it.
     """
-    ends = "" if left is None else f", {left:.0f} s left" if left < LONG else f", {left / 60.0:.0f} min left"
+    ends = (
+        ""
+        if left is None
+        else f", {left:.0f} s left"
+        if left < LONG
+        else f", {left / 60.0:.0f} min left"
+    )
     return f"{job}: {100.0 * share:.0f} %{', ' if stage else ''}{stage}{ends}"
 
 
-# Sentences are not longer than this, however wide a terminal is: longer lines are hard to read [columns].
+# Sentences are not longer than this, however wide a terminal is: longer lines are hard to read
+# [columns].
 TEXT_WIDTH = 80
 # What is not broken over lines: commands in backquotes, and a number with its unit.
-UNBROKEN = re.compile(r"`[^`]*`|(?<=\d) (?=N m|kg|rad|J|s\b|%|Hz|±)|(?<=±) (?=\d)|(?<=N) (?=m\b|s/)|(?<=m) (?=s/rad)")
+UNBROKEN = re.compile(
+    r"`[^`]*`|(?<=\d) (?=N m|kg|rad|J|s\b|%|Hz|±)|(?<=±) (?=\d)|(?<=N) (?=m\b|s/)|(?<=m) (?=s/rad)"
+)
 GLUE = "\x00"
 
 
@@ -156,14 +185,18 @@ def text_width(console: Console) -> int:
     return min(console.width, TEXT_WIDTH)
 
 
-def say(console: Console, text: str, indent: str = "", hanging: str | None = None, style: str = "") -> None:
+def say(
+    console: Console, text: str, indent: str = "", hanging: str | None = None, style: str = ""
+) -> None:
     """Prints a paragraph, wrapped."""
     lines = wrap(visible(text), text_width(console), indent, hanging)
     console.print(Text(lines, style=style), soft_wrap=True, highlight=False)
 
 
 def say_remedy(console: Console, text: str, indent: str = "") -> None:
-    """Prints a paragraph; lines of a settings file stand in it by themselves, unbroken, to be pasted."""
+    """Prints a paragraph; lines of a settings file stand in it by themselves, unbroken, to be
+    pasted.
+    """
     hanging = f"{indent}  "
     for number, part in enumerate(LINE_TO_WRITE.split(text)):
         if number % 2:
@@ -200,7 +233,9 @@ def _aligned(table: Sequence[Sequence[str]], sides: str, indent: str) -> list[st
     lines = []
     for row in table:
         cells = zip(row, widths, sides, strict=True)
-        padded = [cell.rjust(width) if side == "r" else cell.ljust(width) for cell, width, side in cells]
+        padded = [
+            cell.rjust(width) if side == "r" else cell.ljust(width) for cell, width, side in cells
+        ]
         lines.append((indent + "   ".join(padded)).rstrip())
     return lines
 

@@ -1,11 +1,13 @@
-"""What a fit errs by on parts of its recordings that it did not see, in words and as a table; what comes next."""
+"""What a fit errs by on parts of its recordings that it did not see, in words and as a table; what
+comes next.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ident.fitting.identification import describe
+from ident.fitting.in_words import describe
 from ident.model.carried import CarriedEffect
 from ident.model.hybrid import HybridModel
 from ident.model.net_gate import describe_gate
@@ -63,7 +65,7 @@ def foretold_of(model: HybridModel) -> list[Foretold]:
 
 
 def describe_foretold(model: HybridModel) -> str:
-    """The range over the joints and the worst of them, in a sentence; empty where nothing is known."""
+    """The range over the joints and the worst of them, in a sentence; empty where none is known."""
     joints = foretold_of(model)
     if not joints:
         return ""
@@ -111,7 +113,9 @@ def describe_choices(result: FitResults) -> list[str]:
     if model.net is not None and model.net.gate:
         lines.append(describe_gate(model.net.gate, model.joint_names))
         if model.memory is not None:
-            memory = describe_gate(model.memory.gate, model.joint_names, "memory of the last second")
+            memory = describe_gate(
+                model.memory.gate, model.joint_names, "memory of the last second"
+            )
             lines.append(memory)
     return lines
 

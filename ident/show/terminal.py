@@ -267,7 +267,11 @@ def describe_side(side: Record) -> str:
 def describe_known(record: Record) -> str:
     """Which loads and which mount of the base were taken as known, in a sentence or two."""
     loads = [_load_of(record[name]) for name in ("before", "after")]
-    carried = f"{loads[0]} before, {loads[1]} after" if loads[0] != loads[1] else f"{loads[0]} before and after"
+    carried = (
+        f"{loads[0]} before, {loads[1]} after"
+        if loads[0] != loads[1]
+        else f"{loads[0]} before and after"
+    )
     mount = record["before"]["gravity_mps2"]
     later = record["after"]["gravity_mps2"]
     told = f"Taken as known: payload {carried}; the base {_mount_of(mount)}."
@@ -397,7 +401,8 @@ def describe_used(record: Record) -> list[str]:
     for row in seldom:
         shares = [
             f"{percent(row['in_motion'])} in motion",
-            f"{percent(row['at_rest'])} at rest ({plural(row['holds'], 'hold')}, each one observation)",
+            f"{percent(row['at_rest'])} at rest "
+            f"({plural(row['holds'], 'hold')}, each one observation)",
             f"{percent(row['turning'])} near stops and turns",
             f"{percent(row['left_out'])} left out ({row['why']})",
         ]

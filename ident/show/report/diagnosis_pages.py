@@ -68,8 +68,8 @@ if TYPE_CHECKING:
 
 MOST_SENTENCES = 5
 TRACES = (
-    "Torque as it was measured and as each model has it, on parts that no tuned model was fitted to. "
-    "Below: what each model is off by. Where a joint rests or turns round no model is judged."
+    "Torque as it was measured and as each model has it, on parts that no tuned model was fitted "
+    "to. Below: what each model is off by. Where a joint rests or turns round no model is judged."
 )
 # A cell this many times as dense as the mean has the strongest colour.
 DENSEST = 3.0

@@ -99,17 +99,17 @@ def pool_name(score: SessionScore, longest: int = 70) -> str:
 
 def evaluation_sections(source: ReportInput) -> list[Section | None]:
     """All sections of an evaluation, the verdict first."""
-    from ident.show.report import evaluation_figures as figures
+    from ident.show.report import evaluation_figures, parameter_figures, residual_figures
 
     names = [evaluation.model for evaluation in source.evaluations]
     return [
         verdict_section(source),
         ladder_section(source),
-        figures.payload_section(source),
-        figures.comparison_section(source),
-        figures.fits_section(source),
-        figures.residuals_section(source),
-        figures.parameters_section(source),
+        evaluation_figures.payload_section(source),
+        evaluation_figures.comparison_section(source),
+        evaluation_figures.fits_section(source),
+        residual_figures.residuals_section(source),
+        parameter_figures.parameters_section(source),
         telemetry_section([issue.to_dict() for issue in source.issues]),
         models_section(list(zip(names, source.models, strict=True))),
     ]
@@ -292,7 +292,7 @@ def worse_joints(score: SessionScore) -> list[tuple[str, str]]:
 
 
 def ladder_section(source: ReportInput) -> Section:
-    """The main model on all runs without payload, then each session and each other model, folded."""
+    """The main model on all runs without payload, then each session and other model, folded."""
     main = source.evaluation
     sessions = main.sessions if len(main.sessions) > 1 else ()
     others = list(source.evaluations)

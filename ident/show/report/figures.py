@@ -1,4 +1,6 @@
-"""Pictures as inline SVG by matplotlib's objects: small panels that a page lays out by its own width."""
+"""Pictures as inline SVG by matplotlib's objects: small panels that a page lays out by its own
+width.
+"""
 
 from __future__ import annotations
 
@@ -24,19 +26,31 @@ WIDE = (5.0, 2.4)
 # More points than this on a line can't be seen in a panel.
 MOST_POINTS = 500
 # Text stays text: the page's own font is used, and the page stays small and can be searched.
-SVG_SETTINGS: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "armgap", "path.simplify": True}
-SVG_SETTINGS |= {"text.usetex": False}  # which would start LaTeX, in a program that draws its own pictures so
+SVG_SETTINGS: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "armgap",
+    "path.simplify": True,
+}
+SVG_SETTINGS |= {
+    "text.usetex": False
+}  # which would start LaTeX, in a program that draws its own pictures so
 _counter = itertools.count()
 
 
 def make_panel(
-    x_label: str, y_label: str, size: tuple[float, float] = PANEL, left: float = 0.6, bottom: float = 0.42
+    x_label: str,
+    y_label: str,
+    size: tuple[float, float] = PANEL,
+    left: float = 0.6,
+    bottom: float = 0.42,
 ) -> tuple[Figure, Axes]:
     """An empty panel with labelled axes and a light grid."""
     width, height = size
     figure = Figure(figsize=size)
     FigureCanvasSVG(figure)
-    axes = figure.add_axes((left / width, bottom / height, 1 - (left + 0.1) / width, 1 - (bottom + 0.1) / height))
+    axes = figure.add_axes(
+        (left / width, bottom / height, 1 - (left + 0.1) / width, 1 - (bottom + 0.1) / height)
+    )
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
@@ -64,7 +78,9 @@ def to_svg(figure: Figure, description: str) -> Markup:
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r"(font: [\d.]+px )[^;\"]*", r"\1sans-serif", text)
-    text = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), text)
+    text = re.sub(
+        r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), text
+    )
     # Ink and grid are the page's own: they turn with its dark mode.
     for drawn, of_page in OF_THE_PAGE.items():
         text = text.replace(drawn, of_page)
@@ -74,14 +90,14 @@ def to_svg(figure: Figure, description: str) -> Markup:
     text = re.sub(r'(url\(|href=")#', rf"\1#{prefix}", text)
     view_box = re.search(r'viewBox="[^"]*"', text)
     assert view_box is not None
-    head = (
-        f'<svg role="img" aria-label="{escape(description)}" {view_box[0]} xmlns:xlink="http://www.w3.org/1999/xlink">'
-    )
+    head = f'<svg role="img" aria-label="{escape(description)}" {view_box[0]} xmlns:xlink="http://www.w3.org/1999/xlink">'
     body = re.sub(r"\n\s*", "\n", text[text.index(">") + 1 :])
     return Markup(head + body.strip())
 
 
-def thin(x: Float[Array, " T"], y: Float[Array, " T"], most: int = MOST_POINTS) -> tuple[Array, Array]:
+def thin(
+    x: Float[Array, " T"], y: Float[Array, " T"], most: int = MOST_POINTS
+) -> tuple[Array, Array]:
     """Fewer points that look the same: the lowest and the highest of each bin, in their order.
 
     Args:
@@ -97,8 +113,12 @@ def thin(x: Float[Array, " T"], y: Float[Array, " T"], most: int = MOST_POINTS) 
     return x[kept], y[kept]
 
 
-def envelope(x: Float[Array, " T"], y: Float[Array, " T"], bins: int = 240) -> tuple[Array, Array, Array]:
-    """Centre, least and largest value in bins of x; what is not a number is left out, and bins of nothing else too."""
+def envelope(
+    x: Float[Array, " T"], y: Float[Array, " T"], bins: int = 240
+) -> tuple[Array, Array, Array]:
+    """Centre, least and largest value in bins of x; what is not a number is left out, and bins of
+    nothing else too.
+    """
     edges = np.linspace(x[0], np.nextafter(x[-1], np.inf), min(bins, len(x)) + 1)
     which = np.clip(np.digitize(x, edges) - 1, 0, len(edges) - 2)
     low, high = np.full(len(edges) - 1, np.inf), np.full(len(edges) - 1, -np.inf)
@@ -110,8 +130,11 @@ def envelope(x: Float[Array, " T"], y: Float[Array, " T"], bins: int = 240) -> t
     return (edges[:-1] + edges[1:]) / 2, low, high
 
 
-def binned(x: Float[Array, " T"], y: Float[Array, " T"], edges: Sequence[float] | Array, least: int = 5) -> Array:
-    """Centre, 10 % quantile, median and 90 % quantile of y in bins of x, shape (bins, 4); thin bins left out.
+def binned(
+    x: Float[Array, " T"], y: Float[Array, " T"], edges: Sequence[float] | Array, least: int = 5
+) -> Array:
+    """Centre, 10 % quantile, median and 90 % quantile of y in bins of x, shape (bins, 4); thin bins
+    left out.
 
     Args:
         x: What is binned.

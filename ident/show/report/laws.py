@@ -1,4 +1,6 @@
-"""A picture of each named law over the data: what is left without it, against what it goes with, and its curve."""
+"""A picture of each named law over the data: what is left without it, against what it goes with,
+and its curve.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +29,21 @@ Axis = Callable[[RunResidual, int], Float[Array, " t"]]
 # What a law is a curve over (`Effect.drawn_over`), with the unit of the axis where a joint turns.
 CURVES: Mapping[str, tuple[str, str, Axis]] = {
     "speed": ("speed", SPEED, lambda item, j: np.asarray(item.speed[:, j])),
-    "angle": ("angle", ANGLE, lambda item, j: np.asarray(item.run.motion.q[item.run.motion.coarse][:, j])),
-    "load": ("load", TORQUE, lambda item, j: np.asarray(item.run.link[item.run.motion.coarse][:, j])),
-    "torque": ("torque", TORQUE, lambda item, j: np.asarray(item.run.total[item.run.motion.coarse][:, j])),
+    "angle": (
+        "angle",
+        ANGLE,
+        lambda item, j: np.asarray(item.run.motion.q[item.run.motion.coarse][:, j]),
+    ),
+    "load": (
+        "load",
+        TORQUE,
+        lambda item, j: np.asarray(item.run.link[item.run.motion.coarse][:, j]),
+    ),
+    "torque": (
+        "torque",
+        TORQUE,
+        lambda item, j: np.asarray(item.run.total[item.run.motion.coarse][:, j]),
+    ),
     "reversal": ("time since it turned round", TIME, reversal_age),
 }
 
@@ -60,14 +74,20 @@ class _Law:
         if law.effect.rows == "own":
             joint = law.joint
         else:
-            falls = {name: before - finding.rms_after[name] for name, before in finding.rms_before.items()}
+            falls = {
+                name: before - finding.rms_after[name]
+                for name, before in finding.rms_before.items()
+            }
             joint = analysis.diagnosis.joints.index(max(falls, key=lambda name: falls[name]))
         torque = []
         for item, one in zip(series, columns, strict=True):
             whole = item.run.motion.filtered(one @ beta)
             torque.append(np.asarray(whole if whole.ndim == 1 else whole[:, joint]))
         return cls(
-            joint, torque, [item.after[:, joint] + own for item, own in zip(series, torque, strict=True)], series
+            joint,
+            torque,
+            [item.after[:, joint] + own for item, own in zip(series, torque, strict=True)],
+            series,
         )
 
     def where(self) -> list[Array]:
@@ -75,7 +95,9 @@ class _Law:
 
     def gathered(self, values: Sequence[Array]) -> Float[Array, " T"]:
         """Values of all runs where the joint moves steadily."""
-        return np.concatenate([one[inside] for one, inside in zip(values, self.where(), strict=True)])
+        return np.concatenate(
+            [one[inside] for one, inside in zip(values, self.where(), strict=True)]
+        )
 
 
 def draw_laws(analysis: Analysis) -> tuple[LawPicture | None, ...]:
@@ -101,41 +123,58 @@ def _over_curve(analysis: Analysis, law: _Law, effect: Effect) -> LawPicture | N
     if effect.drawn == "whole":  # Coulomb and viscous friction as tuned beside the names [N m]
         assert analysis.diagnosis.details is not None, "an analysis has fitted something"
         tuned, runs = analysis.diagnosis.details.baseline[joint], [item.run for item in law.items]
-        friction = [tuned.coulomb * run.direction[:, j] + tuned.viscous * run.motion.dq[:, j] for run in runs]
-        plain = law.gathered([np.asarray(run.motion.filtered(one)) for run, one in zip(runs, friction, strict=True)])
+        friction = [
+            tuned.coulomb * run.direction[:, j] + tuned.viscous * run.motion.dq[:, j]
+            for run in runs
+        ]
+        plain = law.gathered(
+            [np.asarray(run.motion.filtered(one)) for run, one in zip(runs, friction, strict=True)]
+        )
     sign = np.ones_like(x)
     if effect.drawn == "odd":
         sign = np.sign(law.gathered([np.asarray(item.speed[:, j]) for item in law.items]))
     # Bins of like counts, none across zero.
     sides = [side for side in (x[x < 0.0], x[x > 0.0]) if len(side)]
     counts = [max(2, round(BINS * len(side) / max(len(x), 1))) for side in sides]
-    ends = [np.quantile(side, np.linspace(0.0, 1.0, k + 1)) for side, k in zip(sides, counts, strict=True)]
+    ends = [
+        np.quantile(side, np.linspace(0.0, 1.0, k + 1))
+        for side, k in zip(sides, counts, strict=True)
+    ]
     edges = np.unique(np.concatenate(ends)) + 0.0
-    found = [binned(x, sign * values, edges, LEAST_SAMPLES) for values in (plain + data, plain + curve, plain)]
+    found = [
+        binned(x, sign * values, edges, LEAST_SAMPLES)
+        for values in (plain + data, plain + curve, plain)
+    ]
     if len(found[0]) < 2:
         return None
     slides = bool(analysis.baseline.nominal.sliding_joints[j])
     load = unit_for(TORQUE, slides)
     unit = unit_for(unit, slides)
     what = "friction" if effect.drawn else "torque without the law"
-    figure, axes = make_panel(f"{name} of {joint} [{unit}]", f"{what} [{load}]", WIDE, left=0.65, bottom=0.45)
+    figure, axes = make_panel(
+        f"{name} of {joint} [{unit}]", f"{what} [{load}]", WIDE, left=0.65, bottom=0.45
+    )
     for part in _unbroken(found[0]):
         axes.fill_between(part[:, 0], part[:, 1], part[:, 3], color=DATA, alpha=0.25, linewidth=0)
     axes.plot(found[0][:, 0], found[0][:, 2], "o", color=DATA, markersize=3.5)
     for rows, colour, style in ((found[2], PLAIN, "--"), (found[1], LAW, "-")):
         for part in _unbroken(rows):
             axes.plot(part[:, 0], part[:, 2], style, color=colour, linewidth=1.6)
-    rest = "Coulomb and viscous friction beside it" if effect.drawn == "whole" else "zero, without it"
+    rest = (
+        "Coulomb and viscous friction beside it" if effect.drawn == "whole" else "zero, without it"
+    )
     caption = (
-        f"{what[0].upper()}{what[1:]} of {joint} over its {name}. Grey: recorded, medians and 80 % of the samples; "
-        f"green: with the named law; dashed: {rest}."
+        f"{what[0].upper()}{what[1:]} of {joint} over its {name}. Grey: recorded, medians and "
+        f"80 % of the samples; green: with the named law; dashed: {rest}."
     )
     return LawPicture(to_svg(figure, caption), caption)
 
 
 def _unbroken(rows: Float[Array, "b 4"]) -> list[Float[Array, "b 4"]]:
-    """Negative and positive places apart: a line across zero would hide that friction jumps there."""
-    return [part for part in (rows[rows[:, 0] < 0.0], rows[rows[:, 0] >= 0.0]) if len(part) > 1]
+    """Negative and positive places apart: a line across zero would hide that friction jumps."""
+    negative = rows[rows[:, 0] < 0.0]
+    positive = rows[rows[:, 0] >= 0.0]
+    return [side for side in (negative, positive) if len(side) > 1]
 
 
 def _over_time(analysis: Analysis, law: _Law) -> LawPicture | None:
@@ -152,11 +191,19 @@ def _over_time(analysis: Analysis, law: _Law) -> LawPicture | None:
     load = unit_for(TORQUE, bool(analysis.baseline.nominal.sliding_joints[law.joint]))
     labels = f"time in {item.run.motion.name} [s]", f"torque left [{load}]"
     figure, axes = make_panel(*labels, WIDE, left=0.65, bottom=0.45)
-    for values, colour, width in ((law.left[k], PLAIN, 0.8), (law.left[k] - law.torque[k], LAW, 0.8)):
+    for values, colour, width in (
+        (law.left[k], PLAIN, 0.8),
+        (law.left[k] - law.torque[k], LAW, 0.8),
+    ):
         axes.plot(*thin(time, np.where(inside, values, np.nan)), color=colour, linewidth=width)
-    axes.plot(*thin(time, np.where(inside, law.torque[k], np.nan)), color=DATA, linewidth=1.4, linestyle=":")
+    axes.plot(
+        *thin(time, np.where(inside, law.torque[k], np.nan)),
+        color=DATA,
+        linewidth=1.4,
+        linestyle=":",
+    )
     caption = (
-        f"What the model leaves of {joint}'s torque in {item.run.motion.name}. Orange: without the named law; "
-        "green: with it; grey, dotted: the law itself."
+        f"What the model leaves of {joint}'s torque in {item.run.motion.name}. Orange: without "
+        "the named law; green: with it; grey, dotted: the law itself."
     )
     return LawPicture(to_svg(figure, caption), caption)

@@ -54,7 +54,9 @@ class Section:
     values: Mapping[str, Any]  # what the template gets
 
 
-def write_report(path: str | Path, title: str, sections: Sequence[Section | None], subtitle: str = "") -> Path:
+def write_report(
+    path: str | Path, title: str, sections: Sequence[Section | None], subtitle: str = ""
+) -> Path:
     """Writes one self-contained HTML page, whole or not at all.
 
     Raises:
@@ -80,7 +82,11 @@ def render_page(title: str, sections: Sequence[Section | None], subtitle: str = 
         lstrip_blocks=True,
         extensions=["jinja2.ext.do"],
     )
-    own = {name: one for name, one in vars(words).items() if getattr(one, "__module__", "") == words.__name__}
+    own = {
+        name: one
+        for name, one in vars(words).items()
+        if getattr(one, "__module__", "") == words.__name__
+    }
     environment.filters |= own
     environment.filters |= {
         "breakable": breakable,
@@ -89,7 +95,9 @@ def render_page(title: str, sections: Sequence[Section | None], subtitle: str = 
         "join_words": join_words,
         "rung": palette.rung_name,
     }
-    environment.globals |= {name: getattr(palette, name) for name in COLOURS} | {"pairs": words.pairs}
+    environment.globals |= {name: getattr(palette, name) for name in COLOURS} | {
+        "pairs": words.pairs
+    }
     bodies = [
         {
             "anchor": one.anchor,
@@ -104,7 +112,8 @@ def render_page(title: str, sections: Sequence[Section | None], subtitle: str = 
     )
 
 
-# An option of a command stays whole where a line ends: browsers would break behind each of its hyphens.
+# An option of a command stays whole where a line ends: browsers would break behind each of its
+# hyphens.
 OPTION = re.compile(r"(?<!\S)--?[\w-]+")
 WHOLE = r'<span class="whole">\g<0></span>'
 
@@ -132,7 +141,11 @@ def telemetry_section(issues: Sequence[Mapping[str, Any]]) -> Section:
 
 def facts_section(facts: Mapping[str, Any]) -> Section | None:
     """Names and values, nested ones flattened; folded, for those who need it."""
-    return Section("provenance", "Provenance", "facts.html", {"facts": list(_flat(facts))}) if facts else None
+    return (
+        Section("provenance", "Provenance", "facts.html", {"facts": list(_flat(facts))})
+        if facts
+        else None
+    )
 
 
 def models_section(models: Sequence[tuple[str, HybridModel]]) -> Section:
@@ -140,7 +153,11 @@ def models_section(models: Sequence[tuple[str, HybridModel]]) -> Section:
     told = []
     for name, model in models:
         past = model.provenance
-        runs = f"{plural(past['runs'], 'run')}, {past['samples']:,} samples" if "samples" in past else UNKNOWN
+        runs = (
+            f"{plural(past['runs'], 'run')}, {past['samples']:,} samples"
+            if "samples" in past
+            else UNKNOWN
+        )
         options = ", ".join(f"{name} {value}" for name, value in past.get("options", {}).items())
         facts = [
             ("robot", model.robot.name),
@@ -151,10 +168,15 @@ def models_section(models: Sequence[tuple[str, HybridModel]]) -> Section:
             ("numbers in the net", f"{past.get('net_parameters', 0):,}"),
             ("data, SHA-256 of all", past.get("data_sha256", UNKNOWN)),
             ("commit of the code", past.get("commit", UNKNOWN)),
-            ("versions", ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())),
+            (
+                "versions",
+                ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items()),
+            ),
         ]
         if past.get("accepted"):
-            accepted = "; ".join(f"{issue['issue']} ({issue['evidence']})" for issue in past["accepted"])
+            accepted = "; ".join(
+                f"{issue['issue']} ({issue['evidence']})" for issue in past["accepted"]
+            )
             facts.insert(3, ("refusals overruled", accepted))
         told.append({"name": name, "facts": facts, "data": past.get("data", [])})
     return Section("provenance", "Provenance", "provenance.html", {"models": told})
@@ -185,7 +207,9 @@ def _fact_text(value: object) -> str:
 
 
 def provenance_facts(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Where a result comes from, as its record tells it: command, version, sessions with their hashes, settings."""
+    """Where a result comes from, as its record tells it: command, version, sessions with their
+    hashes, settings.
+    """
     past = record.get("provenance") or {}
     facts: dict[str, Any] = {name: past[name] for name in PAST if past.get(name)}
     if past.get("engines"):
@@ -205,7 +229,9 @@ def provenance_facts(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _unusual(values: Mapping[str, Any], usual: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of nested settings that are not as shipped: of a hundred numbers a reader wants the few that differ."""
+    """Those of nested settings that are not as shipped: of a hundred numbers a reader wants the few
+    that differ.
+    """
     found: dict[str, Any] = {}
     for name, value in values.items():
         shipped = usual.get(name)
@@ -225,10 +251,16 @@ def describe_origin(record: Mapping[str, Any]) -> str:
     """One line under a page's title: sessions with their dates, amount, command and version."""
     past, facts = record.get("provenance") or {}, record.get("session") or {}
     stamps = past.get("sessions", [])
-    names = [f"{Path(stamp['path']).name} ({session_dates(stamp)})" for stamp in stamps[:MOST_STAMPS]]
+    names = [
+        f"{Path(stamp['path']).name} ({session_dates(stamp)})" for stamp in stamps[:MOST_STAMPS]
+    ]
     names += [f"{len(stamps) - MOST_STAMPS} more sessions"] if len(stamps) > MOST_STAMPS else []
     amount = [plural(facts["runs"], "run"), f"{facts['duration_s']:.0f} s"] if facts else []
-    made = [f"{past.get('command', '')}, armgap {past.get('version', '')}"] if past.get("command") else []
+    made = (
+        [f"{past.get('command', '')}, armgap {past.get('version', '')}"]
+        if past.get("command")
+        else []
+    )
     return " · ".join([record["robot"], *names, *amount, *made])
 
 

@@ -1,7 +1,9 @@
-"""Measured against modelled curves over time, at the worst joint and at each named one: numbers that a page draws.
+"""Measured against modelled curves over time, at the worst joint and at each named one: numbers
+that a page draws.
 
-Three models stand beside the measurement: the URDF as a simulator loads it, the arm as tuned, and the arm with the
-named effects. The last two were fitted without the part of the recording that they are shown on.
+Three models stand beside the measurement: the URDF as a simulator loads it, the arm as tuned, and
+the arm with the named effects. The last two were fitted without the part of the recording that they
+are shown on.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ from ident.units import TORQUE, unit_for
 MOST_JOINTS, MOST_RUNS, MOST_SAMPLES = 6, 12, 1500
 # Steps that a curve's range is divided into: a screen has no more.
 STEPS = 4000
-# Curves of torque, then of a servo's angle, in the order in which they are drawn: what each is, and its colour.
+# Curves of torque, then of a servo's angle, in the order in which they are drawn: what each is, and
+# its colour.
 CURVES = {
     "measured": ("measured", MEASURED),
     "URDF": ("your URDF, as a simulator loads it", FLEXIBLE),
@@ -48,8 +51,8 @@ class RunTraces:
 
     name: str
     time: Float[Array, " t"]  # from its start [s]
-    # By curve, what was measured first; a model's is no number where the joint rests or turns round, for there it is
-    # not judged.
+    # By curve, what was measured first; a model's is no number where the joint rests or turns
+    # round, for there it is not judged.
     values: dict[str, Float[Array, "t n"]]
 
 
@@ -98,20 +101,26 @@ class Traces:
         return {"name": run.name, "time": time.tolist(), "joints": joints}
 
     def static(self) -> list[Markup]:
-        """Curves and errors of the worst run at the worst joint, for who prints the page or runs no scripts."""
+        """Curves and errors of the worst run at the worst joint, for who prints the page or runs no
+        scripts.
+        """
         run, j = self.runs[0], self.shown[0]
         pictures = []
         first = self.curves[0]
         measured = run.values[first][:, j]
         for what in (self.quantity, "error"):
-            figure, axes = make_panel(f"time in {run.name} [s]", f"{what} [{self.units[j]}]", WIDE, left=0.65)
+            figure, axes = make_panel(
+                f"time in {run.name} [s]", f"{what} [{self.units[j]}]", WIDE, left=0.65
+            )
             for name in self.curves:
                 values = run.values[name][:, j]
                 values = values if what == self.quantity else measured - values
                 if what == "error" and name == first:
                     continue
                 axes.plot(*thin(run.time, values), color=COLOURS[name], linewidth=0.9)
-            pictures.append(to_svg(figure, f"{what} of {self.joints[j]} in {run.name}, measured and modelled"))
+            pictures.append(
+                to_svg(figure, f"{what} of {self.joints[j]} in {run.name}, measured and modelled")
+            )
         return pictures
 
 
@@ -159,11 +168,17 @@ def _error(item: RunResidual, joint: int) -> float:
 def _traces_of(item: RunResidual, arm: ArmModel, named: bool) -> RunTraces:
     motion = item.run.motion
     measured = np.asarray(motion.tau_filtered)
-    torque = {"measured": measured, "URDF": urdf_torque(item, arm), "tuned": measured - item.unseen_before}
+    torque = {
+        "measured": measured,
+        "URDF": urdf_torque(item, arm),
+        "tuned": measured - item.unseen_before,
+    }
     if named:
         torque["named"] = measured - item.unseen_after
     judged = {name: np.where(item.valid, values, np.nan) for name, values in torque.items()}
-    return RunTraces(motion.name, np.asarray(item.time - item.time[0]), {**judged, "measured": measured})
+    return RunTraces(
+        motion.name, np.asarray(item.time - item.time[0]), {**judged, "measured": measured}
+    )
 
 
 def urdf_torque(item: RunResidual, arm: ArmModel) -> Float[Array, "t n"]:

@@ -55,9 +55,11 @@ def significant(value: float | None, digits: int = 2) -> str:
 
 
 def pair(value: float | None, spread: float | None, places: int | None = None) -> str:
-    """Mean and standard deviation in one cell; the mean alone where there is no spread, as of a single run.
+    """Mean and standard deviation in one cell; the mean alone where there is no spread, as of a
+    single run.
 
-    With two decimals where no other number is given, and as many more as the larger of both needs for two digits.
+    With two decimals where no other number is given, and as many more as the larger of both needs
+    for two digits.
     """
     size = max(abs(value or 0.0), abs(spread or 0.0))
     usual = max(2, 1 - math.floor(math.log10(size))) if ROUNDING < size < math.inf else 2
@@ -132,7 +134,9 @@ def parameter_name(name: str) -> tuple[str, str]:
 
 
 def parameter_cells(name: str, value: Any) -> dict[str, str]:
-    """A parameter's name, value, 95 % interval and unit as text; counts and states have no interval."""
+    """A parameter's name, value, 95 % interval and unit as text; counts and states have no
+    interval.
+    """
     words, unit = parameter_name(name)
     if not isinstance(value, Mapping):
         return {"name": words, "unit": unit, "value": str(value), "interval": ""}
@@ -149,22 +153,36 @@ def parameter_cells(name: str, value: Any) -> dict[str, str]:
 
 
 def parameter_rows(parameters: Mapping[str, Any]) -> list[dict[str, str]]:
-    """The cells of all parameters of an effect's record; a spring that nowhere lets go has no rest."""
+    """The cells of all parameters of an effect's record; a spring that holds on has no rest."""
     slope = parameters.get("stiffness_Nm_rad")
     hidden = AT_REST if isinstance(slope, Mapping) and abs(slope["value"]) < ROUNDING else ()
-    return [parameter_cells(name, value) for name, value in parameters.items() if name not in hidden]
+    return [
+        parameter_cells(name, value) for name, value in parameters.items() if name not in hidden
+    ]
 
 
 def parameters_in_words(parameters: Mapping[str, Any]) -> str:
     """All parameters of an effect's record in one line: `knee 0.2 rad/s [0.13 to 0.3], …`."""
     return ", ".join(
-        " ".join(filter(None, (row["name"], row["value"], row["unit"], row["interval"] and f"[{row['interval']}]")))
+        " ".join(
+            filter(
+                None,
+                (
+                    row["name"],
+                    row["value"],
+                    row["unit"],
+                    row["interval"] and f"[{row['interval']}]",
+                ),
+            )
+        )
         for row in parameter_rows(parameters)
     )
 
 
 def with_units(text: str) -> str:
-    """A sentence whose figures go by their words and units instead of their keys: `stiffness −0.05 N m/rad lies …`."""
+    """A sentence whose figures go by their words and units instead of their keys: `stiffness −0.05
+    N m/rad lies …`.
+    """
 
     def worded(found: re.Match[str]) -> str:
         words, unit = parameter_name(found["key"])
@@ -205,5 +223,7 @@ def interval_words(axis: str, low: float, high: float) -> str:
 
 
 def shade(share: float) -> str:
-    """A cell's style: how much of the page's colour of dense cells lies on its paper, light or dark."""
+    """A cell's style: how much of the page's colour of dense cells lies on its paper, light or
+    dark.
+    """
     return f"--dense: {100.0 * min(1.0, max(0.0, share)):.0f}%"
