@@ -23,7 +23,8 @@ from scipy.special import ndtr
 from ident.arrays import Array, Float
 from ident.records import Settings
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Prior, Projection
+from ident.regression.least_squares import Projection
+from ident.regression.prior import Prior
 
 
 class ToleranceSettings(Settings, table="tolerance"):

@@ -44,7 +44,8 @@ from ident.model.inertia import base_prior
 from ident.records import JsonRecord, read_group
 from ident.regression.baseline import Baseline
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Prior, Projection
+from ident.regression.least_squares import Projection
+from ident.regression.prior import Prior
 from ident.robot.arm import ArmModel
 
 LIMIT = read_group(__file__, "tuned_links")

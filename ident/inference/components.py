@@ -19,27 +19,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from ident.arrays import Array, Float, Int
-from ident.inference.evidence import factorise, optimise
+from ident.inference.evidence import factorise
 from ident.inference.names import LEAST_DEVIATION, Names
 from ident.inference.sums import SessionSums, without_negative_directions
 from ident.records import read_group
 from ident.regression.baseline import Baseline, UrdfError
 from ident.regression.design import Group
 from ident.regression.discrepancy import BLOCKS
-from ident.regression.least_squares import Prior, ridge_of
-from ident.regression.run_spread import estimate_run_spread
+from ident.regression.prior import Prior, ridge_of
 
 URDF = read_group(__file__, "urdf")
-# Whitened rows of a joint below which nothing is learnt of its discrepancy.
-FEWEST_ROWS = 20
-# Variances of whitened coefficients that a block starts from where nothing is known of it.
-FIRST_VARIANCES = (1e-4, 1e-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -407,62 +402,6 @@ class ModelSums:
         sums[np.ix_(between, here)] = whole[np.ix_(smooth, there)]
         sums[np.ix_(here, between)] = whole[np.ix_(there, smooth)]
         return sums
-
-
-def discrepancy_at(
-    model: ModelSums, joint: int, chosen: Sequence[Group], warm: bool = True
-) -> tuple[Float[Array, " b"], float]:
-    """Variances of a joint's discrepancy beside a set of effects, and their log evidence [nats].
-
-    Args:
-        model: Sums, with variances at other joints as they are.
-        joint: Index of the joint.
-        chosen: The effects.
-        warm: Whether to begin with the joint's present variances alone; else from several starts.
-
-    Returns:
-        The variances by block, all 0 where the joint has too few rows or none explains anything;
-        and the log evidence against no discrepancy.
-    """
-    groups = model.sums.evidence.layout.flexible[joint]
-    before = model.components.discrepancy[joint]
-    if model.sums.evidence.samples[joint] < FEWEST_ROWS:
-        return np.zeros_like(before), 0.0
-    sums = model.beside(joint, chosen)
-    sizes = [len(group.columns) for group in groups]
-    starts = [np.full(len(groups), value) for value in FIRST_VARIANCES]
-    if warm and before.any():
-        starts = [np.maximum(before, FIRST_VARIANCES[0])]
-    fits = [optimise(sums[:-1, :-1], sums[:-1, -1], sizes, start) for start in starts]
-    best = max(fits, key=lambda fit: fit.nats)
-    return best.variances, best.nats
-
-
-def revise(model: ModelSums, chosen: Sequence[Group], warm: bool = True) -> Components:
-    """Variance components that are likeliest beside a set of effects, one after the other.
-
-    Args:
-        model: Sums with the present components.
-        chosen: The effects.
-        warm: Whether discrepancies begin at their present variances.
-    """
-    before = model.components
-    evidence = model.sums.evidence
-    variances = {j: discrepancy_at(model, j, chosen, warm)[0] for j in range(evidence.layout.n)}
-    model = model.with_discrepancy(variances)
-    error = max(urdf_errors(), key=lambda tried: model.log_evidence(chosen, tried))
-    model = model.with_urdf(error)
-    left = model.residual(chosen)
-    seen = evidence.with_run_spread(before.friction).with_dispersion(before.dispersion)
-    friction = estimate_run_spread(seen, left.weights)
-    dispersion = np.maximum(1.0, before.dispersion * left.mean_square)
-    return replace(model.components, friction=friction, dispersion=dispersion)
-
-
-def urdf_errors() -> list[UrdfError]:
-    """All scales of the URDF's error that are tried."""
-    scales = product(URDF.scales, URDF.com_m)
-    return [UrdfError(scale, com) for scale, com in scales]
 
 
 def log_prior_of(error: UrdfError) -> float:

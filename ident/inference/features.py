@@ -16,8 +16,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import SessionContext, impossible
-from ident.inference.components import ModelSums, discrepancy_at
+from ident.inference.components import ModelSums
 from ident.inference.infer import Inference, Inferred, evidence_of
+from ident.inference.revision import discrepancy_at
 from ident.inference.rivals import find_rivals, of_rivals, share_of_plain_law
 from ident.inference.scales import signed_log, squashed
 from ident.inference.search import SetSearch, rest_of

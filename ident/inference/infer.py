@@ -20,8 +20,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.effects.base import SessionContext
-from ident.inference.components import Components, ModelSums, revise
+from ident.inference.components import Components, ModelSums
 from ident.inference.names import Names
+from ident.inference.revision import revise
 from ident.inference.search import SetSearch
 from ident.inference.simple import SimplestSet, explain_simply
 from ident.inference.sums import SessionSums

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.inference.components import discrepancy_at
 from ident.inference.infer import Inferred
+from ident.inference.revision import discrepancy_at
 from ident.inference.scales import signed_log, squashed
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group

@@ -25,7 +25,7 @@ from ident.effects import optional
 from ident.inference.evidence import LOG_TWO, factorise, free_gains, mass_left, solve_set
 from ident.inference.names import LEAST_DEVIATION, Names
 from ident.regression.design import Group, Key
-from ident.regression.least_squares import Prior
+from ident.regression.prior import Prior
 
 # Rounds over all members of a set in which each may be swapped, after each addition; mostly one is
 # enough.

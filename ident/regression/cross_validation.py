@@ -10,8 +10,10 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.regression.design import Group
+from ident.regression.factors import factorise_signed
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Prior, factorise_signed, signs_of
+from ident.regression.least_squares import signs_of
+from ident.regression.prior import Prior
 
 # Models whose sums at a joint are kept.
 MODELS_KEPT = 3

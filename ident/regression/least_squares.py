@@ -13,89 +13,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.regression.baseline import Baseline, UrdfError
-from ident.regression.design import Group, Layout
+from ident.regression.design import Group
+from ident.regression.factors import Factor, factorise, factorise_signed, solve_signed
 from ident.regression.gram import Evidence
+from ident.regression.prior import RIDGE, Prior, ridge_of
 from ident.regression.settings import RegressionSettings
 
-# Ridge of every unknown without a prior, as a share of its column's power: only keeps solves
-# well-posed.
-RIDGE = 1e-9
-# Ridge, in multiples of its encoder noise, of an unknown whose column is nothing else: it stays at
-# zero.
-FIXED = 1e3
-# Ridge, in multiples of its power, of an unknown that its sign holds at zero.
-OFF = 1e6
-# Times that all wrong signs are exchanged together (two are mostly enough), and exchanges for each
-# unknown in all.
-MOST_EXCHANGES = 10
 # Whitened squares of a column below which it is zero but for rounding.
 LEAST_POWER = 1e-100
-# Least eigenvalue of a normalised matrix that counts as positive.
-LEAST_EIGENVALUE = 1e-9
-# A URDF as it is mostly believed.
-USUAL_URDF = UrdfError()
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """What is known beforehand: of the scaled base parameters by the URDF, of further columns by
-    their usual size.
-    """
-
-    base: Float[Array, "r r"]  # information on the base parameters
-    error: UrdfError = USUAL_URDF  # how far off the URDF is believed to be
-    # Information on the scaled coefficient of each further column of the baseline; None for none.
-    further: Float[Array, " f"] | None = None
-
-    @classmethod
-    def of(
-        cls, evidence: Evidence, base: Float[Array, "r r"], error: UrdfError = USUAL_URDF
-    ) -> Prior:
-        """The prior in the evidence's column scale.
-
-        Args:
-            evidence: Sums, for scale and layout of the columns.
-            base: Information on the change of the base parameters.
-            error: How far the URDF was believed to be off for it.
-        """
-        layout = evidence.layout
-        scale = evidence.scale[: evidence.layout.rank]
-        sizes = evidence.scale[layout.tuned - layout.further : layout.tuned] * np.array(
-            layout.further_std or np.nan
-        )
-        return cls(
-            base / np.outer(scale, scale), error, sizes**-2.0 if layout.further_std else None
-        )
-
-    @classmethod
-    def believing(cls, evidence: Evidence, baseline: Baseline, error: UrdfError) -> Prior:
-        """The prior of a URDF that is off by so much, in the evidence's column scale.
-
-        Args:
-            evidence: Sums, for scale and layout of the columns.
-            baseline: The tuned model.
-            error: How far the URDF is believed to be off.
-        """
-        return cls.of(evidence, baseline.prior_of(error), error)
-
-    def tightened(self, factor: float) -> Prior:
-        """A copy with the URDF's standard deviations divided by a factor: 100 is as good as the
-        URDF fixed.
-        """
-        return Prior(self.base * factor**2, self.error.divided(factor), self.further)
-
-    def add_to(self, information: Float[Array, "z z"], layout: Layout) -> None:
-        """Adds it, in place, to the information on a model whose first columns are those of the
-        baseline.
-        """
-        information[: layout.rank, : layout.rank] += self.base
-        if self.further is not None:
-            further = np.arange(layout.tuned - layout.further, layout.tuned)
-            information[further, further] += self.further
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,37 +177,6 @@ class Projection:
         return float(max(2.0 * target @ beta - beta @ rest @ beta, 0.0)), beta
 
 
-def solve_signed(
-    matrix: Float[Array, "k k"], target: Float[Array, " k"], signed: Bool[Array, " k"]
-) -> Float[Array, " k"]:
-    """Least squares from normal equations; unknowns marked `signed` are not negative.
-
-    Unknowns of the wrong sign are fixed at zero, and those let go of which the squares would fall
-    with more of them: all together at first, then the last one alone, which ends.
-
-    Source: Kim and Park 2011 (block principal pivoting); Murty 1974 (the last one alone).
-
-    Args:
-        matrix, target: Sums of the columns, and of these times the torque.
-        signed: Which unknowns are not negative.
-    """
-    free = np.ones(len(target), dtype=bool)
-    solution = factorise(matrix).solve(target)
-    if not signed.any():
-        return solution
-    for k in range(MOST_EXCHANGES * len(target)):
-        wrong = signed & np.where(
-            free, solution < 0.0, target - matrix @ solution > 1e-12 * np.abs(target)
-        )
-        if not wrong.any():
-            break
-        free ^= wrong if k < MOST_EXCHANGES else np.arange(len(target)) == np.flatnonzero(wrong)[-1]
-        solution = np.zeros(len(target))
-        if free.any():
-            solution[free] = factorise(matrix[np.ix_(free, free)]).solve(target[free])
-    return np.where(signed, np.maximum(solution, 0.0), solution)
-
-
 def project(
     gram: Float[Array, "P P"],
     evidence: Evidence,
@@ -355,30 +251,6 @@ def signs_of(tuned: int, groups: Sequence[Group]) -> Int[Array, " s"]:
     )
 
 
-def factorise_signed(
-    information: Float[Array, "z z"], target: Float[Array, " z"], signed: Int[Array, " s"]
-) -> Factor:
-    """The factor of a model's information; signed unknowns that would come out negative are kept at
-    zero, in place.
-
-    Else a model would have what no law has: friction by load that is negative one way is a gain of
-    the torque.
-    """
-    factor = factorise(information)
-    if len(signed) == 0:
-        return factor
-    units = np.zeros((len(target), 1 + len(signed)))
-    units[:, 0] = target
-    units[signed, 1 + np.arange(len(signed))] = 1.0
-    free = factor.solve(units)[signed]
-    if not (free[:, 0] < 0.0).any():
-        return factor
-    rest = np.linalg.inv(free[:, 1:])  # what the other unknowns leave of the signed ones
-    off = signed[solve_signed(rest, rest @ free[:, 0], np.ones(len(signed), dtype=bool)) <= 0.0]
-    information[off, off] += OFF * np.abs(information[off, off])
-    return factorise(information)
-
-
 def carried_noise(
     evidence: Evidence, columns: Any, inside: Int[Array, " z"], slopes: Float[Array, "z k"]
 ) -> Array:
@@ -386,68 +258,3 @@ def carried_noise(
     its own columns'.
     """
     return np.asarray(evidence.noise_power[columns] + evidence.noise_power[inside] @ slopes**2)
-
-
-def ridge_of(
-    gram: Float[Array, "P P"], evidence: Evidence, columns: Int[Array, " z"]
-) -> Float[Array, " z"]:
-    """What keeps a solve well-posed: information on the scaled coefficients of some columns that
-    they be zero.
-
-    Encoder noise was taken off the sums. A column of which nothing is left was nothing else: its
-    coefficient, which may come out as anything, is fixed at zero.
-
-    Args:
-        gram: Whitened sums.
-        evidence: Where they come from.
-        columns: Indices of the columns.
-    """
-    power = np.diag(gram)[columns]
-    noise = evidence.noise_power[columns]
-    settings = evidence.settings
-    share = np.where(power <= 0.0, FIXED, settings.noise_ridge)
-    return np.asarray(RIDGE * np.abs(power) + share * noise + 1e-9)
-
-
-def positive(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
-    """A symmetric matrix that is positive definite: itself, or one that holds what can't be seen at
-    rest.
-
-    Sums that encoder noise was taken off are estimates: along a direction that the motion hardly
-    shows, even of one column alone, they may come out below zero. Such a direction is given the
-    curvature of a well-seen one, so that solutions stay small along it.
-    """
-    root = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(matrix / np.outer(root, root))
-        return np.asarray(
-            (vectors * np.where(values > LEAST_EIGENVALUE, values, 1.0))
-            @ vectors.T
-            * np.outer(root, root)
-        )
-    return matrix
-
-
-@dataclass(frozen=True, eq=False)
-class Factor:
-    """Cholesky's factor of a positive matrix; by LAPACK itself, as most of these systems are small,
-    and many.
-    """
-
-    lower: Float[Array, "k k"]  # what stands above the diagonal is none of it
-
-    def solve(self, target: Float[Array, "k ..."]) -> Float[Array, "k ..."]:
-        """Solution of the linear system with one right-hand side, or several."""
-        return np.asarray(dpotrs(self.lower, target, lower=1)[0])
-
-
-def factorise(matrix: Float[Array, "k k"]) -> Factor:
-    """The factor of a symmetric matrix, or of what `positive` makes of it.
-
-    Raises:
-        LinAlgError: It holds what is no number.
-    """
-    lower, failed = dpotrf(matrix, lower=1, clean=0)
-    return Factor(np.linalg.cholesky(positive(matrix)) if failed else lower)

@@ -20,8 +20,9 @@ from scipy.linalg import block_diag
 from ident.arrays import Array, Float
 from ident.effects.catalogue import CATALOGUE
 from ident.regression.design import Group
+from ident.regression.factors import positive
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Projection, positive
+from ident.regression.least_squares import Projection
 from ident.regression.run_spread import block_sums_left, floor_at_model_variance
 
 # Effects whose size is proportional to the gains of the readings: bodies.

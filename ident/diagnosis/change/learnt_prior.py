@@ -24,8 +24,9 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.change.settings import PRIOR
+from ident.regression.factors import factorise
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import RIDGE, Prior, factorise
+from ident.regression.prior import RIDGE, Prior
 
 
 @dataclass(frozen=True, eq=False)

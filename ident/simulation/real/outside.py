@@ -4,20 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ident.simulation.real.largest_sizes import at_speed, fixed, over_range, up_to
 from ident.simulation.real.moved_arm import MovedArm
-from ident.simulation.real.planted import (
-    Draw,
-    Planted,
-    PlantedChange,
-    at_joint,
-    at_speed,
-    bristle,
-    decay,
-    fixed,
-    neighbour,
-    over_range,
-    up_to,
-)
+from ident.simulation.real.planted_friction import neighbour
+from ident.simulation.real.planting import Draw, Planted, PlantedChange, at_joint, bristle, decay
 
 
 def plant_cable(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
