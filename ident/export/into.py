@@ -14,10 +14,7 @@ from ident.export.identified import IdentifiedArm
 from ident.export.into_mjcf import compile_file, edit_mjcf
 from ident.export.into_urdf import edit_urdf
 from ident.export.own_file import REMEDY
-from ident.export.written_into import (
-    WrittenInto,
-    lend_beside,
-)
+from ident.export.written_into import WrittenInto, lend_beside
 from ident.export.xml_places import EditedXml
 from ident.files import atomic_write
 from ident.robot.arm import ArmModel

@@ -27,12 +27,7 @@ from ident.export.written_into import (
 )
 from ident.export.xml_places import EditedXml, Element, find_all
 from ident.model.bodies import is_consistent
-from ident.model.link_inertia import (
-    ENTRIES,
-    SAME,
-    about_centre,
-    moved,
-)
+from ident.model.link_inertia import ENTRIES, SAME, about_centre, moved
 from ident.robot.arm import ArmModel
 from ident.robot.tolerance import parameter_scale
 

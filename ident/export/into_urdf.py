@@ -23,10 +23,7 @@ from ident.export.written_into import (
 )
 from ident.export.xml_places import EditedXml, Element
 from ident.model.bodies import is_consistent
-from ident.model.link_inertia import (
-    new_numbers,
-    read_inertial,
-)
+from ident.model.link_inertia import new_numbers, read_inertial
 from ident.robot.arm import ArmModel
 from ident.safe_read import declare_prefixes
 

@@ -18,9 +18,7 @@ from ident.export.identified import IdentifiedArm
 from ident.export.xml_places import Element
 from ident.files import atomic_write
 from ident.laws.acting import payload_parameters
-from ident.model.link_inertia import (
-    is_stated,
-)
+from ident.model.link_inertia import is_stated
 
 # Significant digits that are written into a user's own file.
 DIGITS = 7

@@ -19,12 +19,7 @@ from ident.fitting.chosen import ModelChoice
 from ident.fitting.fit_sums import FitSums
 from ident.fitting.frictionless import find_frictionless, lossless_parameters
 from ident.fitting.held_out_sums import part_of_blocks
-from ident.fitting.joint_estimate import (
-    ON_BOUND,
-    JointEstimate,
-    estimate,
-    estimates_left_out,
-)
+from ident.fitting.joint_estimate import ON_BOUND, JointEstimate, estimate, estimates_left_out
 from ident.fitting.within_bounds import BoundedEstimate, nonnegative, within_bounds
 from ident.laws.carried import NamedLaw
 from ident.model.inertia import BaseParameters, InertiaResults, base_prior, compute_condition

@@ -9,9 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.command_options import Inertia
-from ident.fitting.joint_estimate import (
-    JointEstimate,
-)
+from ident.fitting.joint_estimate import JointEstimate
 from ident.laws.carried import NamedLaw
 from ident.model.bodies import solve_bounded
 from ident.model.inertia import BaseParameters

@@ -16,7 +16,8 @@ import numpy as np
 
 from ident.checks.arrangement import hang_by_current
 from ident.checks.conventions.find import find_conventions, is_changed
-from ident.checks.conventions.reread import describe, reread, rivals
+from ident.checks.conventions.reread import reread
+from ident.checks.conventions.told import describe, rivals
 from ident.checks.conventions.words import in_words
 from ident.checks.effort import States, collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, compare_velocities

@@ -40,15 +40,21 @@ def solve_signed(
     if not signed.any():
         return solution
     for k in range(MOST_EXCHANGES * len(target)):
-        wrong = signed & np.where(
-            free, solution < 0.0, target - matrix @ solution > 1e-12 * np.abs(target)
-        )
+        is_negative = solution < 0.0
+        slope = target - matrix @ solution
+        would_gain = slope > 1e-12 * np.abs(target)
+        wrong = signed & np.where(free, is_negative, would_gain)
         if not wrong.any():
             break
-        free ^= wrong if k < MOST_EXCHANGES else np.arange(len(target)) == np.flatnonzero(wrong)[-1]
+        if k < MOST_EXCHANGES:
+            free ^= wrong
+        else:
+            last = np.flatnonzero(wrong)[-1]
+            free[last] = not free[last]
         solution = np.zeros(len(target))
         if free.any():
-            solution[free] = factorise(matrix[np.ix_(free, free)]).solve(target[free])
+            of_free = matrix[np.ix_(free, free)]
+            solution[free] = factorise(of_free).solve(target[free])
     return np.where(signed, np.maximum(solution, 0.0), solution)
 
 
@@ -68,10 +74,13 @@ def factorise_signed(
     units[:, 0] = target
     units[signed, 1 + np.arange(len(signed))] = 1.0
     free = factor.solve(units)[signed]
-    if not (free[:, 0] < 0.0).any():
+    estimate = free[:, 0]
+    if not (estimate < 0.0).any():
         return factor
     rest = np.linalg.inv(free[:, 1:])  # what the other unknowns leave of the signed ones
-    off = signed[solve_signed(rest, rest @ free[:, 0], np.ones(len(signed), dtype=bool)) <= 0.0]
+    every = np.ones(len(signed), dtype=bool)
+    bounded = solve_signed(rest, rest @ estimate, every)
+    off = signed[bounded <= 0.0]
     information[off, off] += OFF * np.abs(information[off, off])
     return factorise(information)
 
@@ -84,16 +93,15 @@ def positive(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
     shows, even of one column alone, they may come out below zero. Such a direction is given the
     curvature of a well-seen one, so that solutions stay small along it.
     """
-    root = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
+    power = np.abs(np.diag(matrix))
+    root = np.sqrt(np.maximum(power, 1e-300))
+    scale = np.outer(root, root)
     try:
         np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(matrix / np.outer(root, root))
-        return np.asarray(
-            (vectors * np.where(values > LEAST_EIGENVALUE, values, 1.0))
-            @ vectors.T
-            * np.outer(root, root)
-        )
+        values, vectors = np.linalg.eigh(matrix / scale)
+        lifted = np.where(values > LEAST_EIGENVALUE, values, 1.0)
+        return np.asarray((vectors * lifted) @ vectors.T * scale)
     return matrix
 
 
@@ -107,7 +115,8 @@ class Factor:
 
     def solve(self, target: Float[Array, "k ..."]) -> Float[Array, "k ..."]:
         """Solution of the linear system with one right-hand side, or several."""
-        return np.asarray(dpotrs(self.lower, target, lower=1)[0])
+        solution, _ = dpotrs(self.lower, target, lower=1)
+        return np.asarray(solution)
 
 
 def factorise(matrix: Float[Array, "k k"]) -> Factor:
@@ -117,4 +126,6 @@ def factorise(matrix: Float[Array, "k k"]) -> Factor:
         LinAlgError: It holds what is no number.
     """
     lower, failed = dpotrf(matrix, lower=1, clean=0)
-    return Factor(np.linalg.cholesky(positive(matrix)) if failed else lower)
+    if failed:
+        lower = np.linalg.cholesky(positive(matrix))
+    return Factor(lower)

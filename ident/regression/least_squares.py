@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -56,15 +55,15 @@ class Projection:
         A part of the Schur complement.
         """
         places = self._at(columns)
-        return np.asarray(
-            self.total[places[:, None], places] - self.across[:, places].T @ self.slopes[:, places]
-        )
+        total = self.total[places[:, None], places]
+        absorbed = self.across[:, places].T @ self.slopes[:, places]
+        return np.asarray(total - absorbed)
 
     def _at(self, columns: Int[Array, " k"]) -> Int[Array, " k"]:
         """Where some columns stand among those that are seen."""
-        return (
-            columns if self.columns is None else np.argmax(self.columns == columns[:, None], axis=1)
-        )
+        if self.columns is None:
+            return columns
+        return np.argmax(self.columns == columns[:, None], axis=1)
 
     def places(self, columns: Int[Array, " k"]) -> Int[Array, " k"]:
         """Where some of the model's columns stand in it."""
@@ -89,7 +88,8 @@ class Projection:
         """Weights that leave of the torque what the model can't explain: a row's product with
         them.
         """
-        return self.left_of(np.array([len(self.total) - 1]))[:, 0]
+        torque = len(self.total) - 1
+        return self.left_of(np.array([torque]))[:, 0]
 
     @cached_property
     def _target(self) -> Float[Array, " P"]:
@@ -102,7 +102,9 @@ class Projection:
 
     @cached_property
     def _left(self) -> Float[Array, " P"]:
-        return np.asarray(self._power - np.einsum("zp,zp->p", self.across, self.slopes))
+        """Power of every column that the model leaves."""
+        absorbed = np.einsum("zp,zp->p", self.across, self.slopes)
+        return np.asarray(self._power - absorbed)
 
     def visibility(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:
         """Share, from 0 to 1, of each column's power that the model can't absorb; 0 without
@@ -119,13 +121,16 @@ class Projection:
 
     @cached_property
     def _every_seen(self) -> Bool[Array, " P"]:
-        power = self._power
-        left = self._left
-        return (left > self.settings.least_visible * power) & (power > 0) & ~self._every_buried
+        """Which of all columns can be seen."""
+        has_power = self._power > 0
+        is_visible = self._left > self.settings.least_visible * self._power
+        return is_visible & has_power & ~self._every_buried
 
     @cached_property
     def _every_buried(self) -> Bool[Array, " P"]:
-        return np.asarray(self._left <= self.settings.least_over_noise * self.noise)
+        """Which of all columns are lost in noise."""
+        least = self.settings.least_over_noise * self.noise
+        return np.asarray(self._left <= least)
 
     def seen(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
         """Which columns can be seen: the model and their encoder noise leave anything of them."""
@@ -147,7 +152,9 @@ class Projection:
         Returns:
             Those that can't be seen are zero.
         """
-        return self._fall(columns, np.flatnonzero(signed).tolist())[1]
+        nonnegative = np.flatnonzero(signed).tolist()
+        _, coefficients = self._fall(columns, nonnegative)
+        return coefficients
 
     def _fall(
         self, columns: Int[Array, " k"], nonnegative: Sequence[int]
@@ -155,26 +162,42 @@ class Projection:
         """Fall of the misfit by further columns, and their coefficients: zero of those that can't
         be seen.
         """
-        places = self._at(columns)
-        power = self._power[places]
-        seen = self._every_seen[places]
-        target = self._target[places]
         signed = np.zeros(len(columns), dtype=bool)
         # an effect may have fewer columns here than it can
         signed[[k for k in nonnegative if k < len(columns)]] = True
-        beta = np.zeros(len(columns))
+        places = self._at(columns)
         if len(columns) == 1:  # most candidates: no matrix is needed
-            left = float(self._left[places[0]])
-            if seen[0]:
-                value = float(target[0]) / (left + RIDGE * float(power[0]))
-                beta[0] = max(value, 0.0) if signed[0] else value
-            return max((2.0 * target[0] - beta[0] * left) * beta[0], 0.0), beta
+            return self._fall_by_one(int(places[0]), bool(signed[0]))
+        power = self._power[places]
+        target = self._target[places]
+        beta = np.zeros(len(columns))
         rest = self.rest(columns)
-        visible = np.flatnonzero(seen)
+        visible = np.flatnonzero(self._every_seen[places])
         if len(visible):
-            matrix = rest[visible[:, None], visible] + np.diag(RIDGE * power[visible])
+            ridge = np.diag(RIDGE * power[visible])
+            matrix = rest[visible[:, None], visible] + ridge
             beta[visible] = solve_signed(matrix, target[visible], signed[visible])
-        return float(max(2.0 * target @ beta - beta @ rest @ beta, 0.0)), beta
+        fall = 2.0 * target @ beta - beta @ rest @ beta
+        return float(max(fall, 0.0)), beta
+
+    def _fall_by_one(self, place: int, signed: bool) -> tuple[float, Float[Array, " 1"]]:
+        """Fall of the misfit by one further column, and its coefficient.
+
+        Args:
+            place: Where the column stands among those that are seen.
+            signed: Whether its coefficient is not negative.
+        """
+        left = float(self._left[place])
+        target = self._target[place]
+        value = 0.0
+        if self._every_seen[place]:
+            ridge = RIDGE * float(self._power[place])
+            value = float(target) / (left + ridge)
+            if signed:
+                value = max(value, 0.0)
+        beta = np.array([value])
+        fall = (2.0 * target - beta[0] * left) * beta[0]
+        return max(fall, 0.0), beta
 
 
 def project(
@@ -223,17 +246,17 @@ def _factorise(
 ) -> tuple[Int[Array, " z"], Factor]:
     """A model's columns and the factor of its information."""
     layout = evidence.layout
-    inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups)]).astype(
-        int
-    )
+    tuned = np.arange(layout.tuned)
+    of_groups = [group.columns for group in groups]
+    inside = np.concatenate([tuned, *of_groups]).astype(int)
     information = gram[np.ix_(inside, inside)].copy()
     prior.add_to(information, layout)
     information[np.diag_indices(len(inside))] += ridge_of(gram, evidence, inside)
-    if signed:
-        return inside, factorise_signed(
-            information, gram[inside, -1], signs_of(layout.tuned, groups)
-        )
-    return inside, factorise(information)
+    if not signed:
+        return inside, factorise(information)
+    target = gram[inside, -1]
+    nonnegative = signs_of(layout.tuned, groups)
+    return inside, factorise_signed(information, target, nonnegative)
 
 
 def signs_of(tuned: int, groups: Sequence[Group]) -> Int[Array, " s"]:
@@ -243,18 +266,24 @@ def signs_of(tuned: int, groups: Sequence[Group]) -> Int[Array, " s"]:
         tuned: Number of columns of the baseline, which come first.
         groups: The groups, in the model's order.
     """
-    starts = np.cumsum([tuned, *(len(group.columns) for group in groups)])
-    pairs = zip(starts[:-1].tolist(), groups, strict=True)
-    return np.array(
-        [start + k for start, group in pairs for k in group.signed if k < len(group.columns)],
-        dtype=int,
-    )
+    places = []
+    start = tuned
+    for group in groups:
+        width = len(group.columns)
+        places += [start + k for k in group.signed if k < width]
+        start += width
+    return np.array(places, dtype=int)
 
 
 def carried_noise(
-    evidence: Evidence, columns: Any, inside: Int[Array, " z"], slopes: Float[Array, "z k"]
+    evidence: Evidence,
+    columns: Int[Array, " k"] | slice,
+    inside: Int[Array, " z"],
+    slopes: Float[Array, "z k"],
 ) -> Array:
     """Power of the encoder noise, taken off, in what a model leaves of some columns: theirs, and
     its own columns'.
     """
-    return np.asarray(evidence.noise_power[columns] + evidence.noise_power[inside] @ slopes**2)
+    of_columns = evidence.noise_power[columns]
+    of_model = evidence.noise_power[inside] @ slopes**2
+    return np.asarray(of_columns + of_model)

@@ -65,11 +65,13 @@ def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array
     """Covariance of a model's coefficients by the block sandwich, with variances not below the
     model's own.
     """
-    left = block_sums_left(evidence, projection)[:, projection.inside]
+    every = block_sums_left(evidence, projection)
+    left = every[:, projection.inside]
     blocks = len(left)
     meat = left.T @ left * blocks / max(blocks - 1, 1)
     spread = projection.spread
-    return floor_at_model_variance(spread @ meat @ spread, spread)
+    sandwich = spread @ meat @ spread
+    return floor_at_model_variance(sandwich, spread)
 
 
 def floor_at_model_variance(
@@ -104,10 +106,13 @@ def measure_inflation(
         evidence, projection: Block sums and the solved model.
         known: Sandwich covariance of its coefficients, if it was computed before.
     """
+    if known is None:
+        known = robust_covariance(evidence, projection)
     tuned = slice(evidence.layout.tuned)
     model = np.diag(projection.spread)[tuned]
-    robust = np.diag(robust_covariance(evidence, projection) if known is None else known)[tuned]
-    return float(max(1.0, np.median(robust / np.maximum(model, 1e-300))))
+    robust = np.diag(known)[tuned]
+    ratios = robust / np.maximum(model, 1e-300)
+    return float(max(1.0, np.median(ratios)))
 
 
 def worth_of_rows(evidence: Evidence, projection: Projection) -> Float[Array, " n"]:
@@ -123,14 +128,15 @@ def worth_of_rows(evidence: Evidence, projection: Projection) -> Float[Array, " 
     """
     worths = np.ones(evidence.layout.n)
     for j, local in enumerate(evidence.layout.local):
+        dispersion = evidence.dispersion[j]
         weights = projection.weights[local]
         squares = weights @ evidence.total[j].over() @ weights
         mean_square = squares / max(float(evidence.samples[j]), 1.0)
-        ratios = [1.0 / evidence.dispersion[j], mean_square]
+        ratios = [1.0 / dispersion, mean_square]
         score_ratios = _score_ratios(evidence, projection, j)
         if len(score_ratios) > 0:
             ratios.append(np.median(score_ratios))
-        worths[j] = evidence.dispersion[j] * max(ratios)
+        worths[j] = dispersion * max(ratios)
     return worths
 
 
@@ -160,8 +166,10 @@ def _score_ratios(evidence: Evidence, projection: Projection, joint: int) -> Flo
     used = carries & (expected > LEAST_LEFT * power)
     if not used.any():
         return np.zeros(0)
-    scores = evidence.times(joint, projection.weights[local])[:, in_rows[used]]
-    return np.asarray((scores**2).sum(axis=0) / expected[used])
+    every = evidence.times(joint, projection.weights[local])
+    scores = every[:, in_rows[used]]
+    squares = (scores**2).sum(axis=0)
+    return np.asarray(squares / expected[used])
 
 
 def estimate_run_spread(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:
@@ -184,9 +192,10 @@ def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]
         weights: As in `estimate_run_spread`.
     """
     settings = evidence.settings
+    local = evidence.layout.local[joint]
     misfit = evidence.misfit(joint, weights)
     of_weights, noise = evidence.friction.estimate_levels(joint, misfit)
-    levels = (of_weights @ weights[evidence.layout.local[joint]]).reshape(-1, 2)
+    levels = (of_weights @ weights[local]).reshape(-1, 2)
     if len(levels) < 2:
         return settings.usual_spread
     tried = np.geomspace(*SPREADS)
@@ -215,10 +224,11 @@ def _likelihood(
     mean = np.linalg.solve(total, weighted[..., None])[..., 0]
     off = levels - mean[:, None]
     squares = np.einsum("kra,krab,krb->k", off, information, off)
-    log_information = np.linalg.slogdet(information)[1].sum(axis=1)
-    log_total = np.linalg.slogdet(total)[1]
-    weight = log_information - log_total
-    usual = settings.usual_runs * (2.0 * np.log(spreads) + (settings.usual_spread / spreads) ** 2)
+    _, log_information = np.linalg.slogdet(information)
+    _, log_total = np.linalg.slogdet(total)
+    weight = log_information.sum(axis=1) - log_total
+    ratio = settings.usual_spread / spreads
+    usual = settings.usual_runs * (2.0 * np.log(spreads) + ratio**2)
     return np.asarray(0.5 * (weight - squares - usual))
 
 
@@ -240,8 +250,11 @@ def estimate_held(
     for held, local in zip(dwells, evidence.layout.local, strict=True):
         rows = held.weighted
         used = np.flatnonzero(np.isin(local, model.inside))
-        taken = float(np.sum((rows[:, used] @ root[model.places(local[used])]) ** 2))
-        left = float(np.sum((rows @ model.weights[local]) ** 2))
+        places = model.places(local[used])
+        of_model = rows[:, used] @ root[places]
+        residual = rows @ model.weights[local]
+        taken = float(np.sum(of_model**2))
+        left = float(np.sum(residual**2))
         holds = len(np.unique(held.hold))
         factor = (GUESS + left) / (GUESS + max(holds - taken, 0.0))
         levels.append(held.friction * float(np.sqrt(factor)))

@@ -13,12 +13,7 @@ from ident.model.hybrid import HybridModel
 from ident.model.net_gate import describe_gate
 from ident.show.console import TEXT_WIDTH, columns
 from ident.show.report.numbers import with_error
-from ident.show.report.words import (
-    effect_name,
-    parameter_name,
-    percent,
-    significant,
-)
+from ident.show.report.words import effect_name, parameter_name, percent, significant
 
 if TYPE_CHECKING:
     from ident.fitting.fit import FitResults

@@ -38,7 +38,7 @@ import numpy as np
 
 from ident.checks.conventions.description import SEARCH
 from ident.checks.conventions.find import Conventions, is_of_urdf, search_conventions
-from ident.checks.conventions.readings import Model
+from ident.checks.conventions.model import Model
 from ident.checks.filtered_run import USUAL_EFFORT
 from tests.bench.bench_conventions import drawn_cases
 from tests.bench.conventions.arms import MOST_STATES, case_of_session, load_cases, stretches

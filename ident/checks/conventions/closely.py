@@ -9,7 +9,8 @@ import numpy as np
 from ident.checks.conventions.description import SEARCH, Prices
 from ident.checks.conventions.hypothesis import Hypothesis, states_as
 from ident.checks.conventions.masses import Variant, variants
-from ident.checks.conventions.readings import Log, Model, moving
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.readings import Log, moving
 from ident.checks.conventions.torques import Columns
 
 

@@ -16,15 +16,7 @@ from ident.model.hybrid import HybridModel
 from ident.recordings.recording import TelemetryIssue
 from ident.show.palette import rung_name
 from ident.show.report.page import Section, models_section, telemetry_section, write_report
-from ident.show.report.words import (
-    MINUS,
-    fixed,
-    glue,
-    percent,
-    places_for,
-    sentence,
-    table_places,
-)
+from ident.show.report.words import MINUS, fixed, glue, percent, places_for, sentence, table_places
 
 # Share of the URDF's torque error that may be left for "follows", and for "follows in part".
 FOLLOWS = 0.25

@@ -16,12 +16,7 @@ from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.motion.stretches import choose_runs
 from ident.recordings.recording import TelemetryIssue
-from ident.show.fit_lines import (
-    describe_choices,
-    describe_data,
-    describe_foretold,
-    foretold_of,
-)
+from ident.show.fit_lines import describe_choices, describe_data, describe_foretold, foretold_of
 from ident.show.report.numbers import (
     LOSSES,
     READINGS,

@@ -46,9 +46,7 @@ from ident.simulation.real.planted_sensors import (
     plant_offset,
     plant_saturation,
 )
-from ident.simulation.real.planting import (
-    Planted,
-)
+from ident.simulation.real.planting import Planted
 
 EFFECTS: dict[str, Planted] = {
     "stribeck_friction": Planted(plant_stribeck, of_friction(2.0)),

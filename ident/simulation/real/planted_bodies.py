@@ -7,11 +7,7 @@ import pinocchio as pin
 
 from ident.simulation.causes.mechanisms import length_of, tilted, vector
 from ident.simulation.real.moved_arm import MovedArm, model_of, rigid_torque
-from ident.simulation.real.planting import (
-    Draw,
-    Parameters,
-    PlantedChange,
-)
+from ident.simulation.real.planting import Draw, Parameters, PlantedChange
 from ident.simulation.real.sources import with_body
 
 # Time over which a push sets in, and ends [s].

@@ -5,14 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.simulation.real.moved_arm import MovedArm
-from ident.simulation.real.planting import (
-    Draw,
-    Parameters,
-    PlantedChange,
-    at_joint,
-    bristle,
-    decay,
-)
+from ident.simulation.real.planting import Draw, Parameters, PlantedChange, at_joint, bristle, decay
 
 
 def plant_stribeck(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:

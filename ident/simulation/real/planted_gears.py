@@ -6,12 +6,7 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.simulation.real.moved_arm import MovedArm, rigid_torque, twist_of
-from ident.simulation.real.planting import (
-    Draw,
-    Parameters,
-    PlantedChange,
-    at_joint,
-)
+from ident.simulation.real.planting import Draw, Parameters, PlantedChange, at_joint
 
 
 def _turned(

@@ -19,14 +19,7 @@ from ident.regression.least_squares import project
 from ident.regression.prior import Prior
 from ident.robot.arm import ArmModel
 from ident.show.terminal import describe_name
-from tests.ident.diagnosis.planted import (
-    MASS,
-    analyse,
-    healthy_torque,
-    loaded,
-    nothing,
-    record,
-)
+from tests.ident.diagnosis.planted import MASS, analyse, healthy_torque, loaded, nothing, record
 from tests.ident.made_up import made_motions
 
 
