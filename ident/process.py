@@ -138,8 +138,8 @@ def _run(name: str, module: str, signals: _Signals) -> int:
     except OSError as error:
         file = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else ""
         file = TEMPORARY.sub(r"\1\2", file)
-        name = file if len(file) <= LONGEST_NAME else file[:LONGEST_NAME] + "…"
-        place = f"{name}: " if file else ""
+        shown = file if len(file) <= LONGEST_NAME else file[:LONGEST_NAME] + "…"
+        place = f"{shown}: " if file else ""
         what = f"{place}{error.strerror or error}"
         if error.errno in NO_NAME:
             say(f"{what}; give the name of a file or folder")

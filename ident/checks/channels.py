@@ -127,7 +127,9 @@ def stuck_positions(run: Recording) -> Bool[Array, "T n"]:
             least_jump = max(LIMIT.jump_steps * usual_step, LIMIT.jump_rad)
         for first, last in long:
             stretch = slice(first, last + 1)
-            jump = abs(q[last + 1] - q[last]) if last + 1 < len(q) else 0.0
+            jump = 0.0
+            if last + 1 < len(q):
+                jump = abs(q[last + 1] - q[last])
             # While the whole arm stands, an encoder that stands is right: the arm starts again
             # with a step.
             jumps = jump > least_jump and not _others_stand(run, joint, stretch)
@@ -169,7 +171,8 @@ def _hidden_travel(run: Recording, joint: int, stretch: slice, usual_lag: float)
     """
     travel = 0.0
     if run.velocity is not None:
-        steps = run.velocity[stretch, joint][1:] * np.diff(run.time[stretch])
+        velocity = run.velocity[stretch, joint][1:]
+        steps = velocity * np.diff(run.time[stretch])
         way = np.concatenate([[0.0], np.cumsum(steps)])
         travel = float(np.ptp(way))
     if run.position_command is not None:

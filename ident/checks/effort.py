@@ -120,7 +120,9 @@ def joint_terms(states: States, joint: int, rows: Array | slice = EVERY_ROW) -> 
     """
     dq = states.dq[rows, joint]
     dry = np.tanh(dq / TRANSITION_RAD_S)
-    return np.column_stack([states.gravity[rows, joint], states.inertial[rows, joint], dry, dq])
+    gravity = states.gravity[rows, joint]
+    inertial = states.inertial[rows, joint]
+    return np.column_stack([gravity, inertial, dry, dq])
 
 
 def fit_signed(
@@ -156,7 +158,8 @@ def fit_signed(
         either_sign.append(states.q[rows, joint])
     free, _ = np.linalg.qr(np.column_stack(either_sign))
     whole = np.column_stack([scaled, tau])
-    triangle = np.asarray(np.linalg.qr(whole - free @ (free.T @ whole), mode="r"))
+    beside = whole - free @ (free.T @ whole)
+    triangle = np.asarray(np.linalg.qr(beside, mode="r"))
     weights, left = nnls(triangle[:, :-1], triangle[:, -1])
     gravity, inertia, *_ = np.where(live, weights / divisor, 0.0)
     with np.errstate(over="ignore", invalid="ignore"):  # cells may hold any number
@@ -190,7 +193,9 @@ def jackknife(
     total = sums.sum(axis=0)
 
     def solve(products: Float[Array, "c c"]) -> Float[Array, " k"]:
-        return least_squares(products[:-1, :-1], products[:-1, -1], 1e-10) / size
+        normal = products[:-1, :-1]
+        right = products[:-1, -1]
+        return least_squares(normal, right, 1e-10) / size
 
     left_out = [solve(total - products) for products in sums]
     return solve(total), np.sqrt((pieces - 1) * np.var(left_out, axis=0))
@@ -414,7 +419,8 @@ def _without_friction(
     left_whole, weights = _left_of(columns, target, len(tau))
     spread = float(tau.std())
     gain = 1.0 - (left_whole / left_rigid) ** 2 if left_rigid > 0.0 else 0.0
-    level = float(np.sqrt(np.mean((table[:, -2:] @ weights[-2:]) ** 2)))
+    of_friction = table[:, -2:] @ weights[-2:]
+    level = float(np.sqrt(np.mean(of_friction**2)))
     share = left_rigid / spread
     explained = share**2 < 1.0 - settings.rigid_explains
     is_frictionless = level < settings.friction_share * spread and gain < settings.friction_gain

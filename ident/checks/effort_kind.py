@@ -221,7 +221,8 @@ def _tell_effort(states: States, joint: int, fit: GravityFit, reads_factor: bool
     """
     friction = f"friction is {100.0 * fit.friction:.0f} % of the effort's spread"
     if not states.heavy[joint] and not reads_factor:
-        change = states.gravity[:, joint].std() / states.tau[:, joint].std()
+        spread = states.tau[:, joint].std()
+        change = states.gravity[:, joint].std() / spread
         gravity = f"gravity by the model{states.counted} is {100.0 * change:.0f} %"
         return f"{friction}, {gravity}"
     scale, error, _ = fit_scale(states, joint)  # what `check_scales` reports

@@ -278,7 +278,9 @@ def base_rank(arm: ArmModel) -> int:
     Source: Gautier, Numerical calculation of the base inertial parameters of robots (1991).
     """
     # The rank is a property of the arm: fixed general states find it as well as any others.
-    q, dq, ddq = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, 60, arm.n))
-    table: Float[Array, "r 10n"] = arm.regressor(q, dq, ddq).reshape(-1, 10 * arm.n)
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.uniform(-np.pi, np.pi, (3, 60, arm.n))
+    regressor = arm.regressor(q, dq, ddq)
+    table: Float[Array, "r 10n"] = regressor.reshape(-1, 10 * arm.n)
     triangle = np.linalg.qr(_in_unit_columns(table), mode="r")
     return int(np.linalg.matrix_rank(triangle, tol=1e-8))

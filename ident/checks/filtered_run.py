@@ -106,8 +106,14 @@ def filter_run(run: Recording) -> FilteredRun | None:
     ddq = np.gradient(dq, interval, axis=0)
     keep = slice(edge, len(grid) - edge, step)
     measured = None if run.velocity is None else smooth(run.velocity)[keep]
+    effort = smooth(run.effort)
     _KEPT[run] = FilteredRun(
-        q[keep], dq[keep], ddq[keep], smooth(run.effort)[keep], measured, step * interval
+        q[keep],
+        dq[keep],
+        ddq[keep],
+        effort[keep],
+        measured,
+        step * interval,
     )
     return _KEPT[run]
 

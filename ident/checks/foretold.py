@@ -50,7 +50,12 @@ class RunStates:
     def at(self, rows: slice) -> RunStates:
         """The states of a slice of rows, as a new object."""
         return RunStates(
-            self.name, self.q[rows], self.dq[rows], self.ddq[rows], self.tau[rows], self.moves[rows]
+            self.name,
+            self.q[rows],
+            self.dq[rows],
+            self.ddq[rows],
+            self.tau[rows],
+            self.moves[rows],
         )
 
 
@@ -62,7 +67,14 @@ def states_of(run: Recording) -> RunStates | None:
     step = max(1, len(motion.q) // LIMIT.states)
     dq = motion.dq[::step]
     moves = np.abs(dq) > TRANSITION_RAD_S
-    return RunStates(run.name, motion.q[::step], dq, motion.ddq[::step], motion.tau[::step], moves)
+    return RunStates(
+        run.name,
+        motion.q[::step],
+        dq,
+        motion.ddq[::step],
+        motion.tau[::step],
+        moves,
+    )
 
 
 class RunTables:
@@ -164,7 +176,8 @@ def felt_directions(arm: ArmModel, scale: Float[Array, " m"]) -> Float[Array, "n
         scale: Scale of each.
     """
     rng = np.random.default_rng(0)
-    q, dq, ddq = (rng.uniform(-np.pi, np.pi, (len(scale), arm.n)) for _ in range(3))
+    shape = (len(scale), arm.n)
+    q, dq, ddq = (rng.uniform(-np.pi, np.pi, shape) for _ in range(3))
     rows = (arm.regressor(q, dq, ddq) * scale).transpose(1, 0, 2)
     _, _, directions = np.linalg.svd(rows)
     rank = int(np.linalg.matrix_rank(rows).max())
@@ -229,7 +242,8 @@ def solve_positive(
         right: Right-hand sides of each, or one for all.
     """
     size = np.sqrt(matrices.diagonal(axis1=-2, axis2=-1))[..., None]
-    scaled = matrices / (size * size.swapaxes(-1, -2)) + ROUNDING * np.eye(matrices.shape[-1])
+    scale = size * size.swapaxes(-1, -2)
+    scaled = matrices / scale + ROUNDING * np.eye(matrices.shape[-1])
     return np.asarray(np.linalg.solve(scaled, right / size) / size)
 
 
@@ -251,13 +265,15 @@ def left_beside_losses(
     losses = slice(-1 - LOSSES, -1)
     normal = sums[..., losses, losses] + LEAST_SQUARE * np.eye(LOSSES)
     follow = solve_positive(normal, across[..., losses, None])[..., 0]
-    left = (weights * across).sum(axis=-1) - (across[..., losses] * follow).sum(axis=-1)
+    of_losses = (across[..., losses] * follow).sum(axis=-1)
+    left = (weights * across).sum(axis=-1) - of_losses
     return np.asarray(np.maximum(left, LEAST_SQUARE))
 
 
 def _weights(coefficients: Float[Array, "*R n p"]) -> Float[Array, "*R n c"]:
     """Weights of a table's columns that leave of its last what coefficients do not explain."""
-    return np.concatenate([-coefficients, np.ones((*coefficients.shape[:-1], 1))], axis=-1)
+    of_torque = np.ones((*coefficients.shape[:-1], 1))
+    return np.concatenate([-coefficients, of_torque], axis=-1)
 
 
 def fits_among(sums: Float[Array, "R n c c"]) -> Fit:
@@ -274,4 +290,5 @@ def mean_error(errors: Float[Array, "R n"]) -> Float[Array, " n"]:
     """
     moves = np.isfinite(errors)
     total = np.where(moves, errors, 0.0).sum(axis=0)
-    return np.where(moves.any(axis=0), total / np.maximum(moves.sum(axis=0), 1), np.nan)
+    runs = np.maximum(moves.sum(axis=0), 1)
+    return np.where(moves.any(axis=0), total / runs, np.nan)

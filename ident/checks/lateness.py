@@ -63,7 +63,9 @@ def errors_of(motion: FilteredRun, arm: ArmModel, steps: Float[Array, " s"]) -> 
     """
     margin = int(np.abs(steps).max())
     inside = slice(margin, len(motion.q) - margin)
-    q, dq, ddq = motion.q[inside], motion.dq[inside], motion.ddq[inside]
+    q = motion.q[inside]
+    dq = motion.dq[inside]
+    ddq = motion.ddq[inside]
     gravity = arm.gravity(q)
     inertial = arm.inverse_dynamics(q, dq, ddq) - gravity
     costs = np.zeros(len(steps))

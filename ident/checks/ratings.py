@@ -63,7 +63,9 @@ def _large_effort(session: Session) -> Float[Array, " n"]:
 def is_whole(session: Session) -> Array:
     """Which joints' efforts are whole numbers that change: counts, or per mille of a rating."""
     effort = np.concatenate([run.effort for run in session.runs])
-    return np.asarray((effort == np.round(effort)).all(axis=0) & (np.ptp(effort, axis=0) > 0.0))
+    is_whole = (effort == np.round(effort)).all(axis=0)
+    changes = np.ptp(effort, axis=0) > 0.0
+    return np.asarray(is_whole & changes)
 
 
 def has_own_size(states: States, joint: int) -> bool:

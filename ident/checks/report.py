@@ -212,7 +212,8 @@ def require_same_mount(arm: ArmModel, first: Session, session: Session) -> None:
     mounted = np.asarray(arm.model.gravity.linear, dtype=float)
     stated = np.array(session.gravity)
     turned = float(np.linalg.norm(np.cross(mounted, stated)))
-    same = turned <= ROUNDED * float(np.linalg.norm(mounted) * np.linalg.norm(stated))
+    size = float(np.linalg.norm(mounted) * np.linalg.norm(stated))
+    same = turned <= ROUNDED * size
     if same and float(mounted @ stated) > 0.0:
         return
     source = "as its URDF has it" if first.gravity is None else "by its session.toml"

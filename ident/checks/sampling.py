@@ -80,13 +80,15 @@ def roughness(time: Float[Array, " T"], q: Float[Array, "T n"]) -> float:
         q: The samples; the result is in the square of their unit.
     """
     middle = slice(2, -2)
-    offsets = [time[row : len(time) - 4 + row] - time[middle] for row in NEIGHBOURS]
+    last = len(time) - 4
+    offsets = [time[row : last + row] - time[middle] for row in NEIGHBOURS]
     estimate = np.zeros_like(q[middle])
     for row, offset in zip(NEIGHBOURS, offsets, strict=True):
         # Lagrange's weight of this neighbour in the middle.
         factors = [-other / (offset - other) for other in offsets if other is not offset]
         weight = np.prod(factors, axis=0)
-        estimate += weight[:, None] * q[row : len(q) - 4 + row]
+        near = q[row : len(q) - 4 + row]
+        estimate += weight[:, None] * near
     return float(np.mean((q[middle] - estimate) ** 2))
 
 

@@ -52,10 +52,12 @@ def find_spikes(q: Float[Array, "T n"]) -> Bool[Array, "T n"]:
     wild = np.zeros(q.shape, dtype=bool)
     if len(q) < 5:
         return wild
-    off = q[1:-1] - 0.5 * (q[:-2] + q[2:])
+    expected = 0.5 * (q[:-2] + q[2:])
+    off = q[1:-1] - expected
     noise = np.median(np.abs(off), axis=0)
     beyond = np.abs(off) > np.maximum(LIMIT.spike_rad, LIMIT.spike_noises * noise)
-    returns = np.abs(q[2:] - q[:-2]) < 0.2 * np.abs(off)
+    between = np.abs(q[2:] - q[:-2])
+    returns = between < 0.2 * np.abs(off)
     turns = np.abs(np.abs(off) - TURN) < LIMIT.wrap_rest
     wild[1:-1] = beyond & returns & ~turns
     return wild
@@ -186,7 +188,8 @@ def distance(values: Float[Array, "T n"], width: int) -> Float[Array, "T n"]:
         values: A channel of one run.
         width: Samples on each side that are counted, beside the sample itself.
     """
-    medians = median_filter(values, (2 * width + 1, 1))[width : len(values) - width]
+    every = median_filter(values, (2 * width + 1, 1))
+    medians = every[width : len(values) - width]
     rows = np.clip(np.arange(len(values)) - width, 0, len(medians) - 1)
     return np.asarray(values - medians[rows])
 

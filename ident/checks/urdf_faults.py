@@ -48,7 +48,8 @@ def is_impossible(moments: Float[Array, "n 3"]) -> Array:
 
     Rounding of URDFs' few digits is allowed for.
     """
-    uneven = moments[:, 2] > moments[:, 0] + moments[:, 1] + rounding(moments)
+    of_others = moments[:, 0] + moments[:, 1]
+    uneven = moments[:, 2] > of_others + rounding(moments)
     return np.asarray(is_negative(moments) | uneven)
 
 

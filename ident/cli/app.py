@@ -161,7 +161,8 @@ def evaluate(
         open_sessions(sessions, loaded, **vars(options), learning=False) for _, loaded in models
     ]
     pairs = zip(models, opened, strict=True)
-    results = Evaluations(tuple(score(data, loaded, name=name) for (name, loaded), data in pairs))
+    evaluations = [score(data, loaded, name=name) for (name, loaded), data in pairs]
+    results = Evaluations(tuple(evaluations))
 
     def write_page() -> None:
         if html is not None:

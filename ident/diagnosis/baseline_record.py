@@ -192,7 +192,8 @@ def _without_drive(
     free_block = alone.total[np.ix_(free, free)]
     matrix = np.block([[information, cross], [cross.T, free_block]])
     baseline_beside = alone.estimate - alone.slopes[:, held] @ held_beta
-    score_beside = alone.total[free, -1] - alone.total[np.ix_(free, held)] @ held_beta
+    of_held = alone.total[np.ix_(free, held)] @ held_beta
+    score_beside = alone.total[free, -1] - of_held
     goal = np.concatenate([information @ baseline_beside, score_beside])
     size = len(alone.estimate)
     signed = np.zeros(len(goal), dtype=bool)

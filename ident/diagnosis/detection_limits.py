@@ -171,7 +171,8 @@ class _LimitFinder:
         columns = group.columns - self.first
         information = self.rest[np.ix_(columns, columns)]
         widened = np.eye(len(columns)) + deviation[:, None] * information * deviation
-        cost = 0.5 * float(np.linalg.slogdet(widened)[1]) - self.names.log_odds[group]
+        _, log_determinant = np.linalg.slogdet(widened)
+        cost = 0.5 * float(log_determinant) - self.names.log_odds[group]
         nats = max(self.needed_nats + cost, 0.0)
         needed = np.sqrt(2.0 * nats) + LIMIT.nine_in_ten
         power = max(self._power(self.rest, group, beta), 1e-300)

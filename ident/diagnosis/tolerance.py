@@ -70,7 +70,8 @@ def measure_tolerance(
     root = np.linalg.cholesky(prior.base)
     covariance = projection.spread[:rank, :rank]
     # Share by which the recordings reduce the prior variance of each direction.
-    share, vectors = np.linalg.eigh(np.eye(rank) - root.T @ covariance @ root)
+    left_open = root.T @ covariance @ root
+    share, vectors = np.linalg.eigh(np.eye(rank) - left_open)
     known = share > settings.least_informed
     along = vectors.T @ (root.T @ projection.estimate[:rank])
     seen = np.maximum(share, settings.least_informed)

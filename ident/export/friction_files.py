@@ -80,9 +80,11 @@ def check_feed_forward(path: Path, identified: IdentifiedArm) -> dict[str, objec
     said = np.zeros_like(v)
     for j, name in enumerate(identified.nominal.joint_names):
         row = record["joints"][name]
-        said[:, j] = row["coulomb_Nm"] * np.tanh(v[:, j] / row["width_rad_s"])
+        direction = np.tanh(v[:, j] / row["width_rad_s"])
+        said[:, j] = row["coulomb_Nm"] * direction
         said[:, j] += row["viscous_Nms_rad"] * v[:, j]
-    fp1, fp2, fp3 = (np.array(record["crisp_controllers"]["friction"][f"fp{k}"]) for k in (1, 2, 3))
+    friction = record["crisp_controllers"]["friction"]
+    fp1, fp2, fp3 = (np.array(friction[f"fp{k}"]) for k in (1, 2, 3))
     sigmoid = fp1 * (_logistic(fp2 * (v + fp3)) - _logistic(fp2 * fp3))
     off = np.abs(said - dry - losses.viscous * v)
     return {

@@ -136,7 +136,8 @@ def _frames_of(
             anchor = turn.T @ (data.xanchor[joint.id] - place)
             wanted = link_turn @ arm.joint_axes[j]
             across = np.cross(anchor - link_place, wanted)
-            if np.linalg.norm(axis - wanted) > SAME_PLACE or np.linalg.norm(across) > SAME_PLACE:
+            turned = np.linalg.norm(axis - wanted)
+            if turned > SAME_PLACE or np.linalg.norm(across) > SAME_PLACE:
                 return None
             body = int(joint.bodyid[0])
             own_turn = turn.T @ data.xmat[body].reshape(3, 3)
@@ -165,7 +166,8 @@ def _change_mjcf_body(
         return
     off = (whole - nominal) / scale
     beside = off - change / scale  # as it will be once the change is in it
-    if np.all(np.abs(beside) <= SAME_INERTIA) and np.linalg.norm(beside) < np.linalg.norm(off):
+    is_alike = np.all(np.abs(beside) <= SAME_INERTIA)
+    if is_alike and np.linalg.norm(beside) < np.linalg.norm(off):
         written.left.append(f"{name}: its inertia is as identified already")
         return
     if np.any(np.abs(off) > SAME_INERTIA):

@@ -86,7 +86,8 @@ def within_bounds(
     bounded = np.flatnonzero(np.isin(free, nonnegative - rank + numbers))
     links = arm.inertial_parameters if mode == "consistent" else None
     solved = np.zeros(len(information))
-    solved[free] = solve_bounded(information[np.ix_(free, free)], score[free], bounded, links, unit)
+    of_free = information[np.ix_(free, free)]
+    solved[free] = solve_bounded(of_free, score[free], bounded, links, unit)
     change = np.zeros(10 * arm.n)
     change[:numbers] = unit * solved[:numbers]
     solved = solved[numbers:]

@@ -184,7 +184,8 @@ def _match_derivative(
     elapsed = np.maximum(time[step:] - time[:-step], LEAST_TIME)
     slopes = (q[step:] - q[:-step]) / elapsed[:, None]
     middle = dq[half : len(dq) - step + half]
-    moving = slopes.std(axis=0) > AT_REST * max(float(np.abs(slopes).max()), TINY)
+    steepest = max(float(np.abs(slopes).max()), TINY)
+    moving = slopes.std(axis=0) > AT_REST * steepest
     if not moving.any():
         return None
     slopes = slopes[:, moving] - slopes[:, moving].mean(axis=0)

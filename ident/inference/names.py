@@ -59,7 +59,8 @@ class Batch:
 
     def part(self, taken: Sequence[bool]) -> Batch:
         """Those of the candidates that are taken, of all candidates by number."""
-        inside = np.array([k for k, slot in enumerate(self.slots) if taken[slot]], dtype=int)
+        numbered = enumerate(self.slots)
+        inside = np.array([k for k, slot in numbered if taken[slot]], dtype=int)
         return Batch(
             slots=[self.slots[k] for k in inside],
             columns=self.columns[inside],

@@ -166,7 +166,8 @@ def profile_interval(
     margin = step / 2
     if 0 < top < len(x) - 1:
         near = slice(top - 1, top + 2)
-        a, b, c = np.polyfit(x[near] - x[top], falls[near], 2)
+        from_top = x[near] - x[top]
+        a, b, c = np.polyfit(from_top, falls[near], 2)
         if a < 0:
             best = x[top] - b / (2 * a)
             peak = c - b**2 / (4 * a)

@@ -77,7 +77,8 @@ class Bounds:
 
         What a candidate adds exactly is worked out once no other may add more.
         """
-        waiting = [(-most, k, k in self.bent) for k, most in enumerate(self.most) if most > 0.0]
+        adding = [(k, most) for k, most in enumerate(self.most) if most > 0.0]
+        waiting = [(-most, k, k in self.bent) for k, most in adding]
         heapify(waiting)
         while waiting:
             _, k, is_bound = heappop(waiting)
@@ -264,7 +265,8 @@ class SetSearch:
         Coefficients that can't be negative are free here, which can only add more.
         """
         half = self._explained(chosen)
-        target = self.rest[:, -1] - half.T @ half[:, -1]
+        of_torque = half[:, -1]
+        target = self.rest[:, -1] - half.T @ of_torque
         most = np.full(len(self.names.groups), -np.inf)
         bent: dict[int, SumsAfter] = {}
         for batch in self.names.batches[joint]:

@@ -60,7 +60,8 @@ class SessionSums:
         widened = np.eye(2) + sizes[:, None] * seen * sizes
         settings = self.evidence.settings
         usual = 2.0 * np.log(spread) + (settings.usual_spread / spread) ** 2
-        return -0.5 * float(np.linalg.slogdet(widened)[1].sum() + settings.usual_runs * usual)
+        _, log_determinant = np.linalg.slogdet(widened)
+        return -0.5 * float(log_determinant.sum() + settings.usual_runs * usual)
 
 
 def without_negative_directions(sums: Float[Array, "p p"]) -> Float[Array, "p p"]:

@@ -75,7 +75,8 @@ class CloseLook:
 
     def _beyond_limits(self, hypothesis: Hypothesis) -> float:
         """Of which limits joints get out: of position, speed and effort, each counted once."""
-        q, dq = states_as([hypothesis], (self.log.q, self.log.dq), self.model.sliding)
+        states = (self.log.q, self.log.dq)
+        q, dq = states_as([hypothesis], states, self.model.sliding)
         effort = self._largest_effort[list(hypothesis.effort_order)]
         for joint, scale in hypothesis.effort_scale:
             effort[joint] /= scale

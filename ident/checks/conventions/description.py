@@ -85,8 +85,10 @@ def description_length(hypothesis: Hypothesis, usual_orders: Orders = ()) -> flo
     else:
         length = _order(hypothesis.order, tuple(range(count)))
     length += _order(hypothesis.effort_order, hypothesis.order)
-    length += (KIND + math.log(count)) * sum(sign < 0 for sign in hypothesis.direction)
-    length += (KIND + math.log(OTHER_ZEROS * count)) * sum(map(bool, hypothesis.quarters))
+    turned = sum(sign < 0 for sign in hypothesis.direction)
+    length += (KIND + math.log(count)) * turned
+    moved = sum(map(bool, hypothesis.quarters))
+    length += (KIND + math.log(OTHER_ZEROS * count)) * moved
     geared = sum(factor != 1.0 for factor in hypothesis.gear)
     length += geared * (KIND + math.log(len(GEARS) * count))
     length += sum(map(bool, hypothesis.share)) * (KIND + math.log(2 * count))

@@ -16,10 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.checks.conventions.description import (
-    DESCRIPTION,
-    load_price,
-)
+from ident.checks.conventions.description import DESCRIPTION, load_price
 from ident.checks.conventions.hypothesis import Hypothesis
 from ident.checks.conventions.model import Model
 from ident.checks.conventions.products import (

@@ -42,7 +42,9 @@ class Motions:
 
         Where single columns travel further than their joints can, those in degrees.
         """
-        units = [("",) * self.n, *((unit,) * self.n for unit in UNITS), self._in_degrees]
+        as_stated = ("",) * self.n
+        in_one = [(unit,) * self.n for unit in UNITS]
+        units = [as_stated, *in_one, self._in_degrees]
         starts = []
         for order, unit in product((self.plain.order, *self.usual_orders), dict.fromkeys(units)):
             of_joints = tuple(unit[column] for column in order)

@@ -188,7 +188,8 @@ def _efforts_of(sums: Sums, gravity: Float[Array, "k g 3"]) -> _Efforts:
     efforts = sums.left[:, :, 4:, 4:]
     square = np.maximum(_squares(vectors, rigid), 1e-12)
     power = np.diagonal(efforts, axis1=2, axis2=3)
-    by_rigid = vectors[:, None] @ sums.friction[..., :4].swapaxes(-1, -2)
+    of_rigid = sums.friction[..., :4].swapaxes(-1, -2)
+    by_rigid = vectors[:, None] @ of_rigid
     by_effort = sums.friction[..., 4:].transpose(0, 1, 3, 2)
     return _Efforts(
         along=vectors[:, None] @ mixed,

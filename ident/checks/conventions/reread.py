@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from ident.checks.conventions.words import guess_in_words
 from ident.checks.effort import collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
 from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.records import JsonRecord
 from ident.robot.arm import ArmModel
 
 # How far gravity's direction, followed to where it is likeliest, may lie from where the search
@@ -100,7 +100,7 @@ class Reading:
     judged: ArmModel
     issues: list[TelemetryIssue]
     is_compensated: bool  # whether gravity is not in the effort
-    conventions: tuple[dict[str, Any], ...]  # for JSON, the best two
+    conventions: tuple[JsonRecord, ...]  # for JSON, the best two
     guessed: str = ""  # what `judged` has beside the URDF, in words
 
 
@@ -160,7 +160,7 @@ def read_conventions(
     )
 
 
-def _record_of(reading: Scored, session: Session) -> dict[str, Any]:
+def _record_of(reading: Scored, session: Session) -> JsonRecord:
     """A reading for JSON."""
     return {
         "hypothesis": describe(reading.hypothesis, session.joints),

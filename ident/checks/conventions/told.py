@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks.conventions.closely import Scored
 from ident.checks.conventions.description import MASSES, SEARCH
-from ident.checks.conventions.find import (
-    Conventions,
-)
+from ident.checks.conventions.find import Conventions
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, ZEROS, Hypothesis
 from ident.checks.conventions.words import columns_in_words, in_words
 from ident.checks.report import WORDS, issue_of
 from ident.recordings.recording import Session, Severity, TelemetryIssue
+from ident.records import JsonRecord
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_line
 
@@ -39,7 +36,7 @@ ISSUES_OF_JOINTS = {
 }
 
 
-def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
+def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> JsonRecord:
     """A hypothesis for JSON: only what it changes.
 
     Args:
@@ -49,7 +46,7 @@ def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
     Returns:
         By convention; a reading that changes nothing gives an empty dict.
     """
-    record: dict[str, Any] = {
+    record: JsonRecord = {
         **_columns_described(hypothesis, joints),
         **_joints_described(hypothesis, joints),
     }
@@ -93,14 +90,14 @@ def _columns_described(
     return described
 
 
-def _joints_described(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, dict[str, Any]]:
+def _joints_described(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, JsonRecord]:
     """What is read otherwise of single joints; kinds of which there is none are left out."""
-    turned: dict[str, Any] = {}
-    zeros: dict[str, Any] = {}
-    units: dict[str, Any] = {}
-    factors: dict[str, Any] = {}
-    shares: dict[str, Any] = {}
-    signs: dict[str, Any] = {}
+    turned: JsonRecord = {}
+    zeros: JsonRecord = {}
+    units: JsonRecord = {}
+    factors: JsonRecord = {}
+    shares: JsonRecord = {}
+    signs: JsonRecord = {}
     for j, joint in enumerate(joints):
         if hypothesis.direction[j] < 0:
             turned[joint] = -1
@@ -133,7 +130,7 @@ def tell(searched: Conventions, session: Session, arm: ArmModel) -> list[Telemet
     best = searched.best.hypothesis
     joints = session.joints
     compared = "; ".join(in_words(other, joints) for other in rivals(searched))
-    seen: dict[str, Any] = {
+    seen: JsonRecord = {
         "explains": _percent(searched.best),
         "others": compared,
     }
@@ -168,7 +165,7 @@ def _percent(reading: Scored) -> str:
 
 
 def _issues_of_joints(
-    known: dict[str, Any], session: Session, seen: dict[str, Any]
+    known: JsonRecord, session: Session, seen: JsonRecord
 ) -> list[TelemetryIssue]:
     """Directions, zeros, units and signs of single joints that are not as the log says."""
     joints = session.joints
@@ -189,7 +186,7 @@ def _issues_of_joints(
 
 
 def _factor_issue(
-    factor: float, session: Session, arm: ArmModel, seen: dict[str, Any]
+    factor: float, session: Session, arm: ArmModel, seen: JsonRecord
 ) -> TelemetryIssue:
     """That all torques are of other masses than the URDF's, or in another unit."""
     low, high = WORDS["usual_mass_factor"]
@@ -220,7 +217,7 @@ def _with_lines(scored: Scored, joints: tuple[str, ...]) -> str:
 
 
 def _body_issue(
-    body: Float[Array, " 4"], session: Session, arm: ArmModel, seen: dict[str, Any]
+    body: Float[Array, " 4"], session: Session, arm: ArmModel, seen: JsonRecord
 ) -> TelemetryIssue:
     """That the arm carries more or less at its end than is known of, and the payload to write.
 
@@ -233,7 +230,7 @@ def _body_issue(
     mass, *moment = (float(value) for value in body)
     centre = ", ".join(f"{value / mass:.2f}" for value in moment) if mass else ""
     payload = session.payload
-    figures: dict[str, Any] = {
+    figures: JsonRecord = {
         "mass": abs(mass),
         "centre": centre,
         "link": arm.links[-1],
@@ -255,14 +252,12 @@ def _body_issue(
     return issue_of("body_lacks", session, session.joints[-1:], line=line, **figures, **seen)
 
 
-def _angle_issues(
-    known: dict[str, Any], session: Session, seen: dict[str, Any]
-) -> list[TelemetryIssue]:
+def _angle_issues(known: JsonRecord, session: Session, seen: JsonRecord) -> list[TelemetryIssue]:
     """Angles that are counted elsewhere than between a joint's two links."""
     joints = list(session.joints)
     issues = []
     for name, factor in known.get("angle_factor", {}).items():
-        figures: dict[str, Any] = {"factor": factor, "reported": 1.0 / factor}
+        figures: JsonRecord = {"factor": factor, "reported": 1.0 / factor}
         issues.append(issue_of("angle_scale", session, [name], name=name, **figures, **seen))
     for name, share in known.get("share_of_joint_before", {}).items():
         before = joints[joints.index(name) - 1]
@@ -303,7 +298,7 @@ def rivals(searched: Conventions) -> list[Scored]:
 
 
 def _mount(
-    gravity: list[float], session: Session, arm: ArmModel, seen: dict[str, Any]
+    gravity: list[float], session: Session, arm: ArmModel, seen: JsonRecord
 ) -> TelemetryIssue:
     """That the base is mounted otherwise: by which turn, and gravity's line."""
     stated = np.array(arm.model.gravity.linear)

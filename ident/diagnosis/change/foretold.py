@@ -113,7 +113,8 @@ def find_unforetold(
     """
     spread = design.sums.evidence.spread
     counts = design.sides.counts
-    between = CHANGE.day_to_day**2 + spread**2 * sum(1.0 / count for count in counts)
+    of_runs = sum(1.0 / count for count in counts)
+    between = CHANGE.day_to_day**2 + spread**2 * of_runs
     sums = PartSums(design)
     parts_later = int(sums.later.sum())
     parts_earlier = int((~sums.later).sum())
@@ -207,7 +208,9 @@ def _test(
     """
     across, within, home = (log[:, seen] for log in logs)
     freedom = len(across) + len(home) - 2
-    scatter = (len(within) * within.var(axis=0) + len(home) * home.var(axis=0)) / freedom
+    of_within = len(within) * within.var(axis=0)
+    of_home = len(home) * home.var(axis=0)
+    scatter = (of_within + of_home) / freedom
     least = polygamma(1, 0.5 * rows[:, seen]).mean(axis=0)
     variance = np.maximum(np.maximum(scatter, scatter.mean()), least)
     over_home = across.mean(axis=0) - home.mean(axis=0)
@@ -228,7 +231,11 @@ def _test(
         tested.append((rise, quantile * error, student.sf(rise / error, pooled)))
     values = np.array(tested)
     worst = values[:, 2].argmax(axis=0)
-    return [_Test(*values[worst[k], :, k].tolist()) for k in range(len(seen))]
+    tests = []
+    for k, number in enumerate(worst.tolist()):
+        rise, reach, p_value = values[number, :, k].tolist()
+        tests.append(_Test(rise, reach, p_value))
+    return tests
 
 
 def _error(design: PairedDesign, model: SolvedModel, later: bool) -> Float[Array, " n"]:

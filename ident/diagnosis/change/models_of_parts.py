@@ -225,7 +225,8 @@ def _unexplained(
     """
     scores = sums @ weights.T
     turned = root.T @ scores[:-1]
-    inner = np.eye(len(root)) + root.T @ sums[:-1, :-1] @ root
+    information = sums[:-1, :-1]
+    inner = np.eye(len(root)) + root.T @ information @ root
     squares = (weights.T * scores).sum(axis=0)
     explained = (turned * factorise(inner).solve(turned)).sum(axis=0)
     return np.asarray(squares - explained)

@@ -137,7 +137,8 @@ class PermutedSets:
                 visible = places[seen[places]]
                 if len(visible) == 0:
                     continue
-                matrix = rest[np.ix_(visible, visible)] + RIDGE * np.diag(power[visible])
+                ridge = RIDGE * np.diag(power[visible])
+                matrix = rest[np.ix_(visible, visible)] + ridge
                 score = rest[visible, -1]
                 gain = float(score @ factorise(matrix).solve(score))
                 gains.setdefault(key, []).append(_Gain(gain / len(visible), len(visible)))

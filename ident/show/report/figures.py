@@ -90,7 +90,9 @@ def to_svg(figure: Figure, description: str) -> Markup:
     text = re.sub(r'(url\(|href=")#', rf"\1#{prefix}", text)
     view_box = re.search(r'viewBox="[^"]*"', text)
     assert view_box is not None
-    head = f'<svg role="img" aria-label="{escape(description)}" {view_box[0]} xmlns:xlink="http://www.w3.org/1999/xlink">'
+    label = escape(description)
+    xlink = 'xmlns:xlink="http://www.w3.org/1999/xlink"'
+    head = f'<svg role="img" aria-label="{label}" {view_box[0]} {xlink}>'
     body = re.sub(r"\n\s*", "\n", text[text.index(">") + 1 :])
     return Markup(head + body.strip())
 
