@@ -52,7 +52,8 @@ def write_marker(folder: Path, kind: str) -> None:
     """Lists a finished folder's files in its marker, which makes the folder replaceable by the same
     kind of result.
     """
-    names = [path for path in sorted(folder.rglob("*")) if path.name != MARKER and path.is_file()]
+    below = [path for path in sorted(folder.rglob("*")) if path.name != MARKER]
+    names = [path for path in below if path.is_file()]
     files = {
         os.fsencode(path.relative_to(folder)).decode("latin-1"): sha256_of(path) for path in names
     }

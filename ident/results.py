@@ -233,9 +233,8 @@ class _Stamping:
             for known, theirs in self._known:
                 if known not in self._runs and theirs.is_in(searched):
                     self._runs[known] = None
-            self._times += [
-                float(time) for time in (*run.time[:1], *run.time[-1:]) if isfinite(time)
-            ]
+            ends = (*run.time[:1], *run.time[-1:])
+            self._times += [float(time) for time in ends if isfinite(time)]
 
     def data(self) -> list[dict[str, Any]]:
         """What a model's provenance says of the session."""

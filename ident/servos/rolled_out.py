@@ -88,7 +88,8 @@ def _carried(arm: ArmModel | None, run: Recording, joint: int) -> tuple[Array, A
     still = np.zeros_like(q)
     unit = np.zeros_like(q)
     unit[:, joint] = 1.0
-    inertia = arm.inverse_dynamics(q, still, unit)[:, joint] - arm.gravity(q)[:, joint]
+    gravity = arm.gravity(q)[:, joint]
+    inertia = arm.inverse_dynamics(q, still, unit)[:, joint] - gravity
     return parts[0], parts[1], float(np.median(inertia))
 
 

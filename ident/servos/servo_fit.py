@@ -311,7 +311,11 @@ def _linear(rows: Rows, near: Sequence[Rows], reach: float) -> tuple[Figures, di
         needed = not no_worse(_held_out(rows, k), whole, reach)
         positive = name == "zero_rad" or beta[k] > 0.0
         if needed and positive and abs(beta[k]) > reach * std[k] and low[k] * high[k] > 0.0:
-            figures[name] = float(beta[k]), float(low[k]), float(high[k])
+            figures[name] = (
+                float(beta[k]),
+                float(low[k]),
+                float(high[k]),
+            )
         else:
             untold[name] = FIGURES[name]["reason"]
     if len(beta) < len(COLUMNS):

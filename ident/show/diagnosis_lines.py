@@ -204,7 +204,9 @@ def describe_rest(record: Mapping[str, Any]) -> str:
 def _print_details(console: Console, record: Mapping[str, Any]) -> None:
     """All that a first screen leaves out, a paragraph each."""
     after = record["heldout"].get("rms_after_Nm", {}) if record["findings"] else {}
-    gaps = [describe_gap(joint, gap, after.get(joint)) for joint, gap in record["gap"].items()]
+    gaps = []
+    for joint, gap in record["gap"].items():
+        gaps.append(describe_gap(joint, gap, after.get(joint)))
     limits = describe_limits(record) if record["verdict"] == "no_gap" else ""
     lines = [describe_findings(record), *describe_reservations(record), describe_unnamed(record)]
     lines += [*gaps, limits, *group_silent(record["not_testable"])]

@@ -167,8 +167,9 @@ def _changes(
     words: Callable[[float | None], str],
 ) -> str:
     """Errors of some joints before and after, one behind the other; empty without a joint."""
-    pairs = [(joint, words(before.get(joint)), words(after.get(joint))) for joint in joints]
-    return ", ".join(f"{joint} {old} → {new}" for joint, old, new in pairs)
+    pairs = [(words(before.get(joint)), words(after.get(joint))) for joint in joints]
+    named = zip(joints, pairs, strict=True)
+    return ", ".join(f"{joint} {old} → {new}" for joint, (old, new) in named)
 
 
 def _milliradians(error: float | None) -> str:

@@ -324,7 +324,8 @@ def _strip(strip: Record) -> dict[str, Any]:
     rows = zip(*(strip[name] for name in columns), strict=True)
     cells = []
     for k, (gap, time, energy, p_value) in enumerate(rows):
-        words = [f"{interval_words(axis, edges[k], edges[k + 1])}: {percent(gap)} of the gap"]
+        interval = interval_words(axis, edges[k], edges[k + 1])
+        words = [f"{interval}: {percent(gap)} of the gap"]
         if energy is None:
             words.append(f"in {percent(time)} of the noise")
         else:

@@ -214,7 +214,8 @@ def headline(score: SessionScore) -> str:
     place = places_for([first, last])
     if len(score.rungs) == 1:
         return f"Only the URDF was judged: torque error {fixed(first, place)} N m."
-    below, with_last = np.sqrt(np.mean(score.energy_error[-2:].sum(axis=2) ** 2, axis=1))
+    errors = score.energy_error[-2:].sum(axis=2)
+    below, with_last = np.sqrt(np.mean(errors**2, axis=1))
     energy = ""
     if with_last > WORSE * below:
         last_rung = SUBJECTS.get(score.rungs[-1], score.rungs[-1])

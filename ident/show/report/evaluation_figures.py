@@ -130,7 +130,8 @@ def draw_bars(
     figure, axes = make_panel("evaluated on", label, WIDE, bottom=0.42 + 0.13 * most_breaks)
     width = 0.8 / len(models)
     for k in range(len(models)):
-        x = np.arange(len(sessions)) + (k - (len(models) - 1) / 2) * width
+        offset = (k - (len(models) - 1) / 2) * width
+        x = np.arange(len(sessions)) + offset
         axes.bar(x, mean[k], 0.88 * width, color=model_colour(k))
         axes.errorbar(x, mean[k], std[k], fmt="none", ecolor=MEASURED, elinewidth=0.9, capsize=2)
     axes.axhline(0.0, color=INK, linewidth=0.6)
@@ -146,7 +147,8 @@ def fits_section(source: ReportInput) -> Section:
     # Torque RMSE of the last rung over all joints where they move, run by run [N m].
     squares = np.concatenate([score.squares[-1] for score in evaluation.sessions])
     there = np.isfinite(squares)
-    errors = np.sqrt(np.where(there, squares, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1))
+    total = np.where(there, squares, 0.0).sum(axis=1)
+    errors = np.sqrt(total / np.maximum(there.sum(axis=1), 1))
     order = np.argsort(errors)
     typical = int(order[(len(order) - 1) // 2])
     worst = int(order[-1])
@@ -196,7 +198,8 @@ def draw_fits(trace: RunTrace) -> list[dict[str, Any]]:
     for j, joint in enumerate(trace.motion.joints):
         figure, axes = make_panel("time [s]", "torque [N m]")
         # Where it rests no model of its state can tell the torque.
-        rests = np.concatenate([[0], ~trace.motion.moving[:, j], [0]]).astype(int)
+        standing = ~trace.motion.moving[:, j]
+        rests = np.concatenate([[0], standing, [0]]).astype(int)
         edges = np.flatnonzero(np.diff(rests))
         for start, end in edges.reshape(-1, 2):
             if end - start > 1:

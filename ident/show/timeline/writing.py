@@ -129,7 +129,8 @@ def link_boxes(arm: ArmModel) -> dict[str, dict[str, Any]]:
         box = body.geometry.aabb_local
         # Placements are given from the joint, poses are known of the link.
         pose = np.linalg.inv(frame.placement.homogeneous) @ body.placement.homogeneous
-        pose[:3, 3] += pose[:3, :3] @ ((box.min_ + box.max_) / 2)
+        centre = (box.min_ + box.max_) / 2
+        pose[:3, 3] += pose[:3, :3] @ centre
         found.setdefault(frame.name, []).append((pose, (box.max_ - box.min_) / 2))
     return {
         link: {

@@ -65,7 +65,8 @@ def plant_tooth(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange
     order = float(np.clip(round(2.0 * np.pi * frequency / usual), 4, 80))
     wave = np.tanh(4.0 * np.sin(order * arm.q[:, j]))
     friction = size * np.abs(arm.load[:, j])
-    return at_joint(arm, j, friction * wave * bristle(arm, arm.v[:, j]), {"teeth": order})
+    torque = friction * wave * bristle(arm, arm.v[:, j])
+    return at_joint(arm, j, torque, {"teeth": order})
 
 
 def plant_ageing(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:

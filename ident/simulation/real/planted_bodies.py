@@ -52,7 +52,8 @@ def plant_tilt(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     askew = arm.model.copy()
     askew.gravity.linear = tilted(arm.model.gravity.linear, axis, size)
     # Gravity turns one way in the base's frame where the base stands askew the other way.
-    truth: Parameters = {"tilt_x_rad": float(-size * axis[0]), "tilt_y_rad": float(-size * axis[1])}
+    tilt_x, tilt_y, _ = (-size * axis).tolist()
+    truth: Parameters = {"tilt_x_rad": tilt_x, "tilt_y_rad": tilt_y}
     return PlantedChange(truth, rigid_torque(askew, arm.q, arm.v, arm.a) - arm.rigid)
 
 
@@ -68,7 +69,8 @@ def plant_contact(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
     start = float(clock[0] + draw.uniform(0.15 * span, 0.85 * span - length))
     way = draw.standard_normal(3)
     direction = way / np.linalg.norm(way)
-    point = pin.SE3(np.eye(3), 1.5 * np.array(arm.model.inertias[j + 1].lever))
+    centre = np.array(arm.model.inertias[j + 1].lever)
+    point = pin.SE3(np.eye(3), 1.5 * centre)
     torque = np.zeros_like(arm.tau)
     data = arm.model.createData()
     from_ends = np.minimum(clock - start, start + length - clock)

@@ -49,7 +49,8 @@ def plant_ripple(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
     order = float(np.clip(round(2.0 * np.pi * frequency / usual), 5, 160))
     phase = float(draw.uniform(-np.pi, np.pi))
     truth: Parameters = {"amplitude_Nm": size, "order": order, "phase_rad": phase}
-    return at_joint(arm, j, size * np.cos(order * arm.q[:, j] - phase), truth)
+    torque = size * np.cos(order * arm.q[:, j] - phase)
+    return at_joint(arm, j, torque, truth)
 
 
 def plant_spring(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
