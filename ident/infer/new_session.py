@@ -21,16 +21,15 @@ from ident.errors import InputError, RecordingError
 from ident.files import atomic_write
 from ident.infer.by_data import guess_by_data
 from ident.infer.by_name import MEASURED, guess_by_name
+from ident.infer.gains import GAINS, torque_settings
 from ident.infer.guess import ForeignTable, Reason, Signals, read_foreign
 from ident.infer.units import (
-    GAINS,
     angle_unit,
     check_velocity,
     sample_rate,
     search_columns,
     slide_scales,
     time_unit,
-    torque_settings,
 )
 from ident.outputs import ELSEWHERE, require_plain
 from ident.recordings.columns import ANGLES, TIME, listed

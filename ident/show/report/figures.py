@@ -30,10 +30,9 @@ SVG_SETTINGS: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "armgap",
     "path.simplify": True,
+    # which would start LaTeX, in a program that draws its own pictures so
+    "text.usetex": False,
 }
-SVG_SETTINGS |= {
-    "text.usetex": False
-}  # which would start LaTeX, in a program that draws its own pictures so
 _counter = itertools.count()
 
 
@@ -85,8 +84,13 @@ def to_svg(figure: Figure, description: str) -> Markup:
     for drawn, of_page in OF_THE_PAGE.items():
         text = text.replace(drawn, of_page)
     # Names unlike those of the page's other pictures; those that nobody uses are dropped.
-    used, prefix = set(re.findall(r'(?:url\(|href=")#([^)"]+)', text)), f"f{next(_counter)}-"
-    text = re.sub(r' id="([^"]+)"', lambda m: f' id="{prefix}{m[1]}"' if m[1] in used else "", text)
+    used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', text))
+    prefix = f"f{next(_counter)}-"
+
+    def renamed(name: re.Match[str]) -> str:
+        return f' id="{prefix}{name[1]}"' if name[1] in used else ""
+
+    text = re.sub(r' id="([^"]+)"', renamed, text)
     text = re.sub(r'(url\(|href=")#', rf"\1#{prefix}", text)
     view_box = re.search(r'viewBox="[^"]*"', text)
     assert view_box is not None
@@ -110,9 +114,12 @@ def thin(
     if len(x) <= most:
         return x, y
     bins = np.array_split(np.arange(len(x)), most // 2)
-    ends = [sorted((rows[np.argmin(y[rows])], rows[np.argmax(y[rows])])) for rows in bins]
-    kept = np.unique(np.concatenate(ends))
-    return x[kept], y[kept]
+    ends = []
+    for rows in bins:
+        ends.append(rows[np.argmin(y[rows])])
+        ends.append(rows[np.argmax(y[rows])])
+    shown = np.unique(ends)
+    return x[shown], y[shown]
 
 
 def envelope(
@@ -121,14 +128,18 @@ def envelope(
     """Centre, least and largest value in bins of x; what is not a number is left out, and bins of
     nothing else too.
     """
-    edges = np.linspace(x[0], np.nextafter(x[-1], np.inf), min(bins, len(x)) + 1)
-    which = np.clip(np.digitize(x, edges) - 1, 0, len(edges) - 2)
-    low, high = np.full(len(edges) - 1, np.inf), np.full(len(edges) - 1, -np.inf)
+    end = np.nextafter(x[-1], np.inf)
+    edges = np.linspace(x[0], end, min(bins, len(x)) + 1)
+    count = len(edges) - 1
+    which = np.clip(np.digitize(x, edges) - 1, 0, count - 1)
+    low = np.full(count, np.inf)
+    high = np.full(count, -np.inf)
     there = np.isfinite(y)
     np.minimum.at(low, which[there], y[there])
     np.maximum.at(high, which[there], y[there])
     empty = ~np.isfinite(low)
-    low[empty] = high[empty] = np.nan
+    low[empty] = np.nan
+    high[empty] = np.nan
     return (edges[:-1] + edges[1:]) / 2, low, high
 
 
@@ -149,5 +160,7 @@ def binned(
     for k in range(len(edges) - 1):
         inside = which == k
         if inside.sum() >= least:
-            rows.append([np.median(x[inside]), *np.quantile(y[inside], (0.1, 0.5, 0.9))])
+            centre = np.median(x[inside])
+            quantiles = np.quantile(y[inside], (0.1, 0.5, 0.9))
+            rows.append([centre, *quantiles])
     return np.array(rows).reshape(-1, 4)
