@@ -130,10 +130,12 @@ def files_of(record: Mapping[str, Any]) -> frozenset[str]:
     Args:
         record: The provenance of a result or of a model.
     """
-    runs = (run for one in record.get("sessions", []) for run in one.get("runs", []))
-    return frozenset(
-        (*map(str, runs), *(str(one["sha256"])[:RUN_DIGITS] for one in record.get("data", [])))
-    )
+    runs: list[str] = []
+    for session in record.get("sessions", []):
+        runs += map(str, session.get("runs", []))
+    for file in record.get("data", []):
+        runs.append(str(file["sha256"])[:RUN_DIGITS])
+    return frozenset(runs)
 
 
 def known_series(record: Mapping[str, Any]) -> tuple[KnownSeries, ...]:
@@ -176,7 +178,7 @@ class StampLedger:
     @property
     def stamps(self) -> tuple[SessionStamp, ...]:
         """One stamp for each session that has passed so far."""
-        return tuple(one.stamp() for one in self._open)
+        return tuple(stamping.stamp() for stamping in self._open)
 
     @property
     def files(self) -> list[dict[str, Any]]:
@@ -191,7 +193,10 @@ class StampLedger:
         One whose path is that of the one before is its next part.
         """
         for session in sessions:
-            if session.path is None or not self._open or self._open[-1].path != str(session.path):
+            is_next_part = False
+            if session.path is not None and self._open:
+                is_next_part = self._open[-1].path == str(session.path)
+            if not is_next_part:
                 self._open.append(_Stamping(session.name, str(session.path or ""), self._known))
             self._open[-1].take(session)
             yield session
@@ -215,20 +220,21 @@ class _Stamping:
         self._times: list[float] = []
 
     def take(self, session: Session) -> None:
+        """Takes note of a part of the session."""
         from ident.recordings.series import SearchedRun, Series
 
         self._scale = scale_of(session)
         for run in session.runs:
             self._content.update(content_of(run))
             digest = self._digest_of(run)
+            hexadecimal = digest.hex()
             self._digest.update(digest)
-            self._runs[digest.hex()[:RUN_DIGITS]] = None
-            self._names.setdefault(
-                digest.hex(), run.name if run.source is None else run.source.name
-            )
+            self._runs[hexadecimal[:RUN_DIGITS]] = None
+            name = run.name if run.source is None else run.source.name
+            self._names.setdefault(hexadecimal, name)
             series = Series.of(run)
             if series is not None:
-                self._series.setdefault(digest.hex(), []).append(series)
+                self._series.setdefault(hexadecimal, []).append(series)
             searched = SearchedRun(run)
             for known, theirs in self._known:
                 if known not in self._runs and theirs.is_in(searched):
@@ -238,15 +244,17 @@ class _Stamping:
 
     def data(self) -> list[dict[str, Any]]:
         """What a model's provenance says of the session."""
-        return [
-            {
+        records = []
+        for digest, name in sorted(self._names.items(), key=lambda item: item[1]):
+            series = self._series.get(digest, [])
+            record = {
                 "session": self.name,
                 "file": name,
                 "sha256": digest,
-                "series": [series.to_dict() for series in self._series.get(digest, [])],
+                "series": [recorded.to_dict() for recorded in series],
             }
-            for digest, name in sorted(self._names.items(), key=lambda item: item[1])
-        ]
+            records.append(record)
+        return records
 
     def _digest_of(self, run: Recording) -> bytes:
         """Of the run's file, else of its arrays."""
@@ -261,11 +269,16 @@ class _Stamping:
         return content_of(run)
 
     def stamp(self) -> SessionStamp:
-        first, last = (min(self._times), max(self._times)) if self._times else (None, None)
-        name = self.path or self.name
-        files = self._digest.hexdigest()
-        content = self._content.hexdigest()
-        return SessionStamp(name, files, first, last, tuple(self._runs), content, self._scale)
+        """The stamp of all that was noted so far."""
+        return SessionStamp(
+            self.path or self.name,
+            self._digest.hexdigest(),
+            min(self._times, default=None),
+            max(self._times, default=None),
+            tuple(self._runs),
+            self._content.hexdigest(),
+            self._scale,
+        )
 
 
 def content_of(run: Recording) -> bytes:
@@ -275,6 +288,11 @@ def content_of(run: Recording) -> bytes:
     for name, values in run.channels().items():
         digest.update(name.encode() + values[:, order].tobytes())
     return digest.digest()
+
+
+def _shortened(line: str) -> str:
+    """A line, cut where it is longer than `LINE`."""
+    return line if len(line) <= LINE else f"{line[: LINE - 1]}…"
 
 
 # What every result can do: tell itself in words, as a record, as a picture, and in a notebook.
@@ -302,19 +320,20 @@ class Result:
         cls.__repr__ = Result._first_lines  # type: ignore[assignment,method-assign]
 
     def _first_lines(self) -> str:
-        lines = [
-            line if len(line) <= LINE else f"{line[: LINE - 1]}…"
-            for line in self.summary().splitlines()
-        ]
-        more = (
-            f"  … {len(lines) - LINES} more lines: print(….summary())" if len(lines) > LINES else ""
-        )
-        return "\n".join([f"{type(self).__name__}:", *lines[:LINES], *filter(None, [more])])
+        """The kind of result, and the first lines of its summary."""
+        every = self.summary().splitlines()
+        lines = [f"{type(self).__name__}:"]
+        lines += [_shortened(line) for line in every[:LINES]]
+        if len(every) > LINES:
+            lines.append(f"  … {len(every) - LINES} more lines: print(….summary())")
+        return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """The record that the command writes with --json; `ident schema` says what it holds."""
-        own = {one.name: as_record(getattr(self, one.name)) for one in fields(self)}
-        return {"schema": self.SCHEMA, **own}
+        record = {"schema": self.SCHEMA}
+        for key in fields(self):
+            record[key.name] = as_record(getattr(self, key.name))
+        return record
 
     def with_provenance(self, provenance: Provenance) -> Self:
         """A copy of the result with this origin."""

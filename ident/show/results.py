@@ -22,6 +22,8 @@ from ident.show.palette import FLEXIBLE, MEASURED, NAMED, NOISE, TUNED, rung_col
 from ident.show.report.words import TABLES, pair, significant, with_units
 from ident.units import DAMPING, INERTIA, TORQUE
 
+PANEL = (6.0, 3.0)  # [inch]
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -71,9 +73,8 @@ def as_html(result: Result) -> str:
 
 
 def _of_kind(table: Mapping[str, Callable[..., Any]], result: Result) -> Callable[..., Any] | None:
-    return next(
-        (table[kind.__name__] for kind in type(result).__mro__ if kind.__name__ in table), None
-    )
+    kinds = [kind.__name__ for kind in type(result).__mro__]
+    return next((table[kind] for kind in kinds if kind in table), None)
 
 
 def _of_record(place: str) -> Callable[..., Any]:
@@ -99,15 +100,17 @@ def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
     """Of each joint what is left by the tuned model, after the names and by a flexible function,
     and what is noise.
     """
-    gap, after = record["gap"], record["heldout"].get("rms_after_Nm", {})
+    gap = record["gap"]
+    after = record["heldout"].get("rms_after_Nm", {})
+    of_joints = list(gap.values())
     rows = {
-        "left by the tuned model": (TUNED, [one["rms_Nm"] for one in gap.values()]),
+        "left by the tuned model": (TUNED, [joint["rms_Nm"] for joint in of_joints]),
         "left after the named effects": (NAMED, [after.get(joint) for joint in gap]),
         "left by a flexible function": (
             FLEXIBLE,
-            [one.get("ceiling_rms_Nm") for one in gap.values()],
+            [joint.get("ceiling_rms_Nm") for joint in of_joints],
         ),
-        "counted as noise": (NOISE, [one["noise_floor_Nm"] for one in gap.values()]),
+        "counted as noise": (NOISE, [joint["noise_floor_Nm"] for joint in of_joints]),
     }
     if not record["findings"]:
         del rows["left after the named effects"]
@@ -118,9 +121,11 @@ def print_evaluation(console: Console, result: Any) -> None:
     """The ladders of one evaluation, or of several."""
     for evaluation in getattr(result, "models", (result,)):
         say(console, describe_evaluation(evaluation), style="bold")
-        several = len(evaluation.sessions) > 1
-        for one in (*evaluation.sessions, evaluation.pooled) if several else evaluation.sessions:
-            console.print(ladder_table(one))
+        scores = list(evaluation.sessions)
+        if len(scores) > 1:
+            scores.append(evaluation.pooled)
+        for score in scores:
+            console.print(ladder_table(score))
 
 
 def describe_evaluation(evaluation: Evaluation) -> str:
@@ -154,9 +159,9 @@ def draw_evaluation(result: Evaluation) -> Figure:
     """Torque error of each rung at each joint."""
     score = result.pooled
     colours = rung_colours(score.rungs)
-    rows = {
-        rung: (colours[rung], list(score.rmse_mean[k, :-1])) for k, rung in enumerate(score.rungs)
-    }
+    rows = {}
+    for k, rung in enumerate(score.rungs):
+        rows[rung] = (colours[rung], list(score.rmse_mean[k, :-1]))
     return draw_bars(list(score.joints), rows, "torque RMSE [N m]", result.model)
 
 
@@ -207,10 +212,10 @@ def print_inspection(console: Console, result: Inspection) -> None:
         size = f"{runs}, {session.samples} samples, {session.duration:.1f} s"
         console.print(f"{session.name}: {size}")
         told = {issue.evidence for issue in report.issues}
-        for one in report.effort:
-            evidence = "see below" if one.evidence in told else one.evidence
-            kind = TABLES["efforts"][one.kind]
-            say(console, f"effort of {one.joint}: {kind} ({evidence})", hanging="  ")
+        for effort in report.effort:
+            evidence = "see below" if effort.evidence in told else effort.evidence
+            kind = TABLES["efforts"][effort.kind]
+            say(console, f"effort of {effort.joint}: {kind} ({evidence})", hanging="  ")
         print_issues(console, report.to_dict()["telemetry"])
         say(console, report.verdict, style="" if report.is_fit else "red")
 
@@ -238,9 +243,6 @@ def print_guesses(console: Console, result: NewSession) -> None:
     for line in result.summary().splitlines():
         say(console, line, hanging="    ")
     print_issues(console, result.to_dict()["telemetry"])
-
-
-PANEL = (6.0, 3.0)  # [inch]
 
 
 def as_text(write: Callable[[Console], None]) -> str:
