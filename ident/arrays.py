@@ -65,17 +65,17 @@ def in_a_line(record: Any) -> str:
     """A dataclass in one line, for its `repr`: shapes of its arrays, lengths of what it holds many
     of.
     """
-    found = []
-    for one in fields(record):
-        value = getattr(record, one.name)
+    told = []
+    for stated in fields(record):
+        value = getattr(record, stated.name)
         if hasattr(value, "shape"):
-            found.append(f"{one.name}: {' x '.join(map(str, value.shape))}")
+            told.append(f"{stated.name}: {' x '.join(map(str, value.shape))}")
         elif isinstance(value, str | int | float | PurePath | tuple) and len(str(value)) < LINE:
-            found.append(
-                f"{one.name}={str(value)!r}"
+            told.append(
+                f"{stated.name}={str(value)!r}"
                 if isinstance(value, PurePath)
-                else f"{one.name}={value!r}"
+                else f"{stated.name}={value!r}"
             )
         elif value is not None and hasattr(value, "__len__"):
-            found.append(f"{one.name}: {len(value)}")
-    return f"{type(record).__name__}({', '.join(found)})"
+            told.append(f"{stated.name}: {len(value)}")
+    return f"{type(record).__name__}({', '.join(told)})"

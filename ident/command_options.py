@@ -76,15 +76,18 @@ class Options:
 
     def __post_init__(self) -> None:
         """Refuses with an InputError what is none of an option's values, or beyond its bounds."""
-        for one in (
-            one for one in fields(self) if one.metadata and getattr(self, one.name) is not None
+        for option_field in (
+            option_field
+            for option_field in fields(self)
+            if option_field.metadata and getattr(self, option_field.name) is not None
         ):
-            value = getattr(self, one.name)
-            known = one.metadata["one_of"]
-            bounds = one.metadata["bounds"]
-            label = (*one.metadata["names"], f"--{one.name}" if one.metadata["help"] else one.name)[
-                0
-            ]
+            value = getattr(self, option_field.name)
+            known = option_field.metadata["one_of"]
+            bounds = option_field.metadata["bounds"]
+            label = (
+                *option_field.metadata["names"],
+                f"--{option_field.name}" if option_field.metadata["help"] else option_field.name,
+            )[0]
             if known and value not in known:
                 raise InputError(
                     label, f"{value!r} is unknown", f"use one of: {', '.join(map(str, known))}"
@@ -106,7 +109,7 @@ class Options:
         Raises:
             InputError: There is no such option.
         """
-        known = [one.name for one in fields(cls)]
+        known = [option_field.name for option_field in fields(cls)]
         for name in given:
             if name not in known:
                 raise InputError(

@@ -28,10 +28,10 @@ def visible(text: str, lines: bool = False) -> str:
         lines: Whether line ends and tabs stay.
     """
 
-    def escape(found: re.Match[str]) -> str:
-        code = ord(found.group())
+    def escape(mark: re.Match[str]) -> str:
+        code = ord(mark.group())
         if lines and code in (9, 10):
-            return found.group()
+            return mark.group()
         if 0xDC80 <= code <= 0xDCFF:  # a byte of a file's name that is not UTF-8
             code -= 0xDC00
         return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
@@ -81,7 +81,7 @@ class InputError(ArmgapError):
         self.where = str(where)
         self.what = what
         self.remedy = remedy
-        parts = (shortened(visible(part)) for part in (self.where, what, remedy))
+        parts = (shortened(visible(words)) for words in (self.where, what, remedy))
         super().__init__("{}: {}; {}".format(*parts))
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:

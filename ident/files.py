@@ -166,8 +166,8 @@ def write_record(path: str | Path | None, record: Mapping[str, Any]) -> None:
     if Path(path) == STANDARD_OUTPUT:
         print(text)
         return
-    with atomic_write(path) as part:
-        part.write_text(text + "\n", encoding="utf-8")
+    with atomic_write(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
 
 
 def deliver(show: Callable[[], object], *writes: Callable[[], object]) -> None:

@@ -23,12 +23,12 @@ UNITS = "SI: rad or m, rad/s or m/s, N m or N, kg, kg m², s"
 @cache
 def engine_versions() -> dict[str, str]:
     """Version of each engine that is installed, by its name; the others have no entry."""
-    found = {}
+    versions = {}
     for name in ENGINES:
         for distribution in importlib.metadata.distributions(name=name):
-            found[name] = distribution.version
+            versions[name] = distribution.version
             break
-    return found
+    return versions
 
 
 @cache

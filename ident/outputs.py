@@ -309,8 +309,8 @@ def _read_marker(folder: Path) -> dict[str, Any]:
 
 def _read_record(path: Path, schema: str) -> dict[str, Any]:
     try:
-        found = path.lstat()
-        if not stat.S_ISREG(found.st_mode) or found.st_size > LARGEST_MARKER:
+        state = path.lstat()
+        if not stat.S_ISREG(state.st_mode) or state.st_size > LARGEST_MARKER:
             return {}
         record = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

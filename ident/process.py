@@ -109,7 +109,7 @@ def run_command(name: str, module: str) -> NoReturn:
         status = _run(name, module, signals)
         for stream in streams:
             stream.flush()
-        for failed in (one.failed for one in streams if one.failed is not None):
+        for failed in (patient.failed for patient in streams if patient.failed is not None):
             if not isinstance(failed, BrokenPipeError):  # who closed a pipe has read enough
                 with suppress(OSError, ValueError):
                     reason = failed.strerror or str(failed)
@@ -228,7 +228,10 @@ def _patient_streams(name: str) -> Iterator[tuple[_Patient, ...]]:
 def _replace_unprintable(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    text = "".join(PLAIN.get(one) or visible(one) for one in error.object[error.start : error.end])
+    text = "".join(
+        PLAIN.get(character) or visible(character)
+        for character in error.object[error.start : error.end]
+    )
     return text.encode("ascii", "backslashreplace").decode("ascii"), error.end
 
 

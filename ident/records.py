@@ -36,7 +36,10 @@ class Record:
 
     def to_dict(self) -> dict[str, Any]:
         """The record by its fields' names, each as `as_record` gives it."""
-        return {one.name: as_record(getattr(self, one.name)) for one in fields(self)}
+        return {
+            record_field.name: as_record(getattr(self, record_field.name))
+            for record_field in fields(self)
+        }
 
 
 def as_record(value: Any) -> Any:
@@ -44,9 +47,9 @@ def as_record(value: Any) -> Any:
     if isinstance(value, Record):
         return value.to_dict()
     if isinstance(value, Mapping):
-        return {str(name): as_record(one) for name, one in value.items()}
+        return {str(name): as_record(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [as_record(one) for one in value]
+        return [as_record(item) for item in value]
     return value if value is None or isinstance(value, bool | int | float | str) else str(value)
 
 

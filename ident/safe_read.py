@@ -330,7 +330,7 @@ def declare_prefixes(text: str) -> str:
         with suppress(ValueError):  # a name that Python's writer keeps for itself
             ET.register_namespace(name, name)  # by which it is written again
     declared = "".join(f' xmlns:{name}="{name}"' for name in missing)
-    return ROOT_TAG.sub(lambda found: found.group() + declared, text, count=1) if missing else text
+    return ROOT_TAG.sub(lambda root: root.group() + declared, text, count=1) if missing else text
 
 
 def read_arrays(
@@ -430,7 +430,7 @@ def _look_through(record: object, allows_infinite: bool = False) -> None:
             waiting += [(name, depth) for name in value]
             waiting += [(inner, depth + 1) for inner in value.values()]
         elif isinstance(value, list):
-            waiting += [(one, depth + 1) for one in value]
+            waiting += [(element, depth + 1) for element in value]
         elif isinstance(value, str) and HALF.search(value):
             raise ValueError("half of a character in a text")
         elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:

@@ -194,7 +194,7 @@ def inspect_sources(
     parts: list[Session] = []
     for session in coming:
         parts.append(session)
-        if sum(part.samples for part in parts) >= most:
+        if sum(session_part.samples for session_part in parts) >= most:
             arm = load_robot(given.find_robot(), parts)
             # a part is let go when it has been checked
             read = (parts.pop(0) for _ in range(len(parts)))
@@ -330,7 +330,7 @@ class _Group(NamedTuple):
 
 
 def _prepare(
-    found: Iterable[TelemetryReport],
+    checked: Iterable[TelemetryReport],
     reports: list[TelemetryReport],
     groups: list[_Group],
     groups_of: list[int],
@@ -344,7 +344,7 @@ def _prepare(
     Raises:
         RecordingError: One is not, or has other joints than the first.
     """
-    for report in found:
+    for report in checked:
         session = report.require_fit(learning).session
         where = session.path or session.name
         if session.runs:

@@ -18,10 +18,10 @@ def user_cache() -> Path | None:
     try:
         if not os.path.lexists(folder):
             folder.mkdir(mode=0o700, parents=True)
-        found = folder.lstat()
+        state = folder.lstat()
     except OSError:
         return None
     private = (
-        stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
+        stat.S_ISDIR(state.st_mode) and state.st_uid == os.geteuid() and not state.st_mode & 0o022
     )
     return folder if private else None

@@ -31,7 +31,8 @@ def partings(count: int) -> list[tuple[int, ...]]:
     alone = [(number,) for number in range(count)]
     parts = []
     for cut in range(2, count - 1):
-        early, late = tuple(range(cut)), tuple(range(cut, count))
+        early = tuple(range(cut))
+        late = tuple(range(cut, count))
         parts.append(early if len(early) < len(late) else late)
     return alone + parts
 

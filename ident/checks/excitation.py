@@ -51,7 +51,7 @@ class Independence:
                 of_angle = [np.ones(len(angle)), angle, np.sin(angle), np.cos(angle)]
                 table = np.column_stack([*of_angle, ddq[:, joint]])
                 parts = np.array_split(table, PARTS)
-                self._sums[joint].append(np.stack([part.T @ part for part in parts]))
+                self._sums[joint].append(np.stack([piece.T @ piece for piece in parts]))
             self._strokes[:, joint] += self._count_strokes(angle, dq[:, joint])
 
     def _count_strokes(self, q: Float[Array, " T"], dq: Float[Array, " T"]) -> tuple[int, int]:

@@ -29,7 +29,8 @@ class ExcitationSettings(Settings, table="excitation"):
     """Whether there is motion enough."""
 
 
-USUAL_EFFORT, USUAL_EXCITATION = EffortSettings(), ExcitationSettings()
+USUAL_EFFORT = EffortSettings()
+USUAL_EXCITATION = ExcitationSettings()
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,8 @@ def check_lateness(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
         One issue with the delay, or none.
     """
     steps = np.arange(-LATENESS.steps, LATENESS.steps + 1)
-    intervals, costs = [], []
+    intervals = []
+    costs = []
     for run in session.runs:
         motion = filter_run(run)
         if motion is not None and len(motion.q) > FEWEST_STATES + 2 * LATENESS.steps:

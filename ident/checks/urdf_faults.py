@@ -23,7 +23,8 @@ from ident.robot.arm import ArmModel
 def check_bodies_of_urdf(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     """Names links whose inertia or mass no body can have; empty without any."""
     masses, _, inertias = arm.chain[-3:]
-    links, joints = np.array(arm.links), np.array(arm.joint_names)
+    links = np.array(arm.links)
+    joints = np.array(arm.joint_names)
     moments = np.linalg.eigvalsh(inertias)
     issues = []
     impossible = is_impossible(moments) & (masses > 0.0)

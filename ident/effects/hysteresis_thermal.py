@@ -358,8 +358,8 @@ def _warm_up(power: Array, keep: float, gain: float, start: float) -> Array:
     out = np.empty(len(power))
     out[0] = start
     for k in range(1, len(power)):
-        kept = keep * out[k - 1]
-        out[k] = gain * power[k - 1] + kept
+        heat_left = keep * out[k - 1]
+        out[k] = gain * power[k - 1] + heat_left
     return out
 
 

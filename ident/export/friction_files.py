@@ -114,8 +114,8 @@ def write_ur(identified: IdentifiedArm) -> str:
         "damping": (identified.losses.viscous, np.array(arm.model.damping)),
         "friction": (identified.losses.coulomb, np.array(arm.model.friction)),
     }
-    for kind, (own, stated) in parts.items():
-        named = dict(zip(arm.joint_names, zip(own, stated, strict=True), strict=True))
+    for kind, (written, stated) in parts.items():
+        named = dict(zip(arm.joint_names, zip(written, stated, strict=True), strict=True))
         unknown = [name for name, (_, value) in named.items() if value <= 0.0]
         if unknown:
             what = f"the URDF's <dynamics> state no {kind} of {', '.join(unknown)}"
@@ -126,7 +126,7 @@ def write_ur(identified: IdentifiedArm) -> str:
             what = f"more {kind} than the controller's whole model: {', '.join(beyond)} of it"
             remedy = "no share beyond 1 is taken: look whether <dynamics> is the controller's model"
             raise InputError(where, what, remedy)
-        shares.append(own / stated)
+        shares.append(written / stated)
     lines = [
         "parameters:",
         f"  viscous_scale: {_numbers(shares[0])}",

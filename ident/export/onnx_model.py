@@ -242,7 +242,8 @@ def _net(graph: Graph, model: HybridModel, dq: Tensor, ddq: Tensor, rigid: Tenso
     assert isinstance(net.network, JointNets)
     first, last = (weights.astype(float) for weights in net.network.weights)
     bias, offset = (values.astype(float) for values in net.network.biases)
-    low, high = net.bounds.low, net.bounds.high
+    low = net.bounds.low
+    high = net.bounds.high
     inside = [graph.clip(term, low[k], high[k]) for k, term in enumerate((dq, ddq, rigid))]
     columns = []
     for j in range(net.n):

@@ -123,7 +123,7 @@ class Names:
         for joint in range(self.joints):
             near = [group.effect.rows == "all" or group.joint == joint for group in self.groups]
             parts = [batch.part(near) for batch in whole]
-            batches[joint] = [part for part in parts if part.slots]
+            batches[joint] = [batch_there for batch_there in parts if batch_there.slots]
         return batches
 
 

@@ -35,7 +35,9 @@ from ident.show.report.diagnosis_verdict import diagnosis_headline
 from ident.show.report.laws import draw_laws
 from ident.show.report.traces import gather_traces
 
-RECORD, PAGE, PATCH = "why.json", "why.html", "patched"
+RECORD = "why.json"
+PAGE = "why.html"
+PATCH = "patched"
 ZIPPED = f"{PATCH}.zip"
 # A sign that is there already is turned round.
 SIGN = "effort_sign"
@@ -69,13 +71,13 @@ class Desk:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
-        own = (
+        theirs = (
             None
             if self.log is None
             else (self.log if self.log.is_dir() else self.log.parent) / SESSION_FILE
         )
-        if own is not None and own.is_file():
-            shutil.copyfile(own, self.session_file)
+        if theirs is not None and theirs.is_file():
+            shutil.copyfile(theirs, self.session_file)
 
     @property
     def session_file(self) -> Path:
@@ -138,23 +140,23 @@ class Desk:
         log, robot = self._given()
         guesses: list[dict[str, str]] = []
         try:
-            found = inspect(log, robot, **self._reading())
+            inspection = inspect(log, robot, **self._reading())
         except InputError:
             if self.session_file.exists():
                 raise
             guess = guess_session(log, load_robot(robot, ()), None)
             self.session_file.write_text(guess.text, encoding="utf-8")
             guesses = [reason.to_dict() for reason in guess.reasons]
-            found = inspect(log, robot, **self._reading())
+            inspection = inspect(log, robot, **self._reading())
         issues = []
-        for report in found.reports:
+        for report in inspection.reports:
             for issue in report.issues:
                 record = issue.to_dict()
                 issues.append({**record, "lines": lines_of(record, self._text())})
-        runs = [run for report in found.reports for run in report.session.runs]
+        runs = [run for report in inspection.reports for run in report.session.runs]
         return {
-            "fit": all(report.is_fit for report in found.reports),
-            "verdict": "; ".join(report.verdict for report in found.reports),
+            "fit": all(report.is_fit for report in inspection.reports),
+            "verdict": "; ".join(report.verdict for report in inspection.reports),
             "issues": issues,
             "guesses": guesses,
             "runs": [{"name": run.name, "samples": len(run.time)} for run in runs],
@@ -215,7 +217,8 @@ class Desk:
                 self.progress.running = False
 
     def _listen(self, stage: str, share: float, _: float | None) -> None:
-        self.progress.stage, self.progress.share = stage, share
+        self.progress.stage = stage
+        self.progress.share = share
 
     def _diagnose(self) -> dict[str, Any]:
         log, robot = self._given()

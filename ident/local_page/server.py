@@ -52,7 +52,9 @@ class Handler(RequestHandler):
     """Base: answers in JSON, refuses other hosts."""
 
     def initialize(self, desk: Desk, pool: ThreadPoolExecutor, hosts: set[str]) -> None:
-        self.desk, self.pool, self.hosts = desk, pool, hosts
+        self.desk = desk
+        self.pool = pool
+        self.hosts = hosts
 
     def prepare(self) -> None:
         if self.request.host not in self.hosts:
@@ -69,16 +71,16 @@ class Handler(RequestHandler):
         status 400.
         """
         try:
-            found = await asyncio.get_running_loop().run_in_executor(self.pool, work)
+            result = await asyncio.get_running_loop().run_in_executor(self.pool, work)
         except InputError as error:
             self.set_status(400)
-            found = {
+            result = {
                 "error": str(error),
                 "where": error.where,
                 "what": error.what,
                 "remedy": error.remedy,
             }
-        self.write(as_json(found if found is not None else {}, None))
+        self.write(as_json(result if result is not None else {}, None))
         self.set_header("Content-Type", "application/json")
 
 
@@ -107,7 +109,8 @@ class Take(Handler):
     """A file that was dropped or chosen."""
 
     async def post(self, kind: str) -> None:
-        name, content = self.get_query_argument("name"), self.request.body
+        name = self.get_query_argument("name")
+        content = self.request.body
         take = self.desk.take_log if kind == "log" else self.desk.take_robot
         await self.answer(partial(take, name, content))
 

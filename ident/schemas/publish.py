@@ -30,19 +30,19 @@ def read_records(package: str) -> dict[str, Any]:
         files(f"{package}.schemas").joinpath("records.toml").read_text(encoding="utf-8")
     )
     homes = tables.pop("classes")
-    found: dict[str, Any] = {
+    schema: dict[str, Any] = {
         **TYPING,
         **{name: getattr(import_module(home), name) for name, home in homes.items()},
     }
-    for name, own in tables.items():
+    for name, keys in tables.items():
         rows = _rows(name, tables).items()
         types = {
             key.removesuffix("?"): f"NotRequired[{kind}]" if key.endswith("?") else kind
             for key, kind in rows
         }
-        found[name] = TypedDict(name, types)  # type: ignore[operator]
-        found[name].__doc__ = own.get("about")
-    return found
+        schema[name] = TypedDict(name, types)  # type: ignore[operator]
+        schema[name].__doc__ = keys.get("about")
+    return schema
 
 
 def _rows(name: str, tables: dict[str, dict[str, str]]) -> dict[str, str]:

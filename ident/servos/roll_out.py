@@ -101,8 +101,8 @@ class ServoModel:
 
     def error(self, drives: Sequence[Drive]) -> float:
         """Mean absolute error of free roll-outs, run by run alike [rad]."""
-        found = [float(np.mean(np.abs(self.roll_out(drive) - drive.position))) for drive in drives]
-        return float(np.mean(found))
+        errors = [float(np.mean(np.abs(self.roll_out(drive) - drive.position))) for drive in drives]
+        return float(np.mean(errors))
 
 
 @compiled(error_model="numpy", nogil=True)
@@ -199,8 +199,8 @@ def fit_servo(
 
     def error(x: Array) -> float:
         stray = PRIOR * float(np.mean((x[:-1] - start) ** 2))
-        found = model(x).error(drives) + stray
-        return found if np.isfinite(found) else 1e6
+        cost = model(x).error(drives) + stray
+        return cost if np.isfinite(cost) else 1e6
 
     best = np.append(start, 0.0)
     for _ in range(rounds):

@@ -225,7 +225,10 @@ def _silent(joint: str, reason: str) -> ServoJoint:
 
 def _rows(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, delay: float) -> Rows:
     """Everything goes through the run's filter, the error as the columns."""
-    errors, tables, pieces, first = [], [], [], 0
+    errors = []
+    tables = []
+    pieces = []
+    first = 0
     for run, load in zip(runs, gravity, strict=True):
         motion = run.motion
         rows: Bool[Array, " t"] = motion.settled[:, j]

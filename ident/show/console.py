@@ -45,14 +45,15 @@ def make_console() -> PlainConsole:
 def styled(*parts: str | tuple[str, str]) -> Text:
     """A text of plain parts and (part, style) pairs."""
     shown = (
-        visible(part, lines=True) if isinstance(part, str) else (visible(part[0]), part[1])
-        for part in parts
+        visible(words, lines=True) if isinstance(words, str) else (visible(words[0]), words[1])
+        for words in parts
     )
     return Text.assemble(*shown)
 
 
 # In a log lines are so far apart [s]; from so long on, time is given in minutes [s].
-BETWEEN_LINES, LONG = 5.0, 120.0
+BETWEEN_LINES = 5.0
+LONG = 120.0
 COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
 
 
@@ -174,7 +175,7 @@ def wrap(text: str, width: int, indent: str = "", hanging: str | None = None) ->
         indent: What stands before the first line.
         hanging: What stands before the others; as `indent` if None.
     """
-    glued = UNBROKEN.sub(lambda found: found[0].replace(" ", GLUE), text)
+    glued = UNBROKEN.sub(lambda unbroken: unbroken[0].replace(" ", GLUE), text)
     lines = textwrap.fill(
         glued,
         width,

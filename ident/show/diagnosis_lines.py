@@ -164,9 +164,10 @@ def _print_errors(console: Console, record: Mapping[str, Any]) -> None:
         return
     keys = {"URDF": "urdf_rms_Nm", "tuned": "rms_Nm", "named": "", "noise": "noise_floor_Nm"}
     after = record["heldout"].get("rms_after_Nm", {}) if record["findings"] else {}
-    known = [
-        name for name, key in keys.items() if any(key in gap for gap in record["gap"].values())
-    ]
+    shown = set()
+    for gap in record["gap"].values():
+        shown |= set(gap)
+    known = [name for name, key in keys.items() if key in shown]
     if after:
         known.insert(len(known) - 1, "named")
     if len(noise_is_left(record)) == len(record["gap"]):  # the column before says it

@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 
 def write(console: Console, result: Result) -> None:
     """Prints a result; one that has no words of its own by its plain values."""
-    own = _of_kind(WORDS, result)
-    if own is not None:
-        own(console, result)
+    write_kind = _of_kind(WORDS, result)
+    if write_kind is not None:
+        write_kind(console, result)
     elif type(result).summary is not Result.summary:
         say_lines(console, result.summary())
     else:

@@ -178,9 +178,12 @@ def _order(order: tuple[int, ...], usual: tuple[int, ...]) -> float:
 
 def _derangements(count: int) -> int:
     """Orders of so many of which none stands where it did."""
-    before, now = 1, 0
+    before = 1
+    now = 0
     for k in range(2, count + 1):
-        before, now = now, (k - 1) * (before + now)
+        next_one = (k - 1) * (before + now)
+        before = now
+        now = next_one
     return now if count else before
 
 

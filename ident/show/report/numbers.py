@@ -107,7 +107,7 @@ def numbers_of(record: JsonTable) -> list[Number]:
     identified = record.get("identified", {})
     gaps = record.get("gap", {})
     laws = [law for law in record.get("findings", ()) if law["effect"] in FRICTION]
-    found = []
+    told = []
     for joint in record.get("joints", ()):
         gap = gaps.get(joint, {})
         has_law = any(joint in law["joints"] for law in laws)
@@ -121,8 +121,8 @@ def numbers_of(record: JsonTable) -> list[Number]:
             matters = differs and change > gap.get("noise_floor_Nm", math.inf)
             unsure = figure["low"] is not None and figure["low"] <= 0.0
             in_law = has_law and key in STATED and unsure
-            found.append(Number(joint, key, name, shown, figure, differs, matters, in_law))
-    return found
+            told.append(Number(joint, key, name, shown, figure, differs, matters, in_law))
+    return told
 
 
 def describe_marks(record: JsonTable) -> list[str]:
@@ -178,7 +178,9 @@ def half_width(figure: Figure, end: str = "") -> float | None:
     Returns:
         None where value or ends are unknown.
     """
-    value, low, high = figure["value"], figure[f"low{end}"], figure[f"high{end}"]
+    value = figure["value"]
+    low = figure[f"low{end}"]
+    high = figure[f"high{end}"]
     if value is None or low is None or high is None:
         return None
     return float(max(value - low, high - value))
@@ -193,7 +195,8 @@ def with_error(figure: Figure) -> str:
     """A value with its interval, given the URDF's other numbers: `12.00 ± 0.03`; a dash without
     number.
     """
-    value, half = figure["value"], half_width(figure)
+    value = figure["value"]
+    half = half_width(figure)
     if value is None:
         return DASH
     if half is None or not math.isfinite(half):

@@ -262,9 +262,8 @@ def describe_origin(record: Mapping[str, Any]) -> str:
     past = record.get("provenance") or {}
     facts = record.get("session") or {}
     stamps = past.get("sessions", [])
-    told = [record["robot"]]
-    for stamp in stamps[:MOST_STAMPS]:
-        told.append(f"{Path(stamp['path']).name} ({session_dates(stamp)})")
+    named = [(Path(stamp["path"]).name, session_dates(stamp)) for stamp in stamps[:MOST_STAMPS]]
+    told = [record["robot"], *(f"{name} ({dates})" for name, dates in named)]
     if len(stamps) > MOST_STAMPS:
         told.append(f"{len(stamps) - MOST_STAMPS} more sessions")
     if facts:

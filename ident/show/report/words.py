@@ -93,7 +93,7 @@ def row_places(values: Iterable[float]) -> int:
 
 def glue(text: str) -> str:
     """Units kept on the line of their numbers."""
-    return UNITS.sub(lambda found: found[0].replace(" ", "\u00a0"), text)
+    return UNITS.sub(lambda unit: unit[0].replace(" ", "\u00a0"), text)
 
 
 def table_places(values: Iterable[float]) -> int:
@@ -196,9 +196,9 @@ def with_units(text: str) -> str:
     N m/rad lies …`.
     """
 
-    def worded(found: re.Match[str]) -> str:
-        words, unit = parameter_name(found["key"])
-        number = POWER.sub(lambda power: significant(float(power[0])), found["number"] or "")
+    def worded(figure: re.Match[str]) -> str:
+        words, unit = parameter_name(figure["key"])
+        number = POWER.sub(lambda power: significant(float(power[0])), figure["number"] or "")
         return f"{words}{number} {unit}" if number else words
 
     keys = "|".join(sorted(OF_KEYS, key=len, reverse=True))

@@ -107,7 +107,7 @@ def _series(joint: str, key: str, name: str) -> rrb.TimeSeriesView:
 
 def entity(joint: str, *parts: str) -> str:
     """Path of a joint's series."""
-    return "/joints/" + "/".join(rr.escape_entity_path_part(part) for part in (joint, *parts))
+    return "/joints/" + "/".join(rr.escape_entity_path_part(name) for name in (joint, *parts))
 
 
 def link_boxes(arm: ArmModel) -> dict[str, dict[str, Any]]:
