@@ -11,21 +11,15 @@ from __future__ import annotations
 
 import json
 import math
-import sys
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cache
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 Value = TypeVar("Value")
 # A table as JSON has it, by its keys: texts, numbers, lists and further tables;
 # one that is made, and one that is only read.
 JsonRecord = dict[str, Any]
 JsonTable = Mapping[str, Any]
-# Tables of a text, parsed once for all classes whose numbers stand in it.
-parse = cache(tomllib.loads)
 
 
 @dataclass(frozen=True)
@@ -105,37 +99,3 @@ class Numbers(Record):
             else:
                 rows.append({"name": entry.name, "value": value, **entry.metadata})
         return rows
-
-
-@dataclass(frozen=True)
-class Settings(Numbers):
-    """Numbers whose rows stand in a table.
-
-    A class that names a `table` has its numbers there, a row each, in the `settings.toml` beside
-    its module; it is a dataclass of these and of the groups that it lists itself.
-    """
-
-    if TYPE_CHECKING:  # its numbers by name, which no type checker knows
-
-        def __init__(self, **numbers: Any) -> None: ...
-        def __getattr__(self, name: str) -> Any: ...
-
-    def __init_subclass__(cls, table: str = "", module: str = "") -> None:
-        if table:
-            path = Path(module or sys.modules[cls.__module__].__file__ or "")
-            rows = parse(path.with_name("settings.toml").read_text(encoding="utf-8"))[table]
-            for name, row in rows.items():
-                value = row["value"]
-                facts = {key: row[key] for key in row if key != "value"}
-                setattr(
-                    cls, name, number(tuple(value) if isinstance(value, list) else value, **facts)
-                )
-            cls.__annotations__ = dict.fromkeys(rows, Any) | vars(cls).get("__annotations__", {})
-            dataclass(frozen=True)(cls)
-
-
-def read_group(module: str, table: str) -> Any:
-    """A table of the `settings.toml` beside a module as `Settings` without a class: an attribute a
-    number.
-    """
-    return type(table, (Settings,), {}, table=table, module=module)()

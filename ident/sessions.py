@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ident.arrays import in_a_line
-from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.inspection import inspect_parts, inspect_sessions
 from ident.checks.report import (
     REPORTED_BY_A_FIT,
@@ -28,6 +27,7 @@ from ident.checks.report import (
     check_accepted,
     overrule,
 )
+from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
 from ident.errors import RecordingError, RobotError
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion, no_motion, prepare_each

@@ -21,8 +21,8 @@ from scipy.optimize import minimize
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.effort import TRANSITION_RAD_S, States, fit_signed
-from ident.checks.filtered_run import ARRANGEMENT as LIMIT
 from ident.checks.report import issue_of
+from ident.checks.settings import ARRANGEMENT as LIMIT
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.parting import ComparedRuns, Parting, RunDifference
+from ident.checks.settings import BETWEEN_RUNS as LIMIT
 
 FEWEST_RUNS = 3  # of two runs nobody knows the odd one
 

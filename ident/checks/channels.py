@@ -10,8 +10,8 @@ from itertools import product
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.checks.filtered_run import CHANNELS as LIMIT
 from ident.checks.report import Findings, issue_of
+from ident.checks.settings import CHANNELS as LIMIT
 from ident.recordings.blocks import FEWEST_BLOCKS, count_blocks
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 

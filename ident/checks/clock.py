@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.arrays import Array
-from ident.checks.filtered_run import CLOCK as LIMIT
 from ident.checks.report import Findings
+from ident.checks.settings import CLOCK as LIMIT
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 
 

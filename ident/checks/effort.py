@@ -20,8 +20,9 @@ from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float, least_squares
 from ident.checks.channels import flat_top
-from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, filter_run
+from ident.checks.filtered_run import filter_run
 from ident.checks.report import issue_of
+from ident.checks.settings import USUAL_EFFORT, EffortSettings
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_line

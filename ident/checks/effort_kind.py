@@ -16,16 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.checks.effort import (
-    States,
-    collect_states,
-    fit_signed,
-    jackknife,
-    joint_terms,
-)
-from ident.checks.filtered_run import EFFORT_KIND as LIMIT
+from ident.checks.effort import States, collect_states, fit_signed, jackknife, joint_terms
 from ident.checks.report import MISREAD, JointEffort, issue_of
 from ident.checks.scales import fit_scale
+from ident.checks.settings import EFFORT_KIND as LIMIT
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 

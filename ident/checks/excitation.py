@@ -15,8 +15,9 @@ import numpy as np
 from scipy.linalg import qr
 
 from ident.arrays import Array, Float, Int
-from ident.checks.filtered_run import USUAL_EXCITATION, ExcitationSettings, filter_run
+from ident.checks.filtered_run import filter_run
 from ident.checks.report import TelemetryReport, issue_of, joints_at
+from ident.checks.settings import USUAL_EXCITATION, ExcitationSettings
 from ident.errors import RecordingError, plural
 from ident.recordings.blocks import FEWEST_BLOCKS, SHORTEST_BLOCK_S, count_blocks
 from ident.recordings.recording import Session, Severity, TelemetryIssue

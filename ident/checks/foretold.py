@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.filtered_run import filter_run
+from ident.checks.settings import BETWEEN_RUNS as LIMIT
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
 from ident.robot.tolerance import PRIOR_SHARE, parameter_scale

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.filtered_run import INFORMATION as LIMIT
 from ident.checks.report import Findings
+from ident.checks.settings import INFORMATION as LIMIT
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 
 

@@ -19,7 +19,6 @@ from ident.checks.conventions.reread import as_it_is, read_conventions
 from ident.checks.effort import check_effort, collect_states
 from ident.checks.effort_kind import judge_effort, mend_effort_kind
 from ident.checks.excitation import Amount
-from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.gains import Gains, check_gains
 from ident.checks.information import check_information
 from ident.checks.lateness import check_lateness
@@ -29,6 +28,7 @@ from ident.checks.report import TelemetryReport, as_mounted, require_same_mount
 from ident.checks.run_clocks import check_run_clocks
 from ident.checks.sampling import check_rate, mend_jitter
 from ident.checks.scales import check_scales
+from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.spikes import mend_absurd, mend_channel_spikes, mend_spikes
 from ident.checks.time_base import (
     check_clock,

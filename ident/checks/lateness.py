@@ -14,8 +14,9 @@ import numpy as np
 
 from ident.arrays import Array, Float, least_squares
 from ident.checks.effort import TRANSITION_RAD_S
-from ident.checks.filtered_run import BETWEEN_RUNS, LATENESS, FilteredRun, filter_run
+from ident.checks.filtered_run import FilteredRun, filter_run
 from ident.checks.report import issue_of
+from ident.checks.settings import BETWEEN_RUNS, LATENESS
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 

@@ -13,7 +13,6 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.foretold import Fit, RunStates, RunTables, fit, fits_among, mean_error, states_of
 from ident.checks.run_changes import (
     OF_TORQUES,
@@ -23,6 +22,7 @@ from ident.checks.run_changes import (
     scale_changes,
     zero_changes,
 )
+from ident.checks.settings import BETWEEN_RUNS as LIMIT
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 

@@ -8,12 +8,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks.angles import speed
-from ident.checks.effort import (
-    States,
-    fit_signed,
-)
-from ident.checks.filtered_run import EFFORT_KIND as LIMIT
+from ident.checks.effort import States, fit_signed
 from ident.checks.report import issue_of, joints_at
+from ident.checks.settings import EFFORT_KIND as LIMIT
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.limits import is_placeholder

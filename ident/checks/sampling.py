@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.checks.filtered_run import CLOCK as LIMIT
 from ident.checks.report import Findings, issue_of
+from ident.checks.settings import CLOCK as LIMIT
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 
 # Neighbours of a sample through which a cubic goes, as rows of five.

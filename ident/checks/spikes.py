@@ -13,8 +13,8 @@ from scipy.ndimage import median_filter
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.angles import TURN
-from ident.checks.filtered_run import ANGLES as LIMIT
 from ident.checks.report import Findings
+from ident.checks.settings import ANGLES as LIMIT
 from ident.errors import plural
 from ident.recordings.recording import Session, TelemetryIssue
 

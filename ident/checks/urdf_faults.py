@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.checks.filtered_run import ARRANGEMENT as LIMIT
 from ident.checks.report import issue_of
+from ident.checks.settings import ARRANGEMENT as LIMIT
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 

@@ -21,10 +21,10 @@ import numpy as np
 from scipy.special import stdtr
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.foretold import LOSSES, ROUNDING, RunStates, fit, mean_error
 from ident.checks.parting import ComparedRuns, Parting, RunDifference, followed
 from ident.checks.run_changes import RunChange
+from ident.checks.settings import BETWEEN_RUNS as LIMIT
 from ident.robot.arm import ArmModel
 from ident.robot.chain import PER_LINK
 

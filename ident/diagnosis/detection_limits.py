@@ -18,16 +18,14 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
+from ident.diagnosis.settings import DETECTION_LIMITS as LIMIT
 from ident.effects import optional
 from ident.effects.base import Effect, SessionContext, impossible
 from ident.inference.conclusion import Conclusion
 from ident.inference.search import SetSearch
 from ident.inference.solution import FIXED
-from ident.records import read_group
 from ident.regression.design import Group, NotTestable
 from ident.regression.noise import Whitening
-
-LIMIT = read_group(__file__, "detection_limits")
 
 HIDES = {"encoder": "encoder noise", "torque": "torque noise", "tolerance": "the URDF's tolerance"}
 

@@ -21,14 +21,35 @@ from scipy.linalg import solve_triangular
 from scipy.special import ndtr
 
 from ident.arrays import Array, Float
-from ident.records import Settings
+from ident.records import Numbers, number
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Projection
 from ident.regression.prior import Prior
 
 
-class ToleranceSettings(Settings, table="tolerance"):
+@dataclass(frozen=True)
+class ToleranceSettings(Numbers):
     """When tuned inertias exceed the URDF's tolerance."""
+
+    least_informed: float = number(
+        0.02,
+        "1",
+        "least share of a direction's prior variance that recordings must remove for it to be "
+        "tested",
+        "chosen: a seventh of a standard deviation",
+    )
+    most_likely: float = number(
+        1e-06,
+        "1",
+        "p-value below which tuned inertias exceed the URDF's tolerance",
+        "chosen: arms vary more than any normal law",
+    )
+    far_deviations: float = number(
+        4.0,
+        "1",
+        "standard deviations above which a direction counts to the torque that tuning hides",
+        "law: a chance of 6e-5",
+    )
 
 
 USUAL_TOLERANCE = ToleranceSettings()

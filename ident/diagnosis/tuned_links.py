@@ -39,16 +39,16 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ident.arrays import Array, Bool, Float
+from ident.diagnosis.settings import TUNED_LINKS as LIMIT
 from ident.effects.intervals import NORMAL_95, Interval
 from ident.model.inertia import base_prior
-from ident.records import JsonRecord, read_group
+from ident.records import JsonRecord
 from ident.regression.baseline import Baseline
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Projection
 from ident.regression.prior import Prior
 from ident.robot.arm import ArmModel
 
-LIMIT = read_group(__file__, "tuned_links")
 # Parameter names of a link's changes.
 MASS = "mass_change_kg"
 MOMENT = "moment_change_{}_kgm"

@@ -15,13 +15,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.command_options import Inertia
-from ident.fitting.held_out_sums import (
-    CONSTANT,
-    FIRST_DIRECTION,
-    ROTOR,
-    VISCOUS,
-    HeldOutSums,
-)
+from ident.fitting.held_out_sums import CONSTANT, FIRST_DIRECTION, ROTOR, VISCOUS, HeldOutSums
 from ident.model.bodies import solve_bounded, solve_partly_non_negative
 from ident.model.inertia import base_prior
 from ident.robot.tolerance import parameter_scale

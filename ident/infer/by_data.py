@@ -10,14 +10,13 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.checks.effort import SignedFit, States, check_effort, collect_states, fit_signed
-from ident.checks.filtered_run import USUAL_EFFORT
+from ident.checks.settings import USUAL_EFFORT
 from ident.errors import RecordingError
 from ident.infer.guess import ForeignTable, Reason, Signals
+from ident.infer.settings import UNNAMED as LIMIT
 from ident.recordings.recording import Recording, Session
-from ident.records import read_group
 from ident.robot.arm import ArmModel
 
-LIMIT = read_group(__file__, "unnamed")
 HINT = "name its columns in [columns] of session.toml yourself"
 ONE_TABLE = (
     "put them side by side in one table or .npz (time, position, velocity, effort); without "

@@ -10,10 +10,10 @@ import numpy as np
 
 from ident.checks.arrangement import hang_by_current
 from ident.checks.effort import States, fit_signed
-from ident.checks.filtered_run import USUAL_EFFORT
 from ident.checks.scales import fit_scale
+from ident.checks.settings import USUAL_EFFORT
 from ident.infer.guess import Reason, Signals
-from ident.infer.units import LIMIT
+from ident.infer.settings import UNITS as LIMIT
 from ident.robot.arm import ArmModel
 
 GAINS = "drive_gain_Nm_per_A"

@@ -22,12 +22,10 @@ from ident.checks.effort import States, collect_states
 from ident.checks.filtered_run import compare_velocities
 from ident.infer.families import words_of
 from ident.infer.guess import Reason, Signals
+from ident.infer.settings import UNITS as LIMIT
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import ANGLE_UNITS, TIME_UNITS
-from ident.records import read_group
 from ident.robot.arm import ArmModel
-
-LIMIT = read_group(__file__, "units")
 
 # No joint of an arm turns farther than three turns to a side [rad].
 FARTHEST_RAD = 6 * math.pi

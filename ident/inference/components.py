@@ -26,14 +26,12 @@ from scipy.linalg import cho_solve, solve_triangular
 from ident.arrays import Array, Float, Int
 from ident.inference.evidence import factorise
 from ident.inference.names import LEAST_DEVIATION, Names
+from ident.inference.settings import URDF
 from ident.inference.sums import SessionSums, without_negative_directions
-from ident.records import read_group
 from ident.regression.baseline import Baseline, UrdfError
 from ident.regression.design import Group
 from ident.regression.discrepancy import BLOCKS
 from ident.regression.prior import Prior, ridge_of
-
-URDF = read_group(__file__, "urdf")
 
 
 @dataclass(frozen=True, eq=False)

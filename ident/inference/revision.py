@@ -9,8 +9,9 @@ from itertools import product
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.inference.components import URDF, Components, ModelSums
+from ident.inference.components import Components, ModelSums
 from ident.inference.evidence import optimise
+from ident.inference.settings import URDF
 from ident.regression.baseline import UrdfError
 from ident.regression.design import Group
 from ident.regression.run_spread import estimate_run_spread

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.checks.filtered_run import USUAL_EFFORT
+from ident.checks.settings import USUAL_EFFORT
 from ident.monitor.parameters import TERMS
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel

@@ -26,15 +26,13 @@ from ident.motion.motion import Motion, prepare_run, session_noise
 from ident.motion.settings import USUAL_MOTION
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session, TelemetryIssue
-from ident.records import read_group
 from ident.results import Result
 from ident.robot.arm import ArmModel
+from ident.servos.settings import SERVO as LIMIT
 
 if TYPE_CHECKING:
     from ident.servos.rolled_out import RolledOut
     from ident.servos.told_runs import ToldRun
-
-LIMIT = read_group(__file__, "servo")
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.checks.conventions.description import SEARCH, Prices
+from ident.checks.conventions.description import Prices
 from ident.checks.conventions.hypothesis import Hypothesis, states_as
 from ident.checks.conventions.masses import Variant, variants
 from ident.checks.conventions.model import Model
 from ident.checks.conventions.readings import Log, moving
+from ident.checks.conventions.settings import SEARCH
 from ident.checks.conventions.torques import Columns
 
 

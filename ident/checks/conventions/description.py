@@ -21,12 +21,8 @@ from ident.checks.conventions.hypothesis import (
     ZEROS,
     Hypothesis,
 )
-from ident.records import read_group
-
-DESCRIPTION = read_group(__file__, "description")
-READING = read_group(__file__, "readings")
-MASSES = read_group(__file__, "masses")
-SEARCH = read_group(__file__, "search")
+from ident.checks.conventions.settings import DESCRIPTION, MASSES, SEARCH
+from ident.checks.conventions.settings import READINGS as READING
 
 # The kinds of change: order, effort order, direction, zero, unit, sign, mount, compensation,
 # factor, scale, body, all masses, gear, share of the joint before.

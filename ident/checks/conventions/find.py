@@ -9,12 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.checks.conventions.closely import Scored
-from ident.checks.conventions.description import DESCRIPTION, SEARCH, Orders, price
+from ident.checks.conventions.description import Orders, price
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
 from ident.checks.conventions.model import Model
 from ident.checks.conventions.readings import Log
 from ident.checks.conventions.search import Search
-from ident.checks.filtered_run import USUAL_EFFORT, filter_run
+from ident.checks.conventions.settings import DESCRIPTION, SEARCH
+from ident.checks.filtered_run import filter_run
+from ident.checks.settings import USUAL_EFFORT
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.checks.conventions.description import DESCRIPTION, load_price
+from ident.checks.conventions.description import load_price
 from ident.checks.conventions.hypothesis import Hypothesis
 from ident.checks.conventions.model import Model
 from ident.checks.conventions.products import (
@@ -29,11 +29,10 @@ from ident.checks.conventions.products import (
     read_as,
     states_of,
 )
-from ident.checks.conventions.readings import LIMIT as READING
 from ident.checks.conventions.readings import Log
-from ident.records import read_group
-
-LIMIT = read_group(__file__, "masses")
+from ident.checks.conventions.settings import DESCRIPTION
+from ident.checks.conventions.settings import MASSES as LIMIT
+from ident.checks.conventions.settings import READINGS as READING
 
 
 def sizes_beside(

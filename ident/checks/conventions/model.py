@@ -8,12 +8,10 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks.conventions.description import ALONG_AXIS
-from ident.checks.filtered_run import CLOCK
-from ident.records import read_group
+from ident.checks.conventions.settings import READINGS as LIMIT
+from ident.checks.settings import CLOCK
 from ident.robot.arm import ArmModel
 from ident.robot.gravity import gravity_along_axes
-
-LIMIT = read_group(__file__, "readings")
 
 
 class Model:

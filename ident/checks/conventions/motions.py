@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ident.checks.conventions.description import SEARCH
 from ident.checks.conventions.hypothesis import GEARS, UNITS, Hypothesis
 from ident.checks.conventions.model import Model
 from ident.checks.conventions.readings import Log
+from ident.checks.conventions.settings import SEARCH
 
 ENTRIES = ("direction", "quarters", "unit", "gear", "share")
 # A joint's entries as log and URDF say.

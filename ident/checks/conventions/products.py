@@ -7,17 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.conventions.description import (
-    BODY_PARAMETERS,
-    DESCRIPTION,
-    SEARCH,
-    scale_length,
-    size_price,
-)
+from ident.checks.conventions.description import BODY_PARAMETERS, scale_length, size_price
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, Hypothesis
 from ident.checks.conventions.model import Model
-from ident.checks.conventions.readings import LIMIT as READING
 from ident.checks.conventions.readings import Log, is_other_unit, is_told
+from ident.checks.conventions.settings import DESCRIPTION, SEARCH
+from ident.checks.conventions.settings import READINGS as READING
 from ident.robot.arm import ArmModel
 
 

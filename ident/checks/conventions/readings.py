@@ -24,12 +24,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.conventions.description import DESCRIPTION, MASSES, scale_length, size_price
+from ident.checks.conventions.description import scale_length, size_price
 from ident.checks.conventions.hypothesis import Hypothesis, states_as
 from ident.checks.conventions.model import Model
-from ident.records import read_group
-
-LIMIT = read_group(__file__, "readings")
+from ident.checks.conventions.settings import DESCRIPTION, MASSES
+from ident.checks.conventions.settings import READINGS as LIMIT
 
 AXES = np.eye(3)
 GRAVITY = 9.81

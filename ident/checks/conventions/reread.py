@@ -9,7 +9,6 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
 from ident.checks.conventions.closely import Scored
-from ident.checks.conventions.description import SEARCH
 from ident.checks.conventions.find import (
     Conventions,
     find_conventions,
@@ -17,10 +16,12 @@ from ident.checks.conventions.find import (
     what_is_sure,
 )
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
+from ident.checks.conventions.settings import SEARCH
 from ident.checks.conventions.told import describe, tell
 from ident.checks.conventions.words import guess_in_words
 from ident.checks.effort import collect_states, fit_signed
-from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
+from ident.checks.filtered_run import compare_velocities
+from ident.checks.settings import USUAL_EFFORT, EffortSettings
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.records import JsonRecord
 from ident.robot.arm import ArmModel

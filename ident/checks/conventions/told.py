@@ -6,9 +6,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks.conventions.closely import Scored
-from ident.checks.conventions.description import MASSES, SEARCH
 from ident.checks.conventions.find import Conventions
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, ZEROS, Hypothesis
+from ident.checks.conventions.settings import MASSES, SEARCH
 from ident.checks.conventions.words import columns_in_words, in_words
 from ident.checks.report import WORDS, issue_of
 from ident.recordings.recording import Session, Severity, TelemetryIssue

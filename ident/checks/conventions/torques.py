@@ -15,9 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from ident.arrays import Array, Float
 from ident.checks.conventions.description import (
-    DESCRIPTION,
     KIND,
-    MASSES,
     column_length,
     gravity_length,
     sign_lengths,
@@ -25,6 +23,7 @@ from ident.checks.conventions.description import (
 )
 from ident.checks.conventions.hypothesis import Hypothesis
 from ident.checks.conventions.readings import Sums, common_size, own_columns, unexplained
+from ident.checks.conventions.settings import DESCRIPTION, MASSES
 
 # Readings of the torque that are kept of each motion.
 MOST_TORQUES = 3
