@@ -27,8 +27,7 @@ from ident.records import JsonRecord, as_json
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group, Key
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import project
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior, project
 from ident.sessions import Given, inspect_sources
 
 # Names of greatest evidence that are measured alone in each view (the others close nothing), and

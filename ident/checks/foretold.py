@@ -126,15 +126,19 @@ class RunTables:
         A joint that stands is held by anything between minus and plus its dry friction, for as long
         as it stands.
         """
-        table = self.table(run) * run.moves.T[:, :, None]
+        moves = run.moves.T[:, :, None]
+        table = self.table(run) * moves
         count = np.maximum(run.moves.sum(axis=0), 1)
-        return np.asarray(table.transpose(0, 2, 1) @ table / count[:, None, None])
+        gram = table.transpose(0, 2, 1) @ table
+        return np.asarray(gram / count[:, None, None])
 
     def foretell(self, run: RunStates, coefficients: Float[Array, "n p"]) -> Float[Array, "T n"]:
         """A run's torques by some coefficients [N m]."""
         table = self.table(run)
-        beyond = np.einsum("jtp,jp->tj", table[:, :, :-1], coefficients)
-        return np.asarray(run.tau - table[:, :, -1].T + beyond)
+        columns = table[:, :, :-1]
+        stated = table[:, :, -1].T
+        beyond = np.einsum("jtp,jp->tj", columns, coefficients)
+        return np.asarray(run.tau - stated + beyond)
 
     def errors_of(
         self, sums: Float[Array, "*R n c c"], others: Fit, own_losses: bool = False
@@ -150,8 +154,9 @@ class RunTables:
                 they drift, too.
         """
         left = left_beside_losses if own_losses else left_square
+        square = left(sums, others.coefficients)
         moves = sums[..., -1, -1] > 0.0
-        return np.where(moves, 0.5 * np.log(left(sums, others.coefficients)), np.nan)
+        return np.where(moves, 0.5 * np.log(square), np.nan)
 
     def errors_among(
         self, sums: Float[Array, "R n c c"], own_losses: bool = False
@@ -220,11 +225,13 @@ def fit(sums: Float[Array, "*R n c c"], runs: int) -> Fit:
     count = sums.shape[-1] - 1
     unit = np.eye(count)
     among = sums[..., :count, :count]
+    target = sums[..., :count, -1:]
     noise = np.maximum(sums[..., -1, -1], LEAST_SQUARE)
     coefficients = np.zeros((*noise.shape, count))
     for _ in range(LIMIT.rounds):
-        normal = among + (noise / LIMIT.states)[..., None, None] * unit
-        coefficients = solve_positive(normal, sums[..., :count, -1:])[..., 0]
+        weight = (noise / LIMIT.states)[..., None, None]
+        normal = among + weight * unit
+        coefficients = solve_positive(normal, target)[..., 0]
         noise = left_square(sums, coefficients)
     precision = runs * among / noise[..., None, None] + unit
     return Fit(coefficients, precision)
@@ -241,10 +248,13 @@ def solve_positive(
         matrices: One of each system.
         right: Right-hand sides of each, or one for all.
     """
-    size = np.sqrt(matrices.diagonal(axis1=-2, axis2=-1))[..., None]
+    power = matrices.diagonal(axis1=-2, axis2=-1)
+    size = np.sqrt(power)[..., None]
     scale = size * size.swapaxes(-1, -2)
-    scaled = matrices / scale + ROUNDING * np.eye(matrices.shape[-1])
-    return np.asarray(np.linalg.solve(scaled, right / size) / size)
+    ridge = ROUNDING * np.eye(matrices.shape[-1])
+    scaled = matrices / scale + ridge
+    solution = np.linalg.solve(scaled, right / size)
+    return np.asarray(solution / size)
 
 
 def left_square(
@@ -253,7 +263,8 @@ def left_square(
     """Mean square of what coefficients leave of each joint's torque [(N m)²]."""
     weights = _weights(coefficients)
     across = (sums @ weights[..., None])[..., 0]
-    return np.asarray(np.maximum((weights * across).sum(axis=-1), LEAST_SQUARE))
+    square = (weights * across).sum(axis=-1)
+    return np.asarray(np.maximum(square, LEAST_SQUARE))
 
 
 def left_beside_losses(
@@ -263,10 +274,11 @@ def left_beside_losses(
     weights = _weights(coefficients)
     across = (sums @ weights[..., None])[..., 0]
     losses = slice(-1 - LOSSES, -1)
+    along = across[..., losses]
     normal = sums[..., losses, losses] + LEAST_SQUARE * np.eye(LOSSES)
-    follow = solve_positive(normal, across[..., losses, None])[..., 0]
-    of_losses = (across[..., losses] * follow).sum(axis=-1)
-    left = (weights * across).sum(axis=-1) - of_losses
+    follow = solve_positive(normal, along[..., None])[..., 0]
+    square = (weights * across).sum(axis=-1)
+    left = square - (along * follow).sum(axis=-1)
     return np.asarray(np.maximum(left, LEAST_SQUARE))
 
 
@@ -291,4 +303,5 @@ def mean_error(errors: Float[Array, "R n"]) -> Float[Array, " n"]:
     moves = np.isfinite(errors)
     total = np.where(moves, errors, 0.0).sum(axis=0)
     runs = np.maximum(moves.sum(axis=0), 1)
-    return np.where(moves.any(axis=0), total / runs, np.nan)
+    mean = total / runs
+    return np.where(moves.any(axis=0), mean, np.nan)

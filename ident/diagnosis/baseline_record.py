@@ -20,8 +20,7 @@ from ident.regression.baseline import Baseline
 from ident.regression.design import LOSS_PARAMETERS, Group
 from ident.regression.factors import solve_signed
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Projection, project
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior, Projection, project
 from ident.robot.tolerance import parameter_scale
 
 LOSS_KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")

@@ -37,8 +37,7 @@ from ident.records import JsonRecord
 from ident.regression.baseline import Baseline
 from ident.regression.design import LOSS_PARAMETERS, Group
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Projection
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior, Projection
 from ident.regression.run_spread import robust_covariance
 from ident.robot.urdf_elements import COULOMB, VISCOUS, stated_friction
 

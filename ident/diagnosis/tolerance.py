@@ -23,8 +23,7 @@ from scipy.special import ndtr
 from ident.arrays import Array, Float
 from ident.records import Numbers, number
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Projection
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior, Projection
 
 
 @dataclass(frozen=True)

@@ -45,8 +45,7 @@ from ident.model.inertia import base_prior
 from ident.records import JsonRecord
 from ident.regression.baseline import Baseline
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Projection
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior, Projection
 from ident.robot.arm import ArmModel
 
 # Parameter names of a link's changes.

@@ -15,8 +15,7 @@ from ident.fitting.fit_sums import FitSums
 from ident.model.intervals import limits
 from ident.regression.design import LOSS_PARAMETERS
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Projection, project
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior, Projection, project
 from ident.regression.run_spread import estimate_run_spread, squares_left, worth_of_rows
 
 # Weights are found anew so many times at the most.

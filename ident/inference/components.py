@@ -31,7 +31,7 @@ from ident.inference.sums import SessionSums, without_negative_directions
 from ident.regression.baseline import Baseline, UrdfError
 from ident.regression.design import Group
 from ident.regression.discrepancy import BLOCKS
-from ident.regression.prior import Prior, ridge_of
+from ident.regression.least_squares import Prior, ridge_of
 
 
 @dataclass(frozen=True, eq=False)

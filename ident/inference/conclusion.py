@@ -27,7 +27,7 @@ from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut, HeldOutScore
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior
 
 # Likelier than not.
 EVEN_ODDS = 0.5

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from ident.arrays import Array, Float, Int
 from ident.inference.names import Names
 from ident.regression.design import Group
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior
 
 
 class Searchable(Protocol):

@@ -12,8 +12,7 @@ from ident.arrays import Array, Float, Int
 from ident.regression.design import Group
 from ident.regression.factors import factorise_signed
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import signs_of
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior, signs_of
 
 # Models whose sums at a joint are kept.
 MODELS_KEPT = 3

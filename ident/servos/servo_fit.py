@@ -34,6 +34,14 @@ if TYPE_CHECKING:
     from ident.servos.rolled_out import RolledOut
     from ident.servos.told_runs import ToldRun
 
+# What is reported, by figure: its unit, its words, and the reason where it is not.
+TEXT = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+FIGURES: dict[str, dict[str, Any]] = TEXT["figures"]
+COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
+SCHEMA = "ident.servo/1"
+# Figures that say how late a joint is after its goals.
+LATE = {"delay_s", "total_lag_s"}
+
 
 @dataclass(frozen=True, eq=False)
 class GoalRun:
@@ -133,12 +141,6 @@ def runs_of(sessions: Sequence[Session], cutoff: float | None = None) -> tuple[G
     return tuple(goal_runs)
 
 
-# What is reported, by figure: its unit, its words, and the reason where it is not.
-TEXT = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
-FIGURES: dict[str, dict[str, Any]] = TEXT["figures"]
-COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
-
-
 Figures = dict[str, tuple[float, float, float]]
 """Figures of a joint by name: the value, and both ends of its 95 % interval."""
 Rows = tuple[Float[Array, " R"], Float[Array, "R k"], Int[Array, " R"]]
@@ -194,11 +196,10 @@ def _fit_joint(
     figures, untold = _linear(rows, [table[k] for k in open_], reach)
     if sure:
         value = float(delays[best])
-        if (
-            0 < best < len(delays) - 1
-        ):  # the lowest point of the parabola through the best delay and its neighbours
-            before, at, after = losses.sum(axis=1)[best - 1 : best + 2]
-            bend = before - 2.0 * at + after
+        # the lowest point of the parabola through the best delay and its neighbours
+        if 0 < best < len(delays) - 1:
+            before, lowest, after = losses.sum(axis=1)[best - 1 : best + 2]
+            bend = before - 2.0 * lowest + after
             if bend > 0.0:
                 value += float(0.5 * LIMIT.delay_step * (before - after) / bend)
         figures["delay_s"] = value, max(low - LIMIT.delay_step, 0.0), high + LIMIT.delay_step
@@ -362,11 +363,6 @@ def _total_lag(table: Sequence[Rows], near: Bool[Array, " D"], best: int) -> Fig
     low = min(total[1] for total in totals.values())
     high = max(total[2] for total in totals.values())
     return {"total_lag_s": (totals[best][0], low, high)} if low > 0.0 else {}
-
-
-SCHEMA = "ident.servo/1"
-# Figures that say how late a joint is after its goals.
-LATE = {"delay_s", "total_lag_s"}
 
 
 @dataclass(frozen=True, eq=False)

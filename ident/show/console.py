@@ -25,6 +25,18 @@ if TYPE_CHECKING:  # a help text needs none of them
 
 # Where output is no terminal there is no edge: lines are this long [columns].
 WIDE = 160
+# In a log lines are so far apart [s]; from so long on, time is given in minutes [s].
+BETWEEN_LINES = 5.0
+LONG = 120.0
+COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
+# Sentences are not longer than this, however wide a terminal is: longer lines are hard to read
+# [columns].
+TEXT_WIDTH = 80
+# What is not broken over lines: commands in backquotes, and a number with its unit.
+UNBROKEN = re.compile(
+    r"`[^`]*`|(?<=\d) (?=N m|kg|rad|J|s\b|%|Hz|±)|(?<=±) (?=\d)|(?<=N) (?=m\b|s/)|(?<=m) (?=s/rad)"
+)
+GLUE = "\x00"
 
 
 class PlainConsole(Console):
@@ -49,12 +61,6 @@ def styled(*parts: str | tuple[str, str]) -> Text:
         for words in parts
     )
     return Text.assemble(*shown)
-
-
-# In a log lines are so far apart [s]; from so long on, time is given in minutes [s].
-BETWEEN_LINES = 5.0
-LONG = 120.0
-COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
 
 
 def ladder_table(score: SessionScore) -> Table:
@@ -154,16 +160,6 @@ def progress_words(job: str, stage: str, share: float, left: float | None) -> st
     if left < LONG:
         return f"{words}, {left:.0f} s left"
     return f"{words}, {left / 60.0:.0f} min left"
-
-
-# Sentences are not longer than this, however wide a terminal is: longer lines are hard to read
-# [columns].
-TEXT_WIDTH = 80
-# What is not broken over lines: commands in backquotes, and a number with its unit.
-UNBROKEN = re.compile(
-    r"`[^`]*`|(?<=\d) (?=N m|kg|rad|J|s\b|%|Hz|±)|(?<=±) (?=\d)|(?<=N) (?=m\b|s/)|(?<=m) (?=s/rad)"
-)
-GLUE = "\x00"
 
 
 def wrap(text: str, width: int, indent: str = "", hanging: str | None = None) -> str:

@@ -76,8 +76,10 @@ def silent_groups(rows: Sequence[Record]) -> list[tuple[str, list[str]]]:
 
 def _kind_of(reason: str) -> str:
     """What lies behind a reason why an effect could not be tested, in words."""
-    fitting = (entry for entry in UNTESTABLE if any(mark in reason for mark in entry["marks"]))
-    return str(next(fitting)["words"])
+    for entry in UNTESTABLE:
+        if any(mark in reason for mark in entry["marks"]):
+            return str(entry["words"])
+    raise LookupError(reason)
 
 
 def _few(joints: Sequence[str]) -> str:

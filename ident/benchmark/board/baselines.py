@@ -22,8 +22,7 @@ from ident.motion.motion import Motion
 from ident.records import JsonRecord
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import project
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior, project
 from ident.robot.arm import ArmModel
 
 NAMED_SHARE = 0.5

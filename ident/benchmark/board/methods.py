@@ -44,7 +44,7 @@ from ident.outputs import begin_folder
 from ident.recordings.recording import Recording
 from ident.records import JsonRecord
 from ident.regression.gram import Evidence
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior
 from ident.robot.arm import ArmModel
 from ident.sessions import Given, inspect_sources
 

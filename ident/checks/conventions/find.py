@@ -128,9 +128,9 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     guess = next((scored for scored in ranked if scored.hypothesis.parameters is not None), None)
     of_masses = next((scored for scored in ranked if _changes_masses(scored)), None)
     second = second_of(ranked, model.usual_orders)
-    part = _part_of_urdf(ranked)
+    of_urdf = _part_of_urdf(ranked)
     is_guessed = has_placeholders(model.arm)
-    return Conventions(as_it_is, best, second, part, guess, of_masses, is_guessed)
+    return Conventions(as_it_is, best, second, of_urdf, guess, of_masses, is_guessed)
 
 
 def has_placeholders(arm: ArmModel) -> bool:

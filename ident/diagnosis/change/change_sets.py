@@ -27,7 +27,7 @@ from ident.inference.names import Names
 from ident.inference.search import SetSearch
 from ident.regression.design import Group, Key
 from ident.regression.gram import Evidence
-from ident.regression.prior import Prior, ridge_of
+from ident.regression.least_squares import Prior, ridge_of
 
 # Rounds of sets and the variance between runs beside them: a limit on work.
 ROUNDS = 3

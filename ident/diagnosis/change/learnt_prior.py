@@ -26,7 +26,7 @@ from ident.arrays import Array, Float, Int
 from ident.diagnosis.change.settings import PRIOR
 from ident.regression.factors import factorise
 from ident.regression.gram import Evidence
-from ident.regression.prior import RIDGE, Prior
+from ident.regression.least_squares import RIDGE, Prior
 
 
 @dataclass(frozen=True, eq=False)

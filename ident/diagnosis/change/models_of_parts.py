@@ -17,7 +17,7 @@ from ident.diagnosis.change.permuted_sets import parts_of
 from ident.diagnosis.change.settings import CHANGE
 from ident.regression.design import Group
 from ident.regression.factors import factorise, positive
-from ident.regression.prior import ridge_of
+from ident.regression.least_squares import ridge_of
 
 
 class SolvedModel(NamedTuple):

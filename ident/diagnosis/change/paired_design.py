@@ -32,9 +32,8 @@ from ident.regression.design import Grid, Group, NotTestable, find_grids, layout
 from ident.regression.discrepancy import unusual_torque
 from ident.regression.dwells import HeldFriction
 from ident.regression.gather import gather
-from ident.regression.least_squares import Projection, project
+from ident.regression.least_squares import Prior, Projection, project
 from ident.regression.noise import Whitening
-from ident.regression.prior import Prior
 from ident.regression.run_spread import estimate_held, estimate_run_spread
 from ident.regression.runs import build_session, leftover_torque
 from ident.robot.arm import ArmModel

@@ -33,8 +33,7 @@ from ident.diagnosis.change.paired_sums import PairedSums, Sides
 from ident.diagnosis.change.settings import PERMUTED
 from ident.regression.design import Group, Key
 from ident.regression.factors import factorise
-from ident.regression.least_squares import carried_noise
-from ident.regression.prior import RIDGE, Prior, ridge_of
+from ident.regression.least_squares import RIDGE, Prior, carried_noise, ridge_of
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from ident.recordings.recording import Payload, Session
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, made_session
 

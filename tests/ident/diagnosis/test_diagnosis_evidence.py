@@ -22,10 +22,9 @@ from ident.regression.discrepancy import unusual_torque
 from ident.regression.dwells import HeldFriction
 from ident.regression.gather import gather
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import project
+from ident.regression.least_squares import RIDGE, Prior, project
 from ident.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
 from ident.regression.partition import build_partition
-from ident.regression.prior import RIDGE, Prior
 from ident.regression.rows import Rows, compute_rows
 from ident.regression.runs import leftover_torque
 from ident.regression.spooled import SpooledArrays

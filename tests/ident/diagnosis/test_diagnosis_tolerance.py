@@ -15,8 +15,7 @@ from ident.effects.catalogue import find_effect
 from ident.effects.interval import Interval
 from ident.regression.baseline import UrdfError
 from ident.regression.block_sums import SymmetricSums
-from ident.regression.least_squares import project
-from ident.regression.prior import Prior
+from ident.regression.least_squares import Prior, project
 from ident.robot.arm import ArmModel
 from ident.show.terminal import describe_name
 from tests.ident.diagnosis.planted import MASS, analyse, healthy_torque, loaded, nothing, record
