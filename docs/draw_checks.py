@@ -27,7 +27,8 @@ torque is judged last. This page is written by `python docs/draw_checks.py` from
 
 def read_module(module: str) -> ast.Module:
     """The syntax tree of a module of ours."""
-    path = ROOT.joinpath(*module.split(".")).with_suffix(".py")
+    folder = ROOT.joinpath(*module.split("."))
+    path = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
     return ast.parse(path.read_text(encoding="utf-8"))
 
 

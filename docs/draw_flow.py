@@ -16,6 +16,8 @@ ROOT = HERE.parent
 OUT = HERE / "diagnosis.svg"
 DOOR = "ident.diagnosis.diagnose"
 STAGE = "ident.inference."
+# Numbers, and what types say: no step on the way.
+ASIDE = ("settings", "searchable")
 # Sizes in the picture's units, which are pixels on a phone [px].
 WIDTH = 390
 LEFT = 66
@@ -63,7 +65,8 @@ def read_flow() -> Imports:
     flow: Imports = {}
     while waiting:
         module = waiting.pop()
-        flow[module] = {name for name in imported(module) if name.startswith(STAGE)}
+        needed = {name for name in imported(module) if name.startswith(STAGE)}
+        flow[module] = {name for name in needed if name.rpartition(".")[2] not in ASIDE}
         waiting += [name for name in flow[module] if name not in flow]
     return flow
 

@@ -3,7 +3,8 @@
     from ident import diagnose
     print(diagnose("my_session", "my_arm.urdf").summary())
 
-Each name is loaded when it is first asked for (PEP 562), so that importing the package costs nothing.
+Each name is loaded when it is first asked for (PEP 562), so that importing the package costs
+nothing.
 """
 
 from __future__ import annotations
@@ -44,10 +45,13 @@ if TYPE_CHECKING:
     from ident.sessions import open_sessions as open_sessions
 
 
-def lazily(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+def lazily(
+    package: str, file: str
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """The module functions `__getattr__` and `__dir__` of a package, and its `__all__`.
 
-    Its names stand once, where type checkers read them: each in a line `from HOME import NAME as NAME`.
+    Its names stand once, where type checkers read them: each in a line `from HOME import NAME as
+    NAME`.
 
     Args:
         package: Name of the package.
@@ -59,7 +63,9 @@ def lazily(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], 
 
     def load(name: str) -> Any:
         if name not in homes:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}; it has: {', '.join(sorted(homes))}")
+            raise AttributeError(
+                f"module {package!r} has no attribute {name!r}; it has: {', '.join(sorted(homes))}"
+            )
         from importlib import import_module
 
         return getattr(import_module(homes[name]), name)

@@ -1,7 +1,7 @@
 """Array types and the read-only copies that frozen dataclasses hold.
 
-Type checkers see jaxtyping's annotations. At run time nothing reads them, and loading jaxtyping costs a tenth of a
-second of processor time in every command: arrays of any kind take their place.
+Type checkers see jaxtyping's annotations. At run time nothing reads them, and loading jaxtyping
+costs a tenth of a second of processor time in every command: arrays of any kind take their place.
 """
 
 from __future__ import annotations
@@ -25,18 +25,28 @@ else:
 
 
 def freeze(values: Any) -> Float[Array, "..."]:
-    """Copies values into a read-only float array; an array that is one already, and no view, is taken as it is."""
-    if isinstance(values, np.ndarray) and values.dtype == float and values.flags.owndata and not values.flags.writeable:
+    """Copies values into a read-only float array; an array that is one already, and no view, is
+    taken as it is.
+    """
+    if (
+        isinstance(values, np.ndarray)
+        and values.dtype == float
+        and values.flags.owndata
+        and not values.flags.writeable
+    ):
         return values
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array
 
 
-def least_squares(table: Float[Array, "T k"], target: Float[Array, "..."], least: float | None = None) -> Array:
+def least_squares(
+    table: Float[Array, "T k"], target: Float[Array, "..."], least: float | None = None
+) -> Array:
     """Least-squares solution of least norm.
 
-    LAPACK's fastest way, by divided singular values, may not come to an end where a column is zero; pivoted ones do.
+    LAPACK's fastest way, by divided singular values, may not come to an end where a column is zero;
+    pivoted ones do.
 
     Args:
         table: The columns.
@@ -52,14 +62,20 @@ def least_squares(table: Float[Array, "T k"], target: Float[Array, "..."], least
 
 
 def in_a_line(record: Any) -> str:
-    """A dataclass in one line, for its `repr`: shapes of its arrays, lengths of what it holds many of."""
-    found = []
-    for one in fields(record):
-        value = getattr(record, one.name)
+    """A dataclass in one line, for its `repr`: shapes of its arrays, lengths of what it holds many
+    of.
+    """
+    told = []
+    for stated in fields(record):
+        value = getattr(record, stated.name)
         if hasattr(value, "shape"):
-            found.append(f"{one.name}: {' x '.join(map(str, value.shape))}")
+            told.append(f"{stated.name}: {' x '.join(map(str, value.shape))}")
         elif isinstance(value, str | int | float | PurePath | tuple) and len(str(value)) < LINE:
-            found.append(f"{one.name}={str(value)!r}" if isinstance(value, PurePath) else f"{one.name}={value!r}")
+            told.append(
+                f"{stated.name}={str(value)!r}"
+                if isinstance(value, PurePath)
+                else f"{stated.name}={value!r}"
+            )
         elif value is not None and hasattr(value, "__len__"):
-            found.append(f"{one.name}: {len(value)}")
-    return f"{type(record).__name__}({', '.join(found)})"
+            told.append(f"{stated.name}: {len(value)}")
+    return f"{type(record).__name__}({', '.join(told)})"

@@ -166,10 +166,12 @@ def run_on_cluster(
             raise InputError("--scheduler", what, "give its workers more memory") from None
         except NoWorkerError as error:
             what = first_line(error)
-            raise InputError("--scheduler", what, "start a worker, then run the command again") from None
+            raise InputError(
+                "--scheduler", what, "start a worker, then run the command again"
+            ) from None
         except Exception as error:
-            # A scheduler that goes away shows as a future that is cancelled, a closed connection, or
-            # a TypeError of the client's own.
+            # A scheduler that goes away shows as a future that is cancelled, a closed connection,
+            # or a TypeError of the client's own.
             if client.status == "running" and not isinstance(error, CancelledError):
                 raise
             done_so_far = f"{finished} of {plural(len(tasks), 'task')} are done"

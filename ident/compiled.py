@@ -59,8 +59,8 @@ def compile_seconds() -> float:
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Makes a function machine code, which is kept for processes to come.
 
-    Where the source's folder can't be written it is kept in the user's cache. Where others may write there, or there is
-    none, every process compiles it: kept code is run as it lies there.
+    Where the source's folder can't be written it is kept in the user's cache. Where others may
+    write there, or there is none, every process compiles it: kept code is run as it lies there.
 
     Args:
         options: Those of `numba.njit`.

@@ -1,4 +1,6 @@
-"""The error tree. Every error a user can cause says where it is, what is wrong and what to do about it."""
+"""The error tree. Every error a user can cause says where it is, what is wrong and what to do about
+it.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +8,11 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-# Control characters, marks that turn the direction of writing, and bytes of names that are not UTF-8.
-UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
+# Control characters, marks that turn the direction of writing, and bytes of names that are not
+# UTF-8.
+UNSEEN = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]"
+)
 # A line for a settings file within a remedy, where it stands in backquotes.
 LINE_TO_WRITE = re.compile(r"`(\w+ = [^`]+)`")
 # As much of a place, a fault and a remedy as is told: together they fill a screen [characters].
@@ -15,17 +20,18 @@ LONGEST_PART = 600
 
 
 def visible(text: str, lines: bool = False) -> str:
-    """A text with everything in it that a terminal would obey rather than show written as its escape.
+    """A text with everything in it that a terminal would obey rather than show written as its
+    escape.
 
     Args:
         text: Names from files, messages with such names in them.
         lines: Whether line ends and tabs stay.
     """
 
-    def escape(found: re.Match[str]) -> str:
-        code = ord(found.group())
+    def escape(mark: re.Match[str]) -> str:
+        code = ord(mark.group())
         if lines and code in (9, 10):
-            return found.group()
+            return mark.group()
         if 0xDC80 <= code <= 0xDCFF:  # a byte of a file's name that is not UTF-8
             code -= 0xDC00
         return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
@@ -75,7 +81,7 @@ class InputError(ArmgapError):
         self.where = str(where)
         self.what = what
         self.remedy = remedy
-        parts = (shortened(visible(part)) for part in (self.where, what, remedy))
+        parts = (shortened(visible(words)) for words in (self.where, what, remedy))
         super().__init__("{}: {}; {}".format(*parts))
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:

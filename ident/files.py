@@ -36,8 +36,17 @@ RENAME_EXCHANGE = 2
 FORMULAS = ("=", "+", "-", "@", "\t", "\r")
 # Ending of what was there before, while a new folder takes its place without an exchange.
 RETIRED = ".old"
-# The system's own faults: full disks and quotas, broken devices, no handles or memory left. No other name helps.
-FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.ENOMEM)
+# The system's own faults: full disks and quotas, broken devices, no handles or memory left. No
+# other name helps.
+FAULTS = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EIO,
+    errno.EFBIG,
+    errno.EMFILE,
+    errno.ENFILE,
+    errno.ENOMEM,
+)
 HOST = f"{zlib.crc32(socket.gethostname().encode()):08x}"
 
 
@@ -60,7 +69,8 @@ def run_python(path: Path, name: str) -> ModuleType:
     spec = spec_from_loader(name, loader)
     assert spec is not None
     module = module_from_spec(spec)
-    # Dataclasses look their module up while it is being made; a second file must not find the first one's.
+    # Dataclasses look their module up while it is being made; a second file must not find the first
+    # one's.
     sys.modules[name] = module
     try:
         loader.exec_module(module)
@@ -71,10 +81,11 @@ def run_python(path: Path, name: str) -> ModuleType:
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """Lends a temporary path in the target's folder; renames it to the target if the block succeeds.
+    """Lends a temporary path in the target's folder; renames it to the target if the block
+    succeeds.
 
-    The temporary file keeps the target's suffix, as some writers choose the format by it. What processes that were
-    killed left behind for the same target is cleared.
+    The temporary file keeps the target's suffix, as some writers choose the format by it. What
+    processes that were killed left behind for the same target is cleared.
 
     Args:
         path: The file to be written; its folder is made if need be.
@@ -99,10 +110,12 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | Path, kind: str) -> Iterator[Path]:
-    """Lends a temporary folder beside the target; puts it in the target's place if the block succeeds.
+    """Lends a temporary folder beside the target; puts it in the target's place if the block
+    succeeds.
 
-    The folder gets a marker that lists its files. Only an earlier folder of the same kind that holds nothing else is
-    replaced, as a whole and in one step where the system can exchange two names.
+    The folder gets a marker that lists its files. Only an earlier folder of the same kind that
+    holds nothing else is replaced, as a whole and in one step where the system can exchange two
+    names.
 
     Args:
         path: The folder to be written.
@@ -112,7 +125,8 @@ def atomic_folder(path: str | Path, kind: str) -> Iterator[Path]:
         The folder to write into.
 
     Raises:
-        InputError: The parent folder can't be written to, or the target holds what armgap did not write.
+        InputError: The parent folder can't be written to, or the target holds what armgap did not
+            write.
     """
     target = absolute(path)
     require_own_folder(target, kind)
@@ -152,12 +166,13 @@ def write_record(path: str | Path | None, record: Mapping[str, Any]) -> None:
     if Path(path) == STANDARD_OUTPUT:
         print(text)
         return
-    with atomic_write(path) as part:
-        part.write_text(text + "\n", encoding="utf-8")
+    with atomic_write(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
 
 
 def deliver(show: Callable[[], object], *writes: Callable[[], object]) -> None:
-    """Writes results, then shows them. One that can't be written takes neither the others nor the print with it.
+    """Writes results, then shows them. One that can't be written takes neither the others nor the
+    print with it.
 
     Raises:
         OSError, InputError: The first that a write raised, after everything else was done.
@@ -213,7 +228,9 @@ def _exchange(first: Path, second: Path) -> bool:
         rename = ctypes.CDLL(None, use_errno=True).renameat2
     except (AttributeError, OSError, TypeError):
         return False
-    return bool(rename(AT_FDCWD, os.fsencode(first), AT_FDCWD, os.fsencode(second), RENAME_EXCHANGE) == 0)
+    return bool(
+        rename(AT_FDCWD, os.fsencode(first), AT_FDCWD, os.fsencode(second), RENAME_EXCHANGE) == 0
+    )
 
 
 @contextmanager
@@ -238,7 +255,9 @@ def _parents(target: Path) -> Iterator[None]:
 
 
 def _make_temporary(target: Path, folder: bool) -> Path:
-    """A fresh temporary file or folder next to the target: a rename is atomic only on one file system."""
+    """A fresh temporary file or folder next to the target: a rename is atomic only on one file
+    system.
+    """
     clear_temporaries(target)
     ending = ".part" + ("" if folder else target.suffix[:16])
     name = f".{_short(target)}.armgap-{HOST}-{os.getpid()}-{secrets.token_hex(4)}{ending}"
@@ -254,7 +273,9 @@ def _make_temporary(target: Path, folder: bool) -> Path:
 
 
 def _short(target: Path) -> str:
-    """The beginning of a target's name, so that the temporary's is not too long for the file system."""
+    """The beginning of a target's name, so that the temporary's is not too long for the file
+    system.
+    """
     return os.fsdecode(os.fsencode(target.stem)[:100])
 
 

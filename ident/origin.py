@@ -7,7 +7,8 @@ import re
 from functools import cache
 from pathlib import Path
 
-# Distributions whose numbers stand in results: linear algebra, dynamics, solvers, collisions, simulation, nets, tables.
+# Distributions whose numbers stand in results: linear algebra, dynamics, solvers, collisions,
+# simulation, nets, tables.
 ENGINES: tuple[str, ...] = ("numpy", "scipy", "numba", "pin", "clarabel", "pyarrow", "scikit-learn")
 ENGINES += ("casadi", "coal", "cma", "daqp", "mujoco", "torch")
 HASH = re.compile(r"[0-9a-f]{40}([0-9a-f]{24})?")
@@ -22,12 +23,12 @@ UNITS = "SI: rad or m, rad/s or m/s, N m or N, kg, kg m², s"
 @cache
 def engine_versions() -> dict[str, str]:
     """Version of each engine that is installed, by its name; the others have no entry."""
-    found = {}
+    versions = {}
     for name in ENGINES:
         for distribution in importlib.metadata.distributions(name=name):
-            found[name] = distribution.version
+            versions[name] = distribution.version
             break
-    return found
+    return versions
 
 
 @cache

@@ -1,7 +1,8 @@
 """Which files and folders armgap wrote itself: only those are ever replaced.
 
-A folder of results holds a marker that lists its files with their hashes; a file of results names armgap in its first
-bytes. Whatever else stands at a place where a result is to go belongs to the user and stays.
+A folder of results holds a marker that lists its files with their hashes; a file of results names
+armgap in its first bytes. Whatever else stands at a place where a result is to go belongs to the
+user and stays.
 """
 
 from __future__ import annotations
@@ -26,11 +27,12 @@ STANDARD_OUTPUT = Path("-")
 SESSION_KIND = "session"
 # A marker lists some thousand files at most; a larger one is not ours [bytes].
 LARGEST_MARKER = 1 << 24
-# How far into a file its mark is looked for [bytes]: Rerun's recordings name their application after the header,
-# Parquet files their writer before the end.
+# How far into a file its mark is looked for [bytes]: Rerun's recordings name their application
+# after the header, Parquet files their writer before the end.
 HEAD_BYTES = 1 << 12
 TAIL_BYTES = 1 << 14
-# How the files of results begin, and what they have near there: JSON, HTML, pictures, timelines, texts.
+# How the files of results begin, and what they have near there: JSON, HTML, pictures, timelines,
+# texts.
 MARKS = (
     (b"{", b'"schema": "ident.'),
     (b"{", b'"schema": "plan.'),
@@ -47,21 +49,29 @@ ELSEWHERE = "choose another place, or remove it yourself"
 
 
 def write_marker(folder: Path, kind: str) -> None:
-    """Lists a finished folder's files in its marker, which makes the folder replaceable by the same kind of result."""
-    names = [path for path in sorted(folder.rglob("*")) if path.name != MARKER and path.is_file()]
-    files = {os.fsencode(path.relative_to(folder)).decode("latin-1"): sha256_of(path) for path in names}
+    """Lists a finished folder's files in its marker, which makes the folder replaceable by the same
+    kind of result.
+    """
+    below = [path for path in sorted(folder.rglob("*")) if path.name != MARKER]
+    names = [path for path in below if path.is_file()]
+    files = {
+        os.fsencode(path.relative_to(folder)).decode("latin-1"): sha256_of(path) for path in names
+    }
     record = {"schema": SCHEMA, "kind": kind, "files": files}
     (folder / MARKER).write_text(as_json(record) + "\n", encoding="utf-8")
 
 
 def begin_folder(folder: Path, kind: str) -> None:
-    """Makes a folder that fills step by step (a check, a checkpoint), or takes up one of the same kind.
+    """Makes a folder that fills step by step (a check, a checkpoint), or takes up one of the same
+    kind.
 
     Raises:
         InputError: It holds something that armgap did not write, or can't be made.
     """
     try:
-        if not _exists(folder) or (folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir())):
+        if not _exists(folder) or (
+            folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir())
+        ):
             folder.mkdir(parents=True, exist_ok=True)
             record = {"schema": SCHEMA, "kind": kind, "files": None}
             (folder / MARKER).write_text(as_json(record, None) + "\n", encoding="utf-8")
@@ -69,7 +79,9 @@ def begin_folder(folder: Path, kind: str) -> None:
         if folder.is_symlink() or not folder.is_dir():
             raise InputError(folder, f"is {_kind_of(folder)}, not a folder", ELSEWHERE)
         if _read_marker(folder).get("kind") != kind:
-            raise InputError(folder, f"the folder holds something else than a {kind} of armgap", ELSEWHERE)
+            raise InputError(
+                folder, f"the folder holds something else than a {kind} of armgap", ELSEWHERE
+            )
     except OSError as error:
         raise unwritable(folder, error) from None
 
@@ -87,7 +99,8 @@ def is_begun(folder: Path, kind: str) -> bool:
 
 
 def require_own_folder(folder: Path, kind: str) -> None:
-    """Passes if a folder may be written as a whole: nothing is there, or an earlier result of the same kind alone.
+    """Passes if a folder may be written as a whole: nothing is there, or an earlier result of the
+    same kind alone.
 
     Args:
         folder: Where the result is to go.
@@ -100,9 +113,15 @@ def require_own_folder(folder: Path, kind: str) -> None:
         if not _exists(folder):
             return
         if folder.is_symlink() or not folder.is_dir():
-            raise InputError(folder, f"is {_kind_of(folder)}, not a folder", "choose another name for the folder")
+            raise InputError(
+                folder, f"is {_kind_of(folder)}, not a folder", "choose another name for the folder"
+            )
         if os.path.ismount(folder) or Path.cwd().is_relative_to(real_path(folder)):
-            raise InputError(folder, "is a folder that can't be replaced as a whole", "name a new folder inside it")
+            raise InputError(
+                folder,
+                "is a folder that can't be replaced as a whole",
+                "name a new folder inside it",
+            )
         if not any(folder.iterdir()):
             return
         record = _read_marker(folder)
@@ -120,7 +139,9 @@ def _require_unchanged(folder: Path, files: Mapping[str, Any]) -> None:
     for path in sorted(folder.rglob("*")):
         name = os.fsencode(path.relative_to(folder)).decode("latin-1")
         if path.is_symlink():
-            raise InputError(folder, f"holds the link {name!r}, which armgap did not write", ELSEWHERE)
+            raise InputError(
+                folder, f"holds the link {name!r}, which armgap did not write", ELSEWHERE
+            )
         if path.is_dir() or path == folder / MARKER:
             continue
         if name not in files:
@@ -151,19 +172,25 @@ def require_plain(path: Path) -> None:
     """
     try:
         if _exists(path) and not stat.S_ISREG(path.lstat().st_mode):
-            raise InputError(path, f"is {_kind_of(path)}, not a plain file", "choose another name for the file")
+            raise InputError(
+                path, f"is {_kind_of(path)}, not a plain file", "choose another name for the file"
+            )
     except OSError as error:
         raise unwritable(path, error) from None
 
 
 def mark_file(path: Path) -> None:
-    """Writes down beside a file that has no room for a mark, a CSV table, that it is ours as it stands now."""
+    """Writes down beside a file that has no room for a mark, a CSV table, that it is ours as it
+    stands now.
+    """
     record = {"schema": FILE_SCHEMA, "sha256": sha256_of(path)}
     _mark_of(path).write_text(as_json(record, None) + "\n", encoding="utf-8")
 
 
 def remove_own_file(path: Path) -> bool:
-    """Removes a result of an earlier run, so that none stands as if new; whether there was one of ours."""
+    """Removes a result of an earlier run, so that none stands as if new; whether there was one of
+    ours.
+    """
     if not path.is_file() or path.is_symlink() or not is_own_file(path):
         return False
     path.unlink()
@@ -193,7 +220,8 @@ def check_outputs(
     files: Mapping[str, Path | None] | None = None,
     folders: Mapping[str, tuple[Path | None, str]] | None = None,
 ) -> None:
-    """Looks at every place where a command will write, before it works: nothing of the user's may stand there.
+    """Looks at every place where a command will write, before it works: nothing of the user's may
+    stand there.
 
     Args:
         inputs: What the command reads; names that are no paths are passed over.
@@ -201,10 +229,17 @@ def check_outputs(
         folders: Option -> (folder to be written as a whole, kind of result).
 
     Raises:
-        InputError: A place is not free, can't be written to, is read by the same command, or is asked for twice.
+        InputError: A place is not free, can't be written to, is read by the same command, or is
+            asked for twice.
     """
-    whole = {option: (path, kind) for option, (path, kind) in (folders or {}).items() if path is not None}
-    single = {option: path for option, path in (files or {}).items() if path is not None and path != STANDARD_OUTPUT}
+    whole = {
+        option: (path, kind) for option, (path, kind) in (folders or {}).items() if path is not None
+    }
+    single = {
+        option: path
+        for option, path in (files or {}).items()
+        if path is not None and path != STANDARD_OUTPUT
+    }
     places = {**{option: path for option, (path, _) in whole.items()}, **single}
     # A folder that is filled step by step need not be there yet; a name of a robot is no path.
     named = [entry for entry in inputs if entry is not None]
@@ -214,12 +249,16 @@ def check_outputs(
         for entry in read:
             source = real_path(entry)
             if place == source or (option in whole and source.is_relative_to(place)):
-                raise InputError(f"{option} {path}", "is read by the same command", "choose another place")
+                raise InputError(
+                    f"{option} {path}", "is read by the same command", "choose another place"
+                )
         for other, second in places.items():
             another = real_path(second)
             lies_within = other in whole and place.is_relative_to(another)
             if other != option and (place == another or lies_within):
-                raise InputError(f"{option} {path}", f"is also what {other} writes", "choose another place")
+                raise InputError(
+                    f"{option} {path}", f"is also what {other} writes", "choose another place"
+                )
     for path in single.values():
         require_own_file(path)
     for path, kind in whole.values():
@@ -229,7 +268,8 @@ def check_outputs(
 
 
 def require_writable(path: Path) -> None:
-    """Tries the nearest folder that exists: what can't be written at the end should be told at the beginning.
+    """Tries the nearest folder that exists: what can't be written at the end should be told at the
+    beginning.
 
     Raises:
         InputError: It is no folder, or nothing can be made in it.
@@ -239,7 +279,9 @@ def require_writable(path: Path) -> None:
         while not _exists(folder):
             folder = folder.parent
         if not folder.is_dir():
-            raise InputError(path, f"can't be written ({folder} is not a folder)", "choose a folder")
+            raise InputError(
+                path, f"can't be written ({folder} is not a folder)", "choose a folder"
+            )
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(13, "no permission to write, or a read-only disk")
         longest = os.pathconf(folder, "PC_NAME_MAX") if hasattr(os, "pathconf") else 255
@@ -267,8 +309,8 @@ def _read_marker(folder: Path) -> dict[str, Any]:
 
 def _read_record(path: Path, schema: str) -> dict[str, Any]:
     try:
-        found = path.lstat()
-        if not stat.S_ISREG(found.st_mode) or found.st_size > LARGEST_MARKER:
+        state = path.lstat()
+        if not stat.S_ISREG(state.st_mode) or state.st_size > LARGEST_MARKER:
             return {}
         record = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

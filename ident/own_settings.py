@@ -23,11 +23,14 @@ from ident.user_cache import user_cache
 NUMBA_FILE = ".numba_config.yaml"
 # Matplotlib's name of a file of parameters, which it takes from that folder before any other.
 MATPLOTLIB_FILE = "matplotlibrc"
-# Variables of the environment that a module reads while it is loaded, and what it reads there instead: matplotlib its
-# file of parameters, a module that it imports for its windows, and whether it starts a program that lists fonts; MuJoCo
-# whether it starts a process that loads GLFW.
+# Variables of the environment that a module reads while it is loaded, and what it reads there
+# instead: matplotlib its file of parameters, a module that it imports for its windows, and whether
+# it starts a program that lists fonts; MuJoCo whether it starts a process that loads GLFW.
 READ_AT_LOADING = {
-    "matplotlib": {"MATPLOTLIBRC": str(Path(__file__).parent / "show" / MATPLOTLIB_FILE), "MPLBACKEND": "agg"},
+    "matplotlib": {
+        "MATPLOTLIBRC": str(Path(__file__).parent / "show" / MATPLOTLIB_FILE),
+        "MPLBACKEND": "agg",
+    },
     "matplotlib.font_manager": {"MPL_IGNORE_SYSTEM_FONTS": "1"},
     "mujoco": {"MUJOCO_GL": "disable"},
 }
@@ -39,14 +42,19 @@ MATPLOTLIB_FOLDER = "matplotlib"
 
 
 def keep_own_settings() -> None:
-    """Lets this process and those that it starts take nothing from the folder where they are started.
+    """Lets this process and those that it starts take nothing from the folder where they are
+    started.
 
     Raises:
         InputError: A file lies there that a library would read, whatever we do.
     """
     os.environ.setdefault("PYTHONSAFEPATH", "1")
     if os.path.lexists(NUMBA_FILE):
-        raise InputError(NUMBA_FILE, "numba would take its settings from this file", "start the command elsewhere")
+        raise InputError(
+            NUMBA_FILE,
+            "numba would take its settings from this file",
+            "start the command elsewhere",
+        )
     if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Finder())
 
@@ -99,7 +107,9 @@ def _choose_folders(matplotlib: Any) -> None:
 
 @contextmanager
 def _no_file(name: str) -> Iterator[None]:
-    """For a block, nothing of a name is there in the folder; files of that name elsewhere are as before."""
+    """For a block, nothing of a name is there in the folder; files of that name elsewhere are as
+    before.
+    """
     exists = os.path.exists
 
     def exists_elsewhere(path: str | bytes | os.PathLike[str] | int) -> bool:
@@ -114,7 +124,9 @@ def _no_file(name: str) -> Iterator[None]:
 
 @contextmanager
 def _variables(values: Mapping[str, str]) -> Iterator[None]:
-    """For a block, some variables of the environment have other values; what this process starts has the user's."""
+    """For a block, some variables of the environment have other values; what this process starts
+    has the user's.
+    """
     before = {name: os.environ.get(name) for name in values}
     os.environ.update(values)
     try:

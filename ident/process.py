@@ -1,4 +1,6 @@
-"""What a command owes its system: statuses, signals, and output that may fail without taking the work along."""
+"""What a command owes its system: statuses, signals, and output that may fail without taking the
+work along.
+"""
 
 from __future__ import annotations
 
@@ -20,46 +22,67 @@ from ident.errors import InputError, visible
 from ident.misuse import Misuse, misuse
 from ident.own_settings import keep_own_settings
 
-# Importable name -> extra of pyproject.toml. The core checks, fits without a net, diagnoses and writes pages.
+# Importable name -> extra of pyproject.toml. The core checks, fits without a net, diagnoses and
+# writes pages.
 EXTRA_OF = {
     **dict.fromkeys(("torch", "safetensors", "filterpy"), "net"),
     **dict.fromkeys(("mujoco", "example_robot_data", "llvmlite"), "sim"),
     "rerun": "view",
     **dict.fromkeys(("rosbags", "xacro", "yaml", "lz4", "backports"), "bags"),
-    **dict.fromkeys(("coal", "clarabel", "casadi", "cma", "daqp", "toppra", "plyfile", "pypcd4", "ruckig"), "plan"),
+    **dict.fromkeys(
+        ("coal", "clarabel", "casadi", "cma", "daqp", "toppra", "plyfile", "pypcd4", "ruckig"),
+        "plan",
+    ),
     "tornado": "open",
     **dict.fromkeys(("onnx", "onnxruntime"), "onnx"),
     **dict.fromkeys(("pxr", "newton_usd_schemas"), "usd"),
     **dict.fromkeys(("joblib", "dask", "distributed", "pydantic", "typing_extensions"), "monitor"),
 }
-# Exit statuses; 0 is done, whatever the verdict, and 1 our own fault. The user's input is at fault: one line says what,
-# and the remedy. `ident verify`: a limit is not kept. The system's own faults, a full disk or memory (sysexits.h:
-# EX_IOERR). After a signal: this and its number.
+# Exit statuses; 0 is done, whatever the verdict, and 1 our own fault. The user's input is at fault:
+# one line says what, and the remedy. `ident verify`: a limit is not kept. The system's own faults,
+# a full disk or memory (sysexits.h: EX_IOERR). After a signal: this and its number.
 USER = 2
 NOT_PASSED = 3
 SYSTEM = 74
 SIGNALLED = 128
 # What consoles without these characters show instead.
-PLAIN = {"±": "+-", "→": "->", "…": "...", "τ": "tau", "·": "*", "×": "x", "²": "2", "–": "-", "—": "-", "°": "deg"}
+PLAIN = {
+    "±": "+-",
+    "→": "->",
+    "…": "...",
+    "τ": "tau",
+    "·": "*",
+    "×": "x",
+    "²": "2",
+    "–": "-",
+    "—": "-",
+    "°": "deg",
+}
 # What the system's loader says of a library that there is no room for.
 UNMAPPED = ("map segment", "annot allocate memory")
 # Names that no file can have are the user's fault, not the system's.
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
 # As much of a name as a line shows [characters].
 LONGEST_NAME = 200
-# The name under which a file is written before it is whole, and the beginning of its own name in it.
+# The name under which a file is written before it is whole, and the beginning of its own name in
+# it.
 TEMPORARY = re.compile(r"\.([^/]*)\.armgap-[0-9a-f]{8}-\d+-[0-9a-f]{8}\.part([^/]*)")
 MEMORY_FULL = "memory is full; give fewer or shorter sessions, or a larger machine"
 
 
 def missing_extra(error: BaseException | None) -> InputError | None:
-    """What to tell the user where a package of an extra is not installed; None where something else is wrong.
+    """What to tell the user where a package of an extra is not installed; None where something else
+    is wrong.
 
     Args:
         error: What an import raised, or what was raised from that.
     """
     while error is not None:
-        package = (getattr(error, "name", None) or "").partition(".")[0] if isinstance(error, ImportError) else ""
+        package = (
+            (getattr(error, "name", None) or "").partition(".")[0]
+            if isinstance(error, ImportError)
+            else ""
+        )
         if package in EXTRA_OF:
             remedy = f'pip install "armgap[{EXTRA_OF[package]}]", or armgap[all]'
             return InputError(package, "this package is not installed", remedy)
@@ -71,23 +94,29 @@ PLAIN |= {"’": "'", "“": '"', "”": '"', "≤": "<=", "≥": ">=", "√": "
 
 
 def run_command(name: str, module: str) -> NoReturn:
-    """Loads a command's module and runs its `app`; ends the process with one line wherever the user can do something.
+    """Loads a command's module and runs its `app`; ends the process with one line wherever the user
+    can do something.
 
     Args:
         name: The command's name, for its messages.
         module: Module with a typer application called `app`.
     """
     with _patient_streams(name) as streams, _Signals(name) as signals:
-        if not sys.warnoptions:  # a library's warnings are for us: what concerns the user is told as an issue
+        if (
+            not sys.warnoptions
+        ):  # a library's warnings are for us: what concerns the user is told as an issue
             warnings.simplefilter("ignore")
         status = _run(name, module, signals)
         for stream in streams:
             stream.flush()
-        for failed in (one.failed for one in streams if one.failed is not None):
+        for failed in (patient.failed for patient in streams if patient.failed is not None):
             if not isinstance(failed, BrokenPipeError):  # who closed a pipe has read enough
                 with suppress(OSError, ValueError):
                     reason = failed.strerror or str(failed)
-                    print(f"{name}: the screen's output: {reason}; the results' files are written", file=sys.stderr)
+                    print(
+                        f"{name}: the screen's output: {reason}; the results' files are written",
+                        file=sys.stderr,
+                    )
                 status = status or SYSTEM
                 break
     gc.freeze()  # else Python looks through all that is loaded once more before it ends: 0.3 s
@@ -109,11 +138,14 @@ def _run(name: str, module: str, signals: _Signals) -> int:
     except OSError as error:
         file = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else ""
         file = TEMPORARY.sub(r"\1\2", file)
-        place = (file if len(file) <= LONGEST_NAME else file[:LONGEST_NAME] + "…") + ": " * bool(file)
-        named = error.errno in NO_NAME
-        remedy = "free what is full or broken, then run the command again"
-        say(f"{place}{error.strerror or error}; {'give the name of a file or folder' if named else remedy}")
-        return USER if named else SYSTEM
+        shown = file if len(file) <= LONGEST_NAME else file[:LONGEST_NAME] + "…"
+        place = f"{shown}: " if file else ""
+        what = f"{place}{error.strerror or error}"
+        if error.errno in NO_NAME:
+            say(f"{what}; give the name of a file or folder")
+            return USER
+        say(f"{what}; free what is full or broken, then run the command again")
+        return SYSTEM
     except MemoryError:
         say(MEMORY_FULL)
         return SYSTEM
@@ -121,7 +153,9 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         # Interrupted, maybe within a library that made something else of it.
         if signals.came or type(error).__name__ in ("Abort", "KeyboardInterrupt"):
             status = signals.status
-        elif type(error).__module__.startswith(("click", "typer")) and hasattr(error, "format_message"):
+        elif type(error).__module__.startswith(("click", "typer")) and hasattr(
+            error, "format_message"
+        ):
             say(misuse(cast(Misuse, error), name))
             return USER
         elif isinstance(error, ImportError) and any(words in str(error) for words in UNMAPPED):
@@ -139,7 +173,9 @@ def _run(name: str, module: str, signals: _Signals) -> int:
 
 
 class _Patient:
-    """A stream whose failure does not end the work: results are worth more than the lines that speak of them."""
+    """A stream whose failure does not end the work: results are worth more than the lines that
+    speak of them.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -176,8 +212,12 @@ def _patient_streams(name: str) -> Iterator[tuple[_Patient, ...]]:
     for stream in before:
         with suppress(AttributeError, OSError, ValueError):
             stream.reconfigure(errors="armgap")
-    # A closed descriptor leaves no stream at all.
-    streams = tuple(_Patient(stream if stream is not None else open(os.devnull, "w")) for stream in before)  # noqa: SIM115
+    patient = []
+    for stream in before:
+        # A closed descriptor leaves no stream at all.
+        target = open(os.devnull, "w") if stream is None else stream  # noqa: SIM115
+        patient.append(_Patient(target))
+    streams = tuple(patient)
     sys.stdout, sys.stderr = streams
     try:
         yield streams
@@ -188,12 +228,17 @@ def _patient_streams(name: str) -> Iterator[tuple[_Patient, ...]]:
 def _replace_unprintable(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    text = "".join(PLAIN.get(one) or visible(one) for one in error.object[error.start : error.end])
+    text = "".join(
+        PLAIN.get(character) or visible(character)
+        for character in error.object[error.start : error.end]
+    )
     return text.encode("ascii", "backslashreplace").decode("ascii"), error.end
 
 
 class _Signals:
-    """What Ctrl-C and its like do: nothing but leave while modules are loaded, unwind once, leave at the second."""
+    """What Ctrl-C and its like do: nothing but leave while modules are loaded, unwind once, leave
+    at the second.
+    """
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -204,8 +249,12 @@ class _Signals:
 
     def __enter__(self) -> Self:
         for number in (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
-            with suppress(ValueError, OSError):  # not in the main thread: whoever runs us there has their own
-                if signal.getsignal(number) != signal.SIG_IGN:  # nohup and its like stay as they are
+            with suppress(
+                ValueError, OSError
+            ):  # not in the main thread: whoever runs us there has their own
+                if (
+                    signal.getsignal(number) != signal.SIG_IGN
+                ):  # nohup and its like stay as they are
                     self._before.setdefault(number, signal.signal(number, self))
         return self
 

@@ -27,6 +27,7 @@ they are not known).
 LEAST_SHARE = 0.05
 # Shares that lie nearer are one mark of how the work went on.
 MARK_EVERY = 1e-3
+_WORK: ContextVar[_Work | None] = ContextVar("work", default=None)
 
 
 class _Work:
@@ -79,9 +80,6 @@ class _Work:
         # In half of the time, so twice.
         progress = min(self.share, 2.0 * (self.share - before))
         return spent * (1.0 - self.share) / progress if progress > 0.0 else None
-
-
-_WORK: ContextVar[_Work | None] = ContextVar("work", default=None)
 
 
 @contextmanager

@@ -1,29 +1,25 @@
-"""What the result files hold: one class is the value in memory, its JSON and, by `ident schema`, its JSON Schema.
+"""What the result files hold: one class is the value in memory, its JSON and, by `ident schema`,
+its JSON Schema.
 
-And numbers that decide: each with its unit, its meaning and where it comes from, in one small group a stage. A number
-is a `law` (a convention of statistics or plain arithmetic), `chosen` (a size below which nothing matters in practice,
-or a limit on work), or `calibrated` on development sets of simulated arms or on recordings of real ones.
+And numbers that decide: each with its unit, its meaning and where it comes from, in one small group
+a stage. A number is a `law` (a convention of statistics or plain arithmetic), `chosen` (a size
+below which nothing matters in practice, or a limit on work), or `calibrated` on development sets of
+simulated arms or on recordings of real ones.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import sys
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cache
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 Value = TypeVar("Value")
 # A table as JSON has it, by its keys: texts, numbers, lists and further tables;
 # one that is made, and one that is only read.
 JsonRecord = dict[str, Any]
 JsonTable = Mapping[str, Any]
-# Tables of a text, parsed once for all classes whose numbers stand in it.
-parse = cache(tomllib.loads)
 
 
 @dataclass(frozen=True)
@@ -34,17 +30,20 @@ class Record:
 
     def to_dict(self) -> dict[str, Any]:
         """The record by its fields' names, each as `as_record` gives it."""
-        return {one.name: as_record(getattr(self, one.name)) for one in fields(self)}
+        return {
+            record_field.name: as_record(getattr(self, record_field.name))
+            for record_field in fields(self)
+        }
 
 
 def as_record(value: Any) -> Any:
-    """A value as JSON knows it: records by their keys, lists, tables, and a text of anything else."""
+    """A value as JSON knows it: records by their keys, lists, tables; a text of anything else."""
     if isinstance(value, Record):
         return value.to_dict()
     if isinstance(value, Mapping):
-        return {str(name): as_record(one) for name, one in value.items()}
+        return {str(name): as_record(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [as_record(one) for one in value]
+        return [as_record(item) for item in value]
     return value if value is None or isinstance(value, bool | int | float | str) else str(value)
 
 
@@ -100,33 +99,3 @@ class Numbers(Record):
             else:
                 rows.append({"name": entry.name, "value": value, **entry.metadata})
         return rows
-
-
-@dataclass(frozen=True)
-class Settings(Numbers):
-    """Numbers whose rows stand in a table.
-
-    A class that names a `table` has its numbers there, a row each, in the `settings.toml` beside its module; it is a
-    dataclass of these and of the groups that it lists itself.
-    """
-
-    if TYPE_CHECKING:  # its numbers by name, which no type checker knows
-
-        def __init__(self, **numbers: Any) -> None: ...
-        def __getattr__(self, name: str) -> Any: ...
-
-    def __init_subclass__(cls, table: str = "", module: str = "") -> None:
-        if table:
-            path = Path(module or sys.modules[cls.__module__].__file__ or "")
-            rows = parse(path.with_name("settings.toml").read_text(encoding="utf-8"))[table]
-            for name, row in rows.items():
-                value = row["value"]
-                facts = {key: row[key] for key in row if key != "value"}
-                setattr(cls, name, number(tuple(value) if isinstance(value, list) else value, **facts))
-            cls.__annotations__ = dict.fromkeys(rows, Any) | vars(cls).get("__annotations__", {})
-            dataclass(frozen=True)(cls)
-
-
-def read_group(module: str, table: str) -> Any:
-    """A table of the `settings.toml` beside a module as `Settings` without a class: an attribute a number."""
-    return type(table, (Settings,), {}, table=table, module=module)()

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     KnownSeries = tuple[str, Series]
 
 
-# Where a result comes from: the command, the version, its settings, and the recordings by their hashes.
-# Digits of a file's hash by which it is known again.
+# Where a result comes from: the command, the version, its settings, and the recordings by their
+# hashes. Digits of a file's hash by which it is known again.
 RUN_DIGITS = 12
 # What anchors the scale of a session's torque.
 SCALES = {
@@ -68,12 +68,15 @@ class SessionStamp(Record):
 
     Attributes:
         path: Its folder or file; its name where it never was a file.
-        sha256: Of its runs: of their files' hashes in order, or of their arrays where they never were files.
-        content: SHA-256 of what its runs hold, whatever their files: times, positions, torques and other channels.
+        sha256: Of its runs: of their files' hashes in order, or of their arrays where they never
+            were files.
+        content: SHA-256 of what its runs hold, whatever their files: times, positions, torques and
+            other channels.
         scale: What the torque's scale rests on: see `SCALES`.
-        first, last: Times of the first and the last sample on the session's clock [s]; None without any.
-        runs: First digits of each file's hash, and of that of every known recording that it holds in another form:
-            whether two results were made from a common recording.
+        first, last: Times of the first and the last sample on the session's clock [s]; None without
+            any.
+        runs: First digits of each file's hash, and of that of every known recording that it holds
+            in another form: whether two results were made from a common recording.
     """
 
     path: str
@@ -127,12 +130,17 @@ def files_of(record: Mapping[str, Any]) -> frozenset[str]:
     Args:
         record: The provenance of a result or of a model.
     """
-    runs = (run for one in record.get("sessions", []) for run in one.get("runs", []))
-    return frozenset((*map(str, runs), *(str(one["sha256"])[:RUN_DIGITS] for one in record.get("data", []))))
+    runs: list[str] = []
+    for session in record.get("sessions", []):
+        runs += map(str, session.get("runs", []))
+    for file in record.get("data", []):
+        runs.append(str(file["sha256"])[:RUN_DIGITS])
+    return frozenset(runs)
 
 
 def known_series(record: Mapping[str, Any]) -> tuple[KnownSeries, ...]:
-    """The recordings of a model, by which they are known again in another form; damaged or missing ones are left out.
+    """The recordings of a model, by which they are known again in another form; damaged or missing
+    ones are left out.
 
     Args:
         record: The provenance of a model.
@@ -156,7 +164,8 @@ def stamp_sessions(sessions: Iterable[Session]) -> tuple[SessionStamp, ...]:
 
 
 class StampLedger:
-    """Takes note of sessions while somebody else goes through them, so that a long one is read once only.
+    """Takes note of sessions while somebody else goes through them, so that a long one is read once
+    only.
 
     Args:
         known: Recordings that are looked for in them.
@@ -169,11 +178,13 @@ class StampLedger:
     @property
     def stamps(self) -> tuple[SessionStamp, ...]:
         """One stamp for each session that has passed so far."""
-        return tuple(one.stamp() for one in self._open)
+        return tuple(stamping.stamp() for stamping in self._open)
 
     @property
     def files(self) -> list[dict[str, Any]]:
-        """Session, name, SHA-256 and series of each file so far, and of each run that never was one."""
+        """Session, name, SHA-256 and series of each file so far, and of each run that never was
+        one.
+        """
         return [data for stamping in self._open for data in stamping.data()]
 
     def passing(self, sessions: Iterable[Session]) -> Iterator[Session]:
@@ -182,7 +193,10 @@ class StampLedger:
         One whose path is that of the one before is its next part.
         """
         for session in sessions:
-            if session.path is None or not self._open or self._open[-1].path != str(session.path):
+            is_next_part = False
+            if session.path is not None and self._open:
+                is_next_part = self._open[-1].path == str(session.path)
+            if not is_next_part:
                 self._open.append(_Stamping(session.name, str(session.path or ""), self._known))
             self._open[-1].take(session)
             yield session
@@ -206,35 +220,41 @@ class _Stamping:
         self._times: list[float] = []
 
     def take(self, session: Session) -> None:
+        """Takes note of a part of the session."""
         from ident.recordings.series import SearchedRun, Series
 
         self._scale = scale_of(session)
         for run in session.runs:
             self._content.update(content_of(run))
             digest = self._digest_of(run)
+            hexadecimal = digest.hex()
             self._digest.update(digest)
-            self._runs[digest.hex()[:RUN_DIGITS]] = None
-            self._names.setdefault(digest.hex(), run.name if run.source is None else run.source.name)
+            self._runs[hexadecimal[:RUN_DIGITS]] = None
+            name = run.name if run.source is None else run.source.name
+            self._names.setdefault(hexadecimal, name)
             series = Series.of(run)
             if series is not None:
-                self._series.setdefault(digest.hex(), []).append(series)
+                self._series.setdefault(hexadecimal, []).append(series)
             searched = SearchedRun(run)
             for known, theirs in self._known:
                 if known not in self._runs and theirs.is_in(searched):
                     self._runs[known] = None
-            self._times += [float(time) for time in (*run.time[:1], *run.time[-1:]) if isfinite(time)]
+            ends = (*run.time[:1], *run.time[-1:])
+            self._times += [float(time) for time in ends if isfinite(time)]
 
     def data(self) -> list[dict[str, Any]]:
         """What a model's provenance says of the session."""
-        return [
-            {
+        records = []
+        for digest, name in sorted(self._names.items(), key=lambda item: item[1]):
+            series = self._series.get(digest, [])
+            record = {
                 "session": self.name,
                 "file": name,
                 "sha256": digest,
-                "series": [series.to_dict() for series in self._series.get(digest, [])],
+                "series": [recorded.to_dict() for recorded in series],
             }
-            for digest, name in sorted(self._names.items(), key=lambda item: item[1])
-        ]
+            records.append(record)
+        return records
 
     def _digest_of(self, run: Recording) -> bytes:
         """Of the run's file, else of its arrays."""
@@ -249,20 +269,30 @@ class _Stamping:
         return content_of(run)
 
     def stamp(self) -> SessionStamp:
-        first, last = (min(self._times), max(self._times)) if self._times else (None, None)
-        name = self.path or self.name
-        files = self._digest.hexdigest()
-        content = self._content.hexdigest()
-        return SessionStamp(name, files, first, last, tuple(self._runs), content, self._scale)
+        """The stamp of all that was noted so far."""
+        return SessionStamp(
+            self.path or self.name,
+            self._digest.hexdigest(),
+            min(self._times, default=None),
+            max(self._times, default=None),
+            tuple(self._runs),
+            self._content.hexdigest(),
+            self._scale,
+        )
 
 
 def content_of(run: Recording) -> bytes:
-    """SHA-256 of what a run holds: its joints in alphabetical order, times and channels as doubles."""
+    """SHA-256 of what a run holds: its joints by their names' order, times, channels as doubles."""
     order = sorted(range(len(run.joints)), key=lambda index: run.joints[index])
     digest = hashlib.sha256("\0".join(sorted(run.joints)).encode() + run.time.tobytes())
     for name, values in run.channels().items():
         digest.update(name.encode() + values[:, order].tobytes())
     return digest.digest()
+
+
+def _shortened(line: str) -> str:
+    """A line, cut where it is longer than `LINE`."""
+    return line if len(line) <= LINE else f"{line[: LINE - 1]}…"
 
 
 # What every result can do: tell itself in words, as a record, as a picture, and in a notebook.
@@ -276,8 +306,8 @@ class Result:
         provenance: Where it comes from.
     """
 
-    # How a result looks is known above, where pictures are made, and asked for by name when somebody looks:
-    # a module with `write(console, result)` and `draw(result)`.
+    # How a result looks is known above, where pictures are made, and asked for by name when
+    # somebody looks: a module with `write(console, result)` and `draw(result)`.
     SHOWN_BY: ClassVar[str] = "ident.show.results"
     # Of a result whose fields are the keys of its record.
     SCHEMA: ClassVar[str] = ""
@@ -290,14 +320,20 @@ class Result:
         cls.__repr__ = Result._first_lines  # type: ignore[assignment,method-assign]
 
     def _first_lines(self) -> str:
-        lines = [line if len(line) <= LINE else f"{line[: LINE - 1]}…" for line in self.summary().splitlines()]
-        more = f"  … {len(lines) - LINES} more lines: print(….summary())" if len(lines) > LINES else ""
-        return "\n".join([f"{type(self).__name__}:", *lines[:LINES], *filter(None, [more])])
+        """The kind of result, and the first lines of its summary."""
+        every = self.summary().splitlines()
+        lines = [f"{type(self).__name__}:"]
+        lines += [_shortened(line) for line in every[:LINES]]
+        if len(every) > LINES:
+            lines.append(f"  … {len(every) - LINES} more lines: print(….summary())")
+        return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """The record that the command writes with --json; `ident schema` says what it holds."""
-        own = {one.name: as_record(getattr(self, one.name)) for one in fields(self)}
-        return {"schema": self.SCHEMA, **own}
+        record = {"schema": self.SCHEMA}
+        for key in fields(self):
+            record[key.name] = as_record(getattr(self, key.name))
+        return record
 
     def with_provenance(self, provenance: Provenance) -> Self:
         """A copy of the result with this origin."""

@@ -1,4 +1,6 @@
-"""Files of settings, results and arrays, looked at before they are read: no device, no pipe, nothing without an end."""
+"""Files of settings, results and arrays, looked at before they are read: no device, no pipe,
+nothing without an end.
+"""
 
 from __future__ import annotations
 
@@ -25,30 +27,38 @@ if TYPE_CHECKING:
 LARGEST_TEXT = 1 << 28
 # Settings are written by hand [bytes].
 LARGEST_TOML = 1 << 24
-# Tables and elements of robots nest three to five levels deep; far fewer than this where Python's own recursion ends.
+# Tables and elements of robots nest three to five levels deep; far fewer than this where Python's
+# own recursion ends.
 DEEPEST = 64
 # The time that the reader of TOML takes for a dotted key grows with the square of its parts.
-LONG_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
+LONG_KEY = re.compile(
+    rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}"""
+)
 # Prefixes of elements' and attributes' names, and the first element.
 PREFIX = re.compile(r'<(\w[\w.-]*+):\w|\s(\w[\w.-]*+):[\w.-]++\s*+=\s*+["\']')
 ROOT_TAG = re.compile(r"<[A-Za-z_][^\s/>]*+")
 # Halves of a character, which JSON can write and no file can hold.
 HALF = re.compile("[\ud800-\udfff]")
-# Beyond these no number of an arm lies; integers beyond become infinite or raise errors in arithmetic.
+# Beyond these no number of an arm lies; integers beyond become infinite or raise errors in
+# arithmetic.
 LARGEST_INTEGER = 2**63
 # No figure of an arm in SI units lies beyond; its square and its cube can still be reckoned with.
 LARGEST_FIGURE = 1e12
-# Recorded floats pack to a third at best; a constant channel to a thousandth, but that is not all of a recording.
+# Recorded floats pack to a third at best; a constant channel to a thousandth, but that is not all
+# of a recording.
 LARGEST_PACKING = 100
 # Of a file that somebody writes, or puts in another's place, while it is read.
 CHANGED = "it changed while it was read"
 AGAIN = "read it again once nothing writes to it"
-# What a file may unpack to however small it is [MB]: the default, and the variable by which a user sets another.
+# What a file may unpack to however small it is [MB]: the default, and the variable by which a user
+# sets another.
 LEAST_UNPACKED = 256.0
 UNPACKED_BY = "ARMGAP_MOST_UNPACKED_MB"
 
 
-def require_regular(path: Path, remedy: str, error: type[InputError] = InputError, largest: int | None = None) -> int:
+def require_regular(
+    path: Path, remedy: str, error: type[InputError] = InputError, largest: int | None = None
+) -> int:
     """Passes if a path is a plain file, not larger than some size; returns its size [bytes].
 
     Raises:
@@ -132,7 +142,9 @@ def read_bytes(
     return data
 
 
-def read_text(path: Path, remedy: str, error: type[InputError] = InputError, largest: int = LARGEST_TEXT) -> str:
+def read_text(
+    path: Path, remedy: str, error: type[InputError] = InputError, largest: int = LARGEST_TEXT
+) -> str:
     """The text of a small UTF-8 file.
 
     Raises:
@@ -221,13 +233,15 @@ def read_json(path: Path, remedy: str, error: type[InputError] = InputError) -> 
     """The object in a JSON file.
 
     Raises:
-        InputError: As `read_text`; or not JSON, no object, too deep, with a key twice, half of a character,
-            integers beyond 64 bit or other numbers beyond double precision.
+        InputError: As `read_text`; or not JSON, no object, too deep, with a key twice, half of a
+            character, integers beyond 64 bit or other numbers beyond double precision.
     """
     return parse_json(read_text(path, remedy, error), path, remedy, error)
 
 
-def parse_json(text: str, where: str | Path, remedy: str, error: type[InputError] = InputError) -> dict[str, Any]:
+def parse_json(
+    text: str, where: str | Path, remedy: str, error: type[InputError] = InputError
+) -> dict[str, Any]:
     """The object that a JSON text holds.
 
     Args:
@@ -288,7 +302,8 @@ def read_xml(text: str, where: str | Path, remedy: str, error: type[InputError])
     """The root element of an XML text.
 
     Raises:
-        InputError: Not XML, with entities of its own, or nested deeper than readers of robots can follow.
+        InputError: Not XML, with entities of its own, or nested deeper than readers of robots can
+            follow.
     """
     require_no_entities(text, where, remedy, error)
     try:
@@ -304,7 +319,8 @@ def read_xml(text: str, where: str | Path, remedy: str, error: type[InputError])
 
 
 def declare_prefixes(text: str) -> str:
-    """The text, with prefixes of names (`drake:acceleration`) that it uses and declares nowhere declared at its root.
+    """The text, with prefixes of names (`drake:acceleration`) that it uses and declares nowhere
+    declared at its root.
 
     Robots' own parsers know nothing of namespaces, so that public URDFs lack the declarations.
     """
@@ -314,11 +330,14 @@ def declare_prefixes(text: str) -> str:
         with suppress(ValueError):  # a name that Python's writer keeps for itself
             ET.register_namespace(name, name)  # by which it is written again
     declared = "".join(f' xmlns:{name}="{name}"' for name in missing)
-    return ROOT_TAG.sub(lambda found: found.group() + declared, text, count=1) if missing else text
+    return ROOT_TAG.sub(lambda root: root.group() + declared, text, count=1) if missing else text
 
 
-def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -> dict[str, np.ndarray]:
-    """The plain arrays of a NumPy archive; nothing is unpickled, nothing larger than its file lets expect is made.
+def read_arrays(
+    path: Path, remedy: str, error: type[InputError] = InputError
+) -> dict[str, np.ndarray]:
+    """The plain arrays of a NumPy archive; nothing is unpickled, nothing larger than its file lets
+    expect is made.
 
     Raises:
         InputError: As `require_regular`; or not such an archive.
@@ -336,30 +355,41 @@ def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -
                     raise ValueError(f"it holds {name!r} twice")
                 with archive.zip.open(name) as stream:
                     old = np.lib.format.read_magic(stream) == (1, 0)
-                    read = np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0
+                    read = (
+                        np.lib.format.read_array_header_1_0
+                        if old
+                        else np.lib.format.read_array_header_2_0
+                    )
                     shape, _, kind = read(stream)
                 size = archive.zip.getinfo(name).file_size
-                if math.prod(shape) * kind.itemsize > size:  # its header speaks of more numbers than follow
+                if (
+                    math.prod(shape) * kind.itemsize > size
+                ):  # its header speaks of more numbers than follow
                     raise ValueError(f"an array of shape {shape} in {size} bytes")
             return {name: np.asarray(archive[name]) for name in archive.files}
     except InputError:
         raise
     except Exception as failed:  # zipfile, zlib, struct and NumPy each raise their own
-        raise error(path, f"not a NumPy archive of plain arrays ({first_line(failed)})", remedy) from None
+        raise error(
+            path, f"not a NumPy archive of plain arrays ({first_line(failed)})", remedy
+        ) from None
 
 
 def require_unpacked(packed: int, unpacked: int) -> None:
-    """Passes if what a file unpacks to is in proportion to its size: one limit for every kind of file.
+    """Passes if what a file unpacks to is in proportion to its size: one limit for every kind of
+    file.
 
     Raises:
-        ValueError: It is more than `LARGEST_PACKING` times the file, and more than the user's limit.
+        ValueError: It is more than `LARGEST_PACKING` times the file, and more than the user's
+            limit.
     """
     try:
         least = float(os.environ.get(UNPACKED_BY, LEAST_UNPACKED)) * 1e6
     except ValueError:
         least = LEAST_UNPACKED * 1e6
     if unpacked > max(LARGEST_PACKING * packed, least):
-        raise ValueError(f"{packed / 1e6:.1f} MB unpack to {unpacked / 1e9:.1f} GB or more; {UNPACKED_BY} allows it")
+        sizes = f"{packed / 1e6:.1f} MB unpack to {unpacked / 1e9:.1f} GB or more"
+        raise ValueError(f"{sizes}; {UNPACKED_BY} allows it")
 
 
 def toml_key(name: str) -> str:
@@ -379,7 +409,9 @@ def _toml_value(value: object) -> str:
 
 
 def require_finite(value: Any, name: str) -> float:
-    """A finite number that a figure of an arm can be, or ValueError: texts, truth values, NaN and infinity are none."""
+    """A finite number that a figure of an arm can be, or ValueError: texts, truth values, NaN and
+    infinity are none.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(f"{name} is {value!r}, which is no finite number")
     if abs(value) > LARGEST_FIGURE:
@@ -398,7 +430,7 @@ def _look_through(record: object, allows_infinite: bool = False) -> None:
             waiting += [(name, depth) for name in value]
             waiting += [(inner, depth + 1) for inner in value.values()]
         elif isinstance(value, list):
-            waiting += [(one, depth + 1) for one in value]
+            waiting += [(element, depth + 1) for element in value]
         elif isinstance(value, str) and HALF.search(value):
             raise ValueError("half of a character in a text")
         elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
@@ -408,7 +440,7 @@ def _look_through(record: object, allows_infinite: bool = False) -> None:
 
 
 def _single_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    """A table of JSON, or ValueError where a key stands twice: readers would take one or the other."""
+    """A table of JSON, or ValueError where a key stands twice: readers would take either one."""
     record: dict[str, object] = {}
     for name, value in pairs:
         if name in record:
@@ -422,6 +454,8 @@ def _no_number(name: str) -> None:
 
 
 def urdf_from(file: Path, robot: str) -> str:
-    """The robot that a file names: a URDF by its path from the file's folder on where it is there, else as named."""
+    """The robot that a file names: a URDF by its path from the file's folder on where it is there,
+    else as named.
+    """
     beside = file.parent / robot
     return str(beside) if robot.endswith((".urdf", ".xml")) and beside.is_file() else robot

@@ -1,7 +1,9 @@
-"""From recordings and a robot to an arm and motions: read, match joints, check the telemetry, smooth.
+"""From recordings and a robot to an arm and motions: read, match joints, check the telemetry,
+smooth.
 
-One way in: what is given comes as parts, each checked when its turn comes; a session that is not long is one part.
-What is too long to be held is let go part by part; stretches of its motions are held.
+One way in: what is given comes as parts, each checked when its turn comes; a session that is not
+long is one part. What is too long to be held is let go part by part; stretches of its motions are
+held.
 """
 
 from __future__ import annotations
@@ -17,9 +19,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ident.arrays import in_a_line
-from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.inspection import inspect_parts, inspect_sessions
-from ident.checks.report import REPORTED_BY_A_FIT, TelemetryReport, as_mounted, check_accepted, overrule
+from ident.checks.report import (
+    REPORTED_BY_A_FIT,
+    TelemetryReport,
+    as_mounted,
+    check_accepted,
+    overrule,
+)
+from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
 from ident.errors import RecordingError, RobotError
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion, no_motion, prepare_each
@@ -46,23 +54,30 @@ Robot = str | Path | ArmModel
 class Given:
     """Recordings and a robot as a user gives them."""
 
-    paths: Sources  # session folders or files, sessions, or tables in memory (the runs of one session)
-    robot: Robot | None = None  # URDF path, name or arm; None takes the one that a session.toml names
+    # session folders or files, sessions, or tables in memory (the runs of one session)
+    paths: Sources
+    # URDF path, name or arm; None takes the one that a session.toml names
+    robot: Robot | None = None
     topic: str = TOPIC  # topic of bags
     session_file: str | Path | None = None  # A session.toml for folders that can't hold one
 
     @cached_property
     def gathered(self) -> list[str | Path | Session]:
         """The paths and sessions, tables in memory made sessions."""
-        file = self.session_file
-        return gather_sources(self.paths, None if file is None else load_session_file(Path(file)))
+        stated = None
+        if self.session_file is not None:
+            stated = load_session_file(Path(self.session_file))
+        return gather_sources(self.paths, stated)
 
     def parts(self, most: int = sys.maxsize) -> Iterator[Session]:
-        """Every session, or its parts of consecutive runs with about so many samples, each read when its turn comes."""
-        return chain.from_iterable(
-            (one,) if isinstance(one, Session) else load_parts(one, self.topic, self.session_file, most)
-            for one in self.gathered
-        )
+        """Every session, or its parts of consecutive runs with about so many samples, each read
+        when its turn comes.
+        """
+        for source in self.gathered:
+            if isinstance(source, Session):
+                yield source
+            else:
+                yield from load_parts(source, self.topic, self.session_file, most)
 
     def find_robot(self) -> Robot | None:
         """The robot that is given, else the first that settings name; None where nobody names one.
@@ -71,12 +86,14 @@ class Given:
         """
         if self.robot is not None:
             return self.robot
-        named = (
-            one.robot if isinstance(one, Session) else settings_of(Path(one), self.session_file).robot
-            for one in self.gathered
-        )
-        first = next(filter(None, named), None)
-        return None if first is None or is_fetched(first) else first
+        for source in self.gathered:
+            if isinstance(source, Session):
+                named = source.robot
+            else:
+                named = settings_of(Path(source), self.session_file).robot
+            if named:
+                return None if is_fetched(named) else named
+        return None
 
 
 def load_robot(robot: Robot | None, sessions: Sequence[Session]) -> ArmModel:
@@ -89,18 +106,29 @@ def load_robot(robot: Robot | None, sessions: Sequence[Session]) -> ArmModel:
     if isinstance(robot, ArmModel):
         return robot
     if robot is not None and not isinstance(robot, str | Path):
-        raise RobotError("robot", f"a {type(robot).__name__} is no robot", "give a URDF path, a name or an ArmModel")
+        raise RobotError(
+            "robot",
+            f"a {type(robot).__name__} is no robot",
+            "give a URDF path, a name or an ArmModel",
+        )
     named = robot or next((session.robot for session in sessions if session.robot), None)
     if named is None:
         where = str(sessions[0].path or sessions[0].name) if sessions else "--robot"
-        raise RecordingError(where, "no robot is named", "give --robot, or robot = … in session.toml")
+        raise RecordingError(
+            where, "no robot is named", "give --robot, or robot = … in session.toml"
+        )
     if robot is None and is_fetched(named):
-        raise RobotError(named, "a recording can't have it fetched by robot_descriptions", f"give --robot {named}")
+        raise RobotError(
+            named,
+            "a recording can't have it fetched by robot_descriptions",
+            f"give --robot {named}",
+        )
     return load_arm_of_log(named, sessions)
 
 
 def load_arm_of_log(named: str | Path, sessions: Sequence[Session]) -> ArmModel:
-    """A robot; of one with several arms the one whose joints the recordings name, where they name one alone.
+    """A robot; of one with several arms the one whose joints the recordings name, where they name
+    one alone.
 
     Raises:
         RobotError: It can't be used, or it has several arms and the names don't tell which.
@@ -109,8 +137,9 @@ def load_arm_of_log(named: str | Path, sessions: Sequence[Session]) -> ArmModel:
         return ArmModel.load(named)
     except RobotError as error:
         path = find_urdf(named)
-        (_, tip) = split_tip(named)
-        if tip or path.suffix == ".xacro" or not sessions or "not a serial chain" not in str(error):
+        _, tip = split_tip(named)
+        has_branches = "not a serial chain" in str(error)
+        if tip or path.suffix == ".xacro" or not sessions or not has_branches:
             raise
         recorded = set(sessions[0].joints)
         for end in arm_tips(read_text(path, "give a URDF file", RobotError)):
@@ -126,8 +155,8 @@ class Inspected:
     """Recordings that have been checked, or are as they are asked for."""
 
     arm: ArmModel  # the robot
-    # One a session; where these are too long to be held, an iterator of one a part of consecutive runs, checked by
-    # itself, the amount of motion in all of them at the end.
+    # One a session; where these are too long to be held, an iterator of one a part of consecutive
+    # runs, checked by itself, the amount of motion in all of them at the end.
     reports: Iterable[TelemetryReport]
     ledger: StampLedger  # takes note of what has passed
 
@@ -150,7 +179,8 @@ def inspect_sources(
 
     Args:
         given, settings: Recordings and robot, and by what they are refused.
-        accept, reported: Names of issues whose refusal is overruled, and of those that what comes next reports.
+        accept, reported: Names of issues whose refusal is overruled, and of those that what comes
+            next reports.
         in_parts: Whether what is too long to be held may come in parts.
         known: Recordings that are looked for in the sessions.
 
@@ -162,14 +192,17 @@ def inspect_sources(
     most = PART_SAMPLES if in_parts else sys.maxsize
     coming = ledger.passing(given.parts(most))
     parts: list[Session] = []
-    for part in coming:
-        parts.append(part)
-        if sum(each.samples for each in parts) >= most:
+    for session in coming:
+        parts.append(session)
+        if sum(session_part.samples for session_part in parts) >= most:
             arm = load_robot(given.find_robot(), parts)
-            read = (parts.pop(0) for _ in range(len(parts)))  # a part is let go when it has been checked
-            return Inspected(arm, map(weaken, inspect_parts(chain(read, coming), arm, settings)), ledger)
+            # a part is let go when it has been checked
+            read = (parts.pop(0) for _ in range(len(parts)))
+            reports = inspect_parts(chain(read, coming), arm, settings)
+            return Inspected(arm, map(weaken, reports), ledger)
     arm = load_robot(given.find_robot(), parts)
-    return Inspected(arm, tuple(map(weaken, inspect_sessions(parts, arm, settings))), ledger)
+    checked = inspect_sessions(parts, arm, settings)
+    return Inspected(arm, tuple(map(weaken, checked)), ledger)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,9 +212,11 @@ class Opened:
     __repr__ = in_a_line
 
     arm: ArmModel  # the robot, joints that the recordings lack locked; without payload
-    reports: tuple[TelemetryReport, ...]  # the telemetry check of each session or part, its runs let go
+    # the telemetry check of each session or part, its runs let go
+    reports: tuple[TelemetryReport, ...]
     motions: Sequence[Motion]  # all runs of all sessions, or pieces of them
-    sizes: tuple[tuple[str, int], ...]  # name of each session, and how many of the motions are its own
+    # name of each session, and how many of the motions are its own
+    sizes: tuple[tuple[str, int], ...]
     ledger: StampLedger  # where the recordings come from
 
     @property
@@ -220,8 +255,9 @@ def open_sessions(
 
     Args:
         paths: Session folders or files, sessions, or tables in memory (the runs of one session).
-        robot: URDF path, name or arm; None takes the one named in session.toml. A model is for an evaluation: its
-            robot is taken, recordings of another arm are refused, and they are read whole.
+        robot: URDF path, name or arm; None takes the one named in session.toml. A model is for an
+            evaluation: its robot is taken, recordings of another arm are refused, and they are
+            read whole.
         topic, session_file: Topic of bags; a session.toml for folders that can't hold one.
         cutoff: Corner of the common filter [Hz].
         learning: Whether something is to be fitted: then too little data is refused too.
@@ -229,43 +265,60 @@ def open_sessions(
         motion: How a recording becomes a motion.
 
     Raises:
-        InputError: Recordings or robot can't be used, an issue that can't be accepted, or a joint that the model
-            speaks of is not recorded.
+        InputError: Recordings or robot can't be used, an issue that can't be accepted, or a joint
+            that the model speaks of is not recorded.
     """
+    model = None
+    given = Given(paths, None, topic, session_file)
     if isinstance(robot, HybridModel):
-        sessions = tuple(Given(paths, None, topic, session_file).parts())
-        # A recording of another arm is refused, whatever the arms are called.
-        for session in sessions:
-            if session.robot:
-                theirs = load_robot(None, (session,))
-                common = [name for name in theirs.joint_names if name in robot.robot.joint_names]
-                robot.require_robot(theirs.keeping(common) if common else theirs, session.path or session.name)
-        given = Given(sessions, robot.robot)
         model = robot
+        sessions = tuple(given.parts())
+        _require_robot_of(model, sessions)
+        given = Given(sessions, model.robot)
     else:
-        given = Given(paths, robot, topic, session_file)
-        model = None
+        given = replace(given, robot=robot)
     known = () if model is None else known_series(model.provenance)
-    found = inspect_sources(given, accept, in_parts=model is None, reported=REPORTED_BY_A_FIT, known=known)
+    inspected = inspect_sources(
+        given, accept, in_parts=model is None, reported=REPORTED_BY_A_FIT, known=known
+    )
     reports: list[TelemetryReport] = []
     groups: list[_Group] = []
     groups_of: list[int] = []
     coming = _prepare(
-        found.reports, reports, groups, groups_of, learning, partial(prepare_each, cutoff=cutoff, settings=motion)
+        inspected.reports,
+        reports,
+        groups,
+        groups_of,
+        learning,
+        partial(prepare_each, cutoff=cutoff, settings=motion),
     )
     held = hold(coming, FITTED_SAMPLES if model is None else sys.maxsize)
-    short = next((one.where for k, one in enumerate(groups) if k not in groups_of), None)
+    short = next((group.where for k, group in enumerate(groups) if k not in groups_of), None)
     if short is not None or not groups:
         raise no_motion(short or reports[-1].session.name, motion)
     count = Counter(groups_of[k] for k in held.source)
-    sizes = tuple((one.name, count[k]) for k, one in enumerate(groups))
+    sizes = tuple((group.name, count[k]) for k, group in enumerate(groups))
     first = reports[0].session
-    arm = as_mounted(found.arm, first).keeping(groups[0].joints)
-    missing = [] if model is None else [name for name in model.joint_names if name not in arm.joint_names]
-    if missing:
-        what = f"{', '.join(missing)} not recorded, but in the model"
-        raise RecordingError(first.path or first.name, what, "fit a model for these joints")
-    return Opened(arm, tuple(reports), held.motions, sizes, found.ledger)
+    arm = as_mounted(inspected.arm, first).keeping(groups[0].joints)
+    if model is not None:
+        missing = [name for name in model.joint_names if name not in arm.joint_names]
+        if missing:
+            what = f"{', '.join(missing)} not recorded, but in the model"
+            remedy = "fit a model for these joints"
+            raise RecordingError(first.path or first.name, what, remedy)
+    return Opened(arm, tuple(reports), held.motions, sizes, inspected.ledger)
+
+
+def _require_robot_of(model: HybridModel, sessions: Sequence[Session]) -> None:
+    """Passes if sessions that name a robot name the model's, whatever the arms are called."""
+    for session in sessions:
+        if not session.robot:
+            continue
+        theirs = load_robot(None, (session,))
+        common = [name for name in theirs.joint_names if name in model.robot.joint_names]
+        if common:
+            theirs = theirs.keeping(common)
+        model.require_robot(theirs, session.path or session.name)
 
 
 class _Group(NamedTuple):
@@ -277,7 +330,7 @@ class _Group(NamedTuple):
 
 
 def _prepare(
-    found: Iterable[TelemetryReport],
+    checked: Iterable[TelemetryReport],
     reports: list[TelemetryReport],
     groups: list[_Group],
     groups_of: list[int],
@@ -291,12 +344,14 @@ def _prepare(
     Raises:
         RecordingError: One is not, or has other joints than the first.
     """
-    for report in found:
+    for report in checked:
         session = report.require_fit(learning).session
         where = session.path or session.name
         if session.runs:
             if groups and session.joints != groups[0].joints:
-                what = f"its joints are {', '.join(session.joints)}, those of {groups[0].name} are not"
+                what = (
+                    f"its joints are {', '.join(session.joints)}, those of {groups[0].name} are not"
+                )
                 raise RecordingError(where, what, "give sessions with the same joints together")
             if session.path is None or not groups or groups[-1].where != where:
                 groups.append(_Group(where, session.name, session.joints))

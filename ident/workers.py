@@ -1,7 +1,7 @@
 """Runs tasks in other processes: on this machine by joblib, or on a Dask cluster.
 
-A task writes its own result file, so that nothing is lost with the process that asked for it; a task whose worker
-dies is given to another.
+A task writes its own result file, so that nothing is lost with the process that asked for it; a
+task whose worker dies is given to another.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from ident.own_settings import keep_own_settings
 T = TypeVar("T")
 # How often a task may lose its worker before it is given up.
 MOST_LOSSES = 4
-# Processes do the work side by side; threads of many small parallel loops would only wait for each other.
+# Processes do the work side by side; threads of many small parallel loops would only wait for each
+# other.
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 # How often a worker looks whether its parent is still there [s].
 WATCH_S = 1.0
@@ -36,7 +37,8 @@ def run_tasks(
     scheduler: str | None = None,
     done: Callable[[str], None] = lambda name: None,
 ) -> None:
-    """Runs all tasks, in any order and in fresh processes, which know nothing of earlier tasks of another kind.
+    """Runs all tasks, in any order and in fresh processes, which know nothing of earlier tasks of
+    another kind.
 
     Args:
         function: Importable; returns the name of its task.
@@ -58,7 +60,10 @@ def run_tasks(
     for _ in range(MOST_LOSSES):
         workers = min(workers, len(waiting))
         executor = ProcessPoolExecutor(
-            workers, env=dict.fromkeys(THREAD_COUNTS, "1"), initializer=end_with, initargs=(os.getpid(),)
+            workers,
+            env=dict.fromkeys(THREAD_COUNTS, "1"),
+            initializer=end_with,
+            initargs=(os.getpid(),),
         )
         try:
             futures = {executor.submit(function, task): i for i, task in waiting.items()}
@@ -80,7 +85,8 @@ def run_tasks(
 
 
 def end_with(parent: int) -> None:
-    """Lets this process end soon after its parent, however that ended: nobody would take its results.
+    """Lets this process end soon after its parent, however that ended: nobody would take its
+    results.
 
     It keeps to the same settings as its parent.
     """

@@ -30,13 +30,7 @@ from tests.house.traces import TRACER, measure_traces
 from tests.layout import RECORD, beyond, measure, with_numbers
 
 # Folders that hold to 100 columns, by a ruff.toml of their own; the list may only grow.
-NARROW = (
-    *("ident/api", "ident/cli", "ident/closed_loop", "ident/effects", "ident/fitting", "ident/infer", "ident/laws"),
-    *("ident/model", "ident/monitor", "ident/motion", "ident/recordings", "ident/regression"),
-    *("ident/inference", "ident/robot", "ident/servos", "ident/simulation"),
-    *("ident/trajectories", "ident/benchmark", "ident/checks", "tests/house"),
-    *("ident/diagnosis", "ident/schemas", "ident/show/timeline", "ident/export", "plan"),
-)
+NARROW = ("ident", "plan", "tests/house")
 # Folders of no more syntax nodes a code line than plain code has; the list may only grow.
 PLAIN = (
     *("ident/api", "ident/cli", "ident/closed_loop", "ident/effects", "ident/local_page"),

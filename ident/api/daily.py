@@ -201,15 +201,15 @@ def ranges(sessions: Sources, robot: Robot | None = None, **options: Any) -> Ran
         raise RecordingError(
             twice, "two sessions have this name", "give folders of different names"
         )
-    found = find_ranges(days, reference, estimate_bodies)
+    measured = find_ranges(days, reference, estimate_bodies)
     if chosen.out is not None:
-        tables: dict[str, dict[str, tuple[float, float]]] = {joint: {} for joint in found.noise}
-        for (joint, name), one in found.ranges.items():
+        tables: dict[str, dict[str, tuple[float, float]]] = {joint: {} for joint in measured.noise}
+        for (joint, name), measured_range in measured.ranges.items():
             if joint in tables:
-                tables[joint][name] = one.low, one.high
-        write_ranges(Path(chosen.out), found.robot, tables)
+                tables[joint][name] = measured_range.low, measured_range.high
+        write_ranges(Path(chosen.out), measured.robot, tables)
     named = None if loaded is None else loaded.robot.name
     settings = {"robot": opened.arm.name, "model": named, "cutoff_hz": chosen.cutoff}
-    return found.with_provenance(
+    return measured.with_provenance(
         Provenance("ident ranges", settings=settings, sessions=opened.stamps)
     )

@@ -193,7 +193,8 @@ def verify(
     Raises:
         InputError: Model, recordings or limits can't be used.
     """
-    chosen, loaded = VerifyOptions.of("verify", options), HybridModel.given(model)
+    chosen = VerifyOptions.of("verify", options)
+    loaded = HybridModel.given(model)
     wanted = None if limits is None else load_limits(Path(limits), loaded.joint_names, loaded.rungs)
     opened = open_sessions(
         sessions,
@@ -214,5 +215,6 @@ def verify(
     settings = {"model": name, "limits": bounds, "horizon_s": chosen.horizon}
     origin = Provenance("ident verify", settings=settings, sessions=opened.stamps)
     promotion = judge_model(loaded, opened.motions, seen, chosen.in_sample, chosen.horizon)
-    robot, joints = loaded.robot.name, loaded.joint_names
+    robot = loaded.robot.name
+    joints = loaded.joint_names
     return Verification(name, robot, joints, tuple(checks), promotion, seen, provenance=origin)

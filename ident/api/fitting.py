@@ -109,7 +109,8 @@ def _carry(diagnosed: Diagnosed, arm: ArmModel, laws: NamedLaws) -> NamedLaws:
         place = -1 if change.joint < 0 else arm.joint_names.index(change.joints[0])
         if change.effect in KNOWN:
             sizes = change.parameters.items()
-            ends = {name: (size.low, size.high) for name, size in sizes if size.low < size.high}
+            known = {name: size for name, size in sizes if size.low < size.high}
+            ends = {name: (size.low, size.high) for name, size in known.items()}
             carried.append(CarriedEffect(change.effect, place, change.values, ends))
         else:
             left_out.append(f"{change.effect} of {', '.join(change.joints)}: no model carries it")

@@ -21,7 +21,7 @@ from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.files import atomic_write
-from ident.inference.features import Scorers
+from ident.inference.held_out_views import Scorers
 from ident.inference.search import SetSearch
 from ident.records import JsonRecord, as_json
 from ident.regression.cross_validation import HeldOut

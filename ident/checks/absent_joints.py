@@ -7,12 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import least_squares
-from ident.checks.effort import (
-    TRANSITION_RAD_S,
-    States,
-)
-from ident.checks.filtered_run import EFFORT_KIND as LIMIT
+from ident.checks.effort import TRANSITION_RAD_S, States
 from ident.checks.report import issue_of
+from ident.checks.settings import EFFORT_KIND as LIMIT
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 
 

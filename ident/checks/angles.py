@@ -8,9 +8,10 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.effort import collect_states, explained_by_model, fit_signed
-from ident.checks.filtered_run import ANGLES as LIMIT
-from ident.checks.filtered_run import CLOCK, compare_velocities
+from ident.checks.filtered_run import compare_velocities
 from ident.checks.report import issue_of, joints_at
+from ident.checks.settings import ANGLES as LIMIT
+from ident.checks.settings import CLOCK
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_line

@@ -21,8 +21,8 @@ from scipy.optimize import minimize
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.effort import TRANSITION_RAD_S, States, fit_signed
-from ident.checks.filtered_run import ARRANGEMENT as LIMIT
 from ident.checks.report import issue_of
+from ident.checks.settings import ARRANGEMENT as LIMIT
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
@@ -183,14 +183,18 @@ def pulls_of(states: States, arm: ArmModel) -> dict[int, Pull]:
         moves = np.flatnonzero(np.abs(dq[:, j]) > settings.moving_rad_s)
         speed = dq[moves, j]
         # The rotor's inertia is no part of the model's.
-        inertia = [states.inertial[rows, j][moves], states.ddq[rows, j][moves]]
+        of_arm = states.inertial[rows, j]
+        of_rotor = states.ddq[rows, j]
+        inertia = [of_arm[moves], of_rotor[moves]]
         friction = [np.tanh(speed / TRANSITION_RAD_S), speed, np.ones(len(moves))]
         beside, _ = np.linalg.qr(np.column_stack([*inertia, *friction]))
         target = _without(beside, tau[moves, j])
         table = _without(beside, axes[moves, j])
         variance = float(target @ target)
         if len(moves) > FEWEST_STATES and variance > 0.0:
-            pulls[int(j)] = (table.T @ target / variance, table.T @ table / variance)
+            score = table.T @ target / variance
+            information = table.T @ table / variance
+            pulls[int(j)] = (score, information)
     return pulls
 
 

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.parting import ComparedRuns, Parting, RunDifference
+from ident.checks.settings import BETWEEN_RUNS as LIMIT
 
 FEWEST_RUNS = 3  # of two runs nobody knows the odd one
 
@@ -31,7 +31,8 @@ def partings(count: int) -> list[tuple[int, ...]]:
     alone = [(number,) for number in range(count)]
     parts = []
     for cut in range(2, count - 1):
-        early, late = tuple(range(cut)), tuple(range(cut, count))
+        early = tuple(range(cut))
+        late = tuple(range(cut, count))
         parts.append(early if len(early) < len(late) else late)
     return alone + parts
 

@@ -10,8 +10,8 @@ from itertools import product
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.checks.filtered_run import CHANNELS as LIMIT
 from ident.checks.report import Findings, issue_of
+from ident.checks.settings import CHANNELS as LIMIT
 from ident.recordings.blocks import FEWEST_BLOCKS, count_blocks
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 
@@ -34,7 +34,8 @@ def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     lost = 0
     # One value a run, another in the next, is a dead channel, not a coarse one.
     dead = np.all([np.ptp(run.effort, axis=0) == 0.0 for run in session.runs], axis=0)
-    coarse = is_coarse(np.concatenate([run.effort for run in session.runs])) & ~dead
+    efforts = np.concatenate([run.effort for run in session.runs])
+    coarse = is_coarse(efforts) & ~dead
     for run in session.runs:
         positions = stuck_positions(run)
         frozen = positions | (stuck_efforts(run) & ~coarse)
@@ -51,7 +52,8 @@ def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
             run = run.at(~rows)
         if len(run):
             findings.runs.append(run)
-    if _blocks(findings.runs) < FEWEST_BLOCKS and lost > LIMIT.most_lost * session.samples:
+    is_much = lost > LIMIT.most_lost * session.samples
+    if is_much and _blocks(findings.runs) < FEWEST_BLOCKS:
         empty = [run.at(slice(0)) for run in session.runs]
         return session.replace(runs=empty), findings.issues("stuck_long")
     return findings.left(), findings.issues("stuck")
@@ -102,13 +104,16 @@ def _long_holds(values: Float[Array, " T"], time: Float[Array, " T"]) -> Int[Arr
         First and last row of each.
     """
     stretches = holds(values)
-    lengths = stretches[:, 1] - stretches[:, 0] + 1
+    first = stretches[:, 0]
+    last = stretches[:, 1]
+    lengths = last - first + 1
     long = lengths >= LIMIT.stuck_samples
     duration = np.diff(time[stretches[long]], axis=1)[:, 0]
     long[long] = duration >= LIMIT.stuck_s
     # What is usual takes longer to find than that nothing is long.
     if len(stretches) > 2 and long.any():
-        long &= lengths >= LIMIT.stuck_repetitions * float(np.median(lengths))
+        usual = float(np.median(lengths))
+        long &= lengths >= LIMIT.stuck_repetitions * usual
     return stretches[long]
 
 
@@ -127,7 +132,9 @@ def stuck_positions(run: Recording) -> Bool[Array, "T n"]:
             least_jump = max(LIMIT.jump_steps * usual_step, LIMIT.jump_rad)
         for first, last in long:
             stretch = slice(first, last + 1)
-            jump = abs(q[last + 1] - q[last]) if last + 1 < len(q) else 0.0
+            jump = 0.0
+            if last + 1 < len(q):
+                jump = abs(q[last + 1] - q[last])
             # While the whole arm stands, an encoder that stands is right: the arm starts again
             # with a step.
             jumps = jump > least_jump and not _others_stand(run, joint, stretch)
@@ -169,7 +176,8 @@ def _hidden_travel(run: Recording, joint: int, stretch: slice, usual_lag: float)
     """
     travel = 0.0
     if run.velocity is not None:
-        steps = run.velocity[stretch, joint][1:] * np.diff(run.time[stretch])
+        velocity = run.velocity[stretch, joint][1:]
+        steps = velocity * np.diff(run.time[stretch])
         way = np.concatenate([[0.0], np.cumsum(steps)])
         travel = float(np.ptp(way))
     if run.position_command is not None:
@@ -227,7 +235,8 @@ def check_clipping(session: Session) -> list[TelemetryIssue]:
         if len(run) < LIMIT.stuck_samples:
             continue
         # At rest a torque may hold any value; only moving samples can show a flat top.
-        speed = np.abs(np.gradient(run.position, run.time, axis=0)).max(axis=1)
+        velocity = np.gradient(run.position, run.time, axis=0)
+        speed = np.abs(velocity).max(axis=1)
         effort = run.effort[speed > LIMIT.hidden_travel]
         for joint, sign in product(range(len(run.joints)), (1.0, -1.0)):
             count, level = flat_top(sign * effort[:, joint])
@@ -253,7 +262,8 @@ def flat_top(values: Float[Array, " T"]) -> tuple[int, float]:
     is_top = values >= top - ROUNDING * spread
     count = int(is_top.sum())
     # A limit lies far out: a channel that only never changes its sign is not cut off at zero.
-    is_far_out = top >= LIMIT.top_level * np.abs(values).max()
+    largest = np.abs(values).max()
+    is_far_out = top >= LIMIT.top_level * largest
     if count < LIMIT.top_samples or not is_far_out or is_coarse(values[:, None])[0]:
         return NOT_CUT, top
     if _longest(is_top) < LIMIT.top_stretch:
@@ -261,16 +271,20 @@ def flat_top(values: Float[Array, " T"]) -> tuple[int, float]:
     levels = np.unique(np.where(is_top, top, values))
     step = float(np.median(np.diff(levels)))
     width = max(LIMIT.top_range * spread, 1.01 * step)
-    edges = top - width * np.arange(LIMIT.top_slices, -1, -1)
+    slices = np.arange(LIMIT.top_slices, -1, -1)
+    edges = top - width * slices
     below, _ = np.histogram(values[~is_top], bins=edges)
-    return (count if count > LIMIT.top_pile * below.max() else NOT_CUT), top
+    is_pile = count > LIMIT.top_pile * below.max()
+    return (count if is_pile else NOT_CUT), top
 
 
 def _longest(marked: Bool[Array, " T"]) -> int:
     """Rows of the longest stretch that is marked; at least one row is."""
     stretches = holds(marked.astype(float))
-    lengths = stretches[:, 1] - stretches[:, 0] + 1
-    return int(lengths[marked[stretches[:, 0]]].max())
+    first = stretches[:, 0]
+    last = stretches[:, 1]
+    lengths = last - first + 1
+    return int(lengths[marked[first]].max())
 
 
 def check_commands(session: Session) -> list[TelemetryIssue]:
@@ -280,19 +294,21 @@ def check_commands(session: Session) -> list[TelemetryIssue]:
         An issue for each channel that mostly equals its command while the joint moves.
     """
     issues = []
+    channels = [run.channels() for run in session.runs]
     for measured in ("effort", "position"):
         command = f"{measured}_command"
-        channels = [run.channels() for run in session.runs]
         pairs = [channel for channel in channels if command in channel]
         if not pairs:
             continue
         values = np.concatenate([pair[measured] for pair in pairs])
         commands = np.concatenate([pair[command] for pair in pairs])
         moving = np.abs(np.diff(commands, axis=0)) > 0.0
-        same = (values == commands)[1:] & moving
-        mostly_same = same.sum(axis=0) > LIMIT.command_share * moving.sum(axis=0)
+        is_command = (values == commands)[1:]
+        same = (is_command & moving).sum(axis=0)
+        mostly_same = same > LIMIT.command_share * moving.sum(axis=0)
         joints = np.flatnonzero(mostly_same & moving.any(axis=0))
         if len(joints):
             first = int(joints[0])
-            issues.append(issue_of(command, session, joints, first, measured=measured))
+            issue = issue_of(command, session, joints, first, measured=measured)
+            issues.append(issue)
     return issues

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.arrays import Array
-from ident.checks.filtered_run import CLOCK as LIMIT
 from ident.checks.report import Findings
+from ident.checks.settings import CLOCK as LIMIT
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 
 
@@ -76,8 +76,12 @@ def drop_late_rows(run: Recording) -> tuple[Recording, int]:
     # A single stamp far ahead would make all later rows late: it goes first.
     ahead = np.zeros(len(time), dtype=bool)
     if len(time) > LIMIT.shortest_piece:
-        ahead[:1] = (time[:1] > time[1:2]) & (time[:1] > time[2:3])
-    ahead[1:-1] = (time[1:-1] > time[2:]) & (time[2:] > time[:-2])
+        before_second = time[:1] > time[1:2]
+        before_third = time[:1] > time[2:3]
+        ahead[:1] = before_second & before_third
+    before_next = time[1:-1] > time[2:]
+    in_order_without = time[2:] > time[:-2]
+    ahead[1:-1] = before_next & in_order_without
     peak = np.maximum.accumulate(np.where(ahead, -np.inf, time))
     later = np.concatenate([[True], time[1:] > peak[:-1]])
     keep = ~ahead & later

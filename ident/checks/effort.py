@@ -20,8 +20,9 @@ from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float, least_squares
 from ident.checks.channels import flat_top
-from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, filter_run
+from ident.checks.filtered_run import filter_run
 from ident.checks.report import issue_of
+from ident.checks.settings import USUAL_EFFORT, EffortSettings
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_line
@@ -59,13 +60,15 @@ class States:
     @property
     def moving(self) -> Bool[Array, " n"]:
         """Which joints move: the root mean square of their speed exceeds a threshold."""
-        return np.sqrt(np.mean(self.dq**2, axis=0)) > self.settings.moving_rad_s
+        mean_square = np.mean(self.dq**2, axis=0)
+        return np.sqrt(mean_square) > self.settings.moving_rad_s
 
     @property
     def alive(self) -> Bool[Array, " n"]:
         """Which joints have a torque that changes at all."""
         spread = self.tau.std(axis=0)
-        return spread > 1e-6 * max(float(np.abs(self.tau).max()), 1e-300)
+        largest = max(float(np.abs(self.tau).max()), 1e-300)
+        return spread > 1e-6 * largest
 
     @property
     def heavy(self) -> Bool[Array, " n"]:
@@ -120,7 +123,9 @@ def joint_terms(states: States, joint: int, rows: Array | slice = EVERY_ROW) -> 
     """
     dq = states.dq[rows, joint]
     dry = np.tanh(dq / TRANSITION_RAD_S)
-    return np.column_stack([states.gravity[rows, joint], states.inertial[rows, joint], dry, dq])
+    gravity = states.gravity[rows, joint]
+    inertial = states.inertial[rows, joint]
+    return np.column_stack([gravity, inertial, dry, dq])
 
 
 def fit_signed(
@@ -156,7 +161,8 @@ def fit_signed(
         either_sign.append(states.q[rows, joint])
     free, _ = np.linalg.qr(np.column_stack(either_sign))
     whole = np.column_stack([scaled, tau])
-    triangle = np.asarray(np.linalg.qr(whole - free @ (free.T @ whole), mode="r"))
+    beside = whole - free @ (free.T @ whole)
+    triangle = np.asarray(np.linalg.qr(beside, mode="r"))
     weights, left = nnls(triangle[:, :-1], triangle[:, -1])
     gravity, inertia, *_ = np.where(live, weights / divisor, 0.0)
     with np.errstate(over="ignore", invalid="ignore"):  # cells may hold any number
@@ -179,7 +185,8 @@ def jackknife(
     Returns:
         Coefficients, and their standard errors.
     """
-    piece = np.arange(len(table)) * pieces // len(table)
+    rows_in_all = len(table)
+    piece = np.arange(rows_in_all) * pieces // rows_in_all
     size = np.maximum(np.linalg.norm(table, axis=0), 1e-12)
     whole = np.column_stack([table / size, target])
     by_piece = []
@@ -190,10 +197,13 @@ def jackknife(
     total = sums.sum(axis=0)
 
     def solve(products: Float[Array, "c c"]) -> Float[Array, " k"]:
-        return least_squares(products[:-1, :-1], products[:-1, -1], 1e-10) / size
+        normal = products[:-1, :-1]
+        right = products[:-1, -1]
+        return least_squares(normal, right, 1e-10) / size
 
     left_out = [solve(total - products) for products in sums]
-    return solve(total), np.sqrt((pieces - 1) * np.var(left_out, axis=0))
+    variance = np.var(left_out, axis=0)
+    return solve(total), np.sqrt((pieces - 1) * variance)
 
 
 def _surely_off(states: States, joint: int, rows: Bool[Array, " T"]) -> bool:
@@ -236,9 +246,10 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
     Returns:
         Issues; empty where nothing is wrong, or nothing can be told.
     """
-    telling = states.moving | (states.gravity.std(axis=0) > states.settings.static_Nm)
-    tested = np.flatnonzero(telling & states.alive)
-    fits = {int(joint): TwoSigns.of(session, states, int(joint)) for joint in tested}
+    changes = states.gravity.std(axis=0) > states.settings.static_Nm
+    telling = states.moving | changes
+    tested = np.flatnonzero(telling & states.alive).tolist()
+    fits = {joint: TwoSigns.of(session, states, joint) for joint in tested}
     flipped = [joint for joint, fit in fits.items() if fit.is_flipped(states)]
     issues: list[TelemetryIssue] = []
     if flipped:
@@ -292,12 +303,13 @@ def _uncut(session: Session, states: States, joint: int) -> Bool[Array, " T"]:
     All, where no limit does, or hardly one is left.
     """
     measured = np.concatenate([run.effort[:, joint] for run in session.runs])
+    filtered = states.tau[:, joint]
     margin = NEAR_CUT * np.ptp(measured)
     uncut = np.ones(len(states.tau), dtype=bool)
     for sign in (1.0, -1.0):
         count, level = flat_top(sign * measured)
         if count:
-            uncut &= sign * states.tau[:, joint] < level - margin
+            uncut &= sign * filtered < level - margin
     return uncut if uncut.mean() > LEAST_UNCUT else np.ones_like(uncut)
 
 
@@ -403,21 +415,28 @@ def _without_friction(
         whether that is none.
     """
     friction = np.column_stack([np.tanh(dq / TRANSITION_RAD_S), dq])
-    table = np.column_stack([rigid, np.ones(len(tau)), friction])
+    constant = np.ones(len(tau))
+    table = np.column_stack([rigid, constant, friction])
     size = np.linalg.norm(table, axis=0)
-    table = table / np.where(size > 1e-9 * size.max(), size, np.inf)
+    is_live = size > 1e-9 * size.max()
+    table = table / np.where(is_live, size, np.inf)
     # All that least squares needs of the table is its triangle.
-    triangle = np.asarray(np.linalg.qr(np.column_stack([table, tau]), mode="r"))
+    whole = np.column_stack([table, tau])
+    triangle = np.asarray(np.linalg.qr(whole, mode="r"))
     columns = triangle[:, :-1]
     target = triangle[:, -1]
     left_rigid, _ = _left_of(columns[:, :-2], target, len(tau))
     left_whole, weights = _left_of(columns, target, len(tau))
     spread = float(tau.std())
-    gain = 1.0 - (left_whole / left_rigid) ** 2 if left_rigid > 0.0 else 0.0
-    level = float(np.sqrt(np.mean((table[:, -2:] @ weights[-2:]) ** 2)))
+    gain = 0.0
+    if left_rigid > 0.0:
+        gain = 1.0 - (left_whole / left_rigid) ** 2
+    of_friction = table[:, -2:] @ weights[-2:]
+    level = float(np.sqrt(np.mean(of_friction**2)))
     share = left_rigid / spread
     explained = share**2 < 1.0 - settings.rigid_explains
-    is_frictionless = level < settings.friction_share * spread and gain < settings.friction_gain
+    has_little = level < settings.friction_share * spread
+    is_frictionless = has_little and gain < settings.friction_gain
     return share, level, share < 1e-6 or (explained and is_frictionless)
 
 

@@ -16,16 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.checks.effort import (
-    States,
-    collect_states,
-    fit_signed,
-    jackknife,
-    joint_terms,
-)
-from ident.checks.filtered_run import EFFORT_KIND as LIMIT
+from ident.checks.effort import States, collect_states, fit_signed, jackknife, joint_terms
 from ident.checks.report import MISREAD, JointEffort, issue_of
 from ident.checks.scales import fit_scale
+from ident.checks.settings import EFFORT_KIND as LIMIT
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
@@ -221,7 +215,8 @@ def _tell_effort(states: States, joint: int, fit: GravityFit, reads_factor: bool
     """
     friction = f"friction is {100.0 * fit.friction:.0f} % of the effort's spread"
     if not states.heavy[joint] and not reads_factor:
-        change = states.gravity[:, joint].std() / states.tau[:, joint].std()
+        spread = states.tau[:, joint].std()
+        change = states.gravity[:, joint].std() / spread
         gravity = f"gravity by the model{states.counted} is {100.0 * change:.0f} %"
         return f"{friction}, {gravity}"
     scale, error, _ = fit_scale(states, joint)  # what `check_scales` reports

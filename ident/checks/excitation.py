@@ -15,8 +15,9 @@ import numpy as np
 from scipy.linalg import qr
 
 from ident.arrays import Array, Float, Int
-from ident.checks.filtered_run import USUAL_EXCITATION, ExcitationSettings, filter_run
+from ident.checks.filtered_run import filter_run
 from ident.checks.report import TelemetryReport, issue_of, joints_at
+from ident.checks.settings import USUAL_EXCITATION, ExcitationSettings
 from ident.errors import RecordingError, plural
 from ident.recordings.blocks import FEWEST_BLOCKS, SHORTEST_BLOCK_S, count_blocks
 from ident.recordings.recording import Session, Severity, TelemetryIssue
@@ -51,7 +52,7 @@ class Independence:
                 of_angle = [np.ones(len(angle)), angle, np.sin(angle), np.cos(angle)]
                 table = np.column_stack([*of_angle, ddq[:, joint]])
                 parts = np.array_split(table, PARTS)
-                self._sums[joint].append(np.stack([part.T @ part for part in parts]))
+                self._sums[joint].append(np.stack([piece.T @ piece for piece in parts]))
             self._strokes[:, joint] += self._count_strokes(angle, dq[:, joint])
 
     def _count_strokes(self, q: Float[Array, " T"], dq: Float[Array, " T"]) -> tuple[int, int]:
@@ -278,7 +279,9 @@ def base_rank(arm: ArmModel) -> int:
     Source: Gautier, Numerical calculation of the base inertial parameters of robots (1991).
     """
     # The rank is a property of the arm: fixed general states find it as well as any others.
-    q, dq, ddq = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, 60, arm.n))
-    table: Float[Array, "r 10n"] = arm.regressor(q, dq, ddq).reshape(-1, 10 * arm.n)
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.uniform(-np.pi, np.pi, (3, 60, arm.n))
+    regressor = arm.regressor(q, dq, ddq)
+    table: Float[Array, "r 10n"] = regressor.reshape(-1, 10 * arm.n)
     triangle = np.linalg.qr(_in_unit_columns(table), mode="r")
     return int(np.linalg.matrix_rank(triangle, tol=1e-8))

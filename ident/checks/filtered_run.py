@@ -11,48 +11,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
+from ident.checks.settings import CLOCK
+from ident.checks.settings import FILTER as LIMIT
 from ident.motion.filter import design_lowpass, filter_both_ways
 from ident.recordings.recording import Recording, Session
-from ident.records import Settings, read_group
-
-LIMIT = read_group(__file__, "filter")
-
-
-class EffortSettings(Settings, table="effort"):
-    """Sign, scale and origin of the torque.
-
-    Logs are 17 of a UR10e, two of Pandas and one of a UR10.
-    """
-
-
-class ExcitationSettings(Settings, table="excitation"):
-    """Whether there is motion enough."""
-
-
-USUAL_EFFORT, USUAL_EXCITATION = EffortSettings(), ExcitationSettings()
-
-
-@dataclass(frozen=True)
-class TelemetrySettings(Settings):
-    """What recordings are refused by."""
-
-    effort: EffortSettings = USUAL_EFFORT  # sign, scale and origin of the torque
-    excitation: ExcitationSettings = USUAL_EXCITATION  # whether there is motion enough
-
-
-USUAL_TELEMETRY = TelemetrySettings()
-
-# Thresholds of the single checks, an attribute each: `settings.toml` has their units, meanings and
-# sources.
-ANGLES = read_group(__file__, "angles")
-CHANNELS = read_group(__file__, "channels")
-CLOCK = read_group(__file__, "clock")
-EFFORT_KIND = read_group(__file__, "effort_kind")
-ARRANGEMENT = read_group(__file__, "arrangement")
-INFORMATION = read_group(__file__, "information")
-BETWEEN_RUNS = read_group(__file__, "between_runs")
-LATENESS = read_group(__file__, "lateness")
-
 
 # Samples by which both ends are extended: three times the filter's own.
 PADDING = 3 * (LIMIT.filter_order + 1)
@@ -106,8 +68,14 @@ def filter_run(run: Recording) -> FilteredRun | None:
     ddq = np.gradient(dq, interval, axis=0)
     keep = slice(edge, len(grid) - edge, step)
     measured = None if run.velocity is None else smooth(run.velocity)[keep]
+    effort = smooth(run.effort)
     _KEPT[run] = FilteredRun(
-        q[keep], dq[keep], ddq[keep], smooth(run.effort)[keep], measured, step * interval
+        q[keep],
+        dq[keep],
+        ddq[keep],
+        effort[keep],
+        measured,
+        step * interval,
     )
     return _KEPT[run]
 

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.filtered_run import filter_run
+from ident.checks.settings import BETWEEN_RUNS as LIMIT
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
 from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
@@ -50,7 +50,12 @@ class RunStates:
     def at(self, rows: slice) -> RunStates:
         """The states of a slice of rows, as a new object."""
         return RunStates(
-            self.name, self.q[rows], self.dq[rows], self.ddq[rows], self.tau[rows], self.moves[rows]
+            self.name,
+            self.q[rows],
+            self.dq[rows],
+            self.ddq[rows],
+            self.tau[rows],
+            self.moves[rows],
         )
 
 
@@ -62,7 +67,14 @@ def states_of(run: Recording) -> RunStates | None:
     step = max(1, len(motion.q) // LIMIT.states)
     dq = motion.dq[::step]
     moves = np.abs(dq) > TRANSITION_RAD_S
-    return RunStates(run.name, motion.q[::step], dq, motion.ddq[::step], motion.tau[::step], moves)
+    return RunStates(
+        run.name,
+        motion.q[::step],
+        dq,
+        motion.ddq[::step],
+        motion.tau[::step],
+        moves,
+    )
 
 
 class RunTables:
@@ -114,15 +126,19 @@ class RunTables:
         A joint that stands is held by anything between minus and plus its dry friction, for as long
         as it stands.
         """
-        table = self.table(run) * run.moves.T[:, :, None]
+        moves = run.moves.T[:, :, None]
+        table = self.table(run) * moves
         count = np.maximum(run.moves.sum(axis=0), 1)
-        return np.asarray(table.transpose(0, 2, 1) @ table / count[:, None, None])
+        gram = table.transpose(0, 2, 1) @ table
+        return np.asarray(gram / count[:, None, None])
 
     def foretell(self, run: RunStates, coefficients: Float[Array, "n p"]) -> Float[Array, "T n"]:
         """A run's torques by some coefficients [N m]."""
         table = self.table(run)
-        beyond = np.einsum("jtp,jp->tj", table[:, :, :-1], coefficients)
-        return np.asarray(run.tau - table[:, :, -1].T + beyond)
+        columns = table[:, :, :-1]
+        stated = table[:, :, -1].T
+        beyond = np.einsum("jtp,jp->tj", columns, coefficients)
+        return np.asarray(run.tau - stated + beyond)
 
     def errors_of(
         self, sums: Float[Array, "*R n c c"], others: Fit, own_losses: bool = False
@@ -138,8 +154,9 @@ class RunTables:
                 they drift, too.
         """
         left = left_beside_losses if own_losses else left_square
+        square = left(sums, others.coefficients)
         moves = sums[..., -1, -1] > 0.0
-        return np.where(moves, 0.5 * np.log(left(sums, others.coefficients)), np.nan)
+        return np.where(moves, 0.5 * np.log(square), np.nan)
 
     def errors_among(
         self, sums: Float[Array, "R n c c"], own_losses: bool = False
@@ -164,7 +181,8 @@ def felt_directions(arm: ArmModel, scale: Float[Array, " m"]) -> Float[Array, "n
         scale: Scale of each.
     """
     rng = np.random.default_rng(0)
-    q, dq, ddq = (rng.uniform(-np.pi, np.pi, (len(scale), arm.n)) for _ in range(3))
+    shape = (len(scale), arm.n)
+    q, dq, ddq = (rng.uniform(-np.pi, np.pi, shape) for _ in range(3))
     rows = (arm.regressor(q, dq, ddq) * scale).transpose(1, 0, 2)
     _, _, directions = np.linalg.svd(rows)
     rank = int(np.linalg.matrix_rank(rows).max())
@@ -207,11 +225,13 @@ def fit(sums: Float[Array, "*R n c c"], runs: int) -> Fit:
     count = sums.shape[-1] - 1
     unit = np.eye(count)
     among = sums[..., :count, :count]
+    target = sums[..., :count, -1:]
     noise = np.maximum(sums[..., -1, -1], LEAST_SQUARE)
     coefficients = np.zeros((*noise.shape, count))
     for _ in range(LIMIT.rounds):
-        normal = among + (noise / LIMIT.states)[..., None, None] * unit
-        coefficients = solve_positive(normal, sums[..., :count, -1:])[..., 0]
+        weight = (noise / LIMIT.states)[..., None, None]
+        normal = among + weight * unit
+        coefficients = solve_positive(normal, target)[..., 0]
         noise = left_square(sums, coefficients)
     precision = runs * among / noise[..., None, None] + unit
     return Fit(coefficients, precision)
@@ -228,9 +248,13 @@ def solve_positive(
         matrices: One of each system.
         right: Right-hand sides of each, or one for all.
     """
-    size = np.sqrt(matrices.diagonal(axis1=-2, axis2=-1))[..., None]
-    scaled = matrices / (size * size.swapaxes(-1, -2)) + ROUNDING * np.eye(matrices.shape[-1])
-    return np.asarray(np.linalg.solve(scaled, right / size) / size)
+    power = matrices.diagonal(axis1=-2, axis2=-1)
+    size = np.sqrt(power)[..., None]
+    scale = size * size.swapaxes(-1, -2)
+    ridge = ROUNDING * np.eye(matrices.shape[-1])
+    scaled = matrices / scale + ridge
+    solution = np.linalg.solve(scaled, right / size)
+    return np.asarray(solution / size)
 
 
 def left_square(
@@ -239,7 +263,8 @@ def left_square(
     """Mean square of what coefficients leave of each joint's torque [(N m)²]."""
     weights = _weights(coefficients)
     across = (sums @ weights[..., None])[..., 0]
-    return np.asarray(np.maximum((weights * across).sum(axis=-1), LEAST_SQUARE))
+    square = (weights * across).sum(axis=-1)
+    return np.asarray(np.maximum(square, LEAST_SQUARE))
 
 
 def left_beside_losses(
@@ -249,15 +274,18 @@ def left_beside_losses(
     weights = _weights(coefficients)
     across = (sums @ weights[..., None])[..., 0]
     losses = slice(-1 - LOSSES, -1)
+    along = across[..., losses]
     normal = sums[..., losses, losses] + LEAST_SQUARE * np.eye(LOSSES)
-    follow = solve_positive(normal, across[..., losses, None])[..., 0]
-    left = (weights * across).sum(axis=-1) - (across[..., losses] * follow).sum(axis=-1)
+    follow = solve_positive(normal, along[..., None])[..., 0]
+    square = (weights * across).sum(axis=-1)
+    left = square - (along * follow).sum(axis=-1)
     return np.asarray(np.maximum(left, LEAST_SQUARE))
 
 
 def _weights(coefficients: Float[Array, "*R n p"]) -> Float[Array, "*R n c"]:
     """Weights of a table's columns that leave of its last what coefficients do not explain."""
-    return np.concatenate([-coefficients, np.ones((*coefficients.shape[:-1], 1))], axis=-1)
+    of_torque = np.ones((*coefficients.shape[:-1], 1))
+    return np.concatenate([-coefficients, of_torque], axis=-1)
 
 
 def fits_among(sums: Float[Array, "R n c c"]) -> Fit:
@@ -274,4 +302,6 @@ def mean_error(errors: Float[Array, "R n"]) -> Float[Array, " n"]:
     """
     moves = np.isfinite(errors)
     total = np.where(moves, errors, 0.0).sum(axis=0)
-    return np.where(moves.any(axis=0), total / np.maximum(moves.sum(axis=0), 1), np.nan)
+    runs = np.maximum(moves.sum(axis=0), 1)
+    mean = total / runs
+    return np.where(moves.any(axis=0), mean, np.nan)

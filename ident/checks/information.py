@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.filtered_run import INFORMATION as LIMIT
 from ident.checks.report import Findings
+from ident.checks.settings import INFORMATION as LIMIT
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 
 
@@ -63,4 +63,5 @@ def line_length(run: Recording, joint: int) -> int | None:
 
 def _alike(before: Float[Array, " T"], after: Float[Array, " T"]) -> Bool[Array, " T"]:
     """Whether two slopes are one but for rounding."""
-    return np.abs(after - before) <= LIMIT.rounding * np.maximum(np.abs(before), np.abs(after))
+    size = np.maximum(np.abs(before), np.abs(after))
+    return np.abs(after - before) <= LIMIT.rounding * size

@@ -19,7 +19,6 @@ from ident.checks.conventions.reread import as_it_is, read_conventions
 from ident.checks.effort import check_effort, collect_states
 from ident.checks.effort_kind import judge_effort, mend_effort_kind
 from ident.checks.excitation import Amount
-from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.gains import Gains, check_gains
 from ident.checks.information import check_information
 from ident.checks.lateness import check_lateness
@@ -29,6 +28,7 @@ from ident.checks.report import TelemetryReport, as_mounted, require_same_mount
 from ident.checks.run_clocks import check_run_clocks
 from ident.checks.sampling import check_rate, mend_jitter
 from ident.checks.scales import check_scales
+from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.spikes import mend_absurd, mend_channel_spikes, mend_spikes
 from ident.checks.time_base import (
     check_clock,
@@ -281,16 +281,16 @@ def check_rows(session: Session, arm: ArmModel | None) -> tuple[Session, list[Te
         mend_clock_jumps,
         mend_time_unit,
         mend_channel_spikes,
-        lambda found: mend_degrees(found, arm),
+        lambda session_so_far: mend_degrees(session_so_far, arm),
         mend_spikes,
-        lambda found: mend_wraps(found, arm),
+        lambda session_so_far: mend_wraps(session_so_far, arm),
         check_run_clocks,
         check_stated_rate,
         mend_time_base,
         mend_jitter,
         drop_stuck,
         drop_stuck_velocity,
-        lambda found: split_at_jumps(found, arm),
+        lambda session_so_far: split_at_jumps(session_so_far, arm),
         split_at_gaps,
         mend_velocity,
     )

@@ -14,8 +14,9 @@ import numpy as np
 
 from ident.arrays import Array, Float, least_squares
 from ident.checks.effort import TRANSITION_RAD_S
-from ident.checks.filtered_run import BETWEEN_RUNS, LATENESS, FilteredRun, filter_run
+from ident.checks.filtered_run import FilteredRun, filter_run
 from ident.checks.report import issue_of
+from ident.checks.settings import BETWEEN_RUNS, LATENESS
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
@@ -29,7 +30,8 @@ def check_lateness(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
         One issue with the delay, or none.
     """
     steps = np.arange(-LATENESS.steps, LATENESS.steps + 1)
-    intervals, costs = [], []
+    intervals = []
+    costs = []
     for run in session.runs:
         motion = filter_run(run)
         if motion is not None and len(motion.q) > FEWEST_STATES + 2 * LATENESS.steps:
@@ -63,7 +65,9 @@ def errors_of(motion: FilteredRun, arm: ArmModel, steps: Float[Array, " s"]) -> 
     """
     margin = int(np.abs(steps).max())
     inside = slice(margin, len(motion.q) - margin)
-    q, dq, ddq = motion.q[inside], motion.dq[inside], motion.ddq[inside]
+    q = motion.q[inside]
+    dq = motion.dq[inside]
+    ddq = motion.ddq[inside]
     gravity = arm.gravity(q)
     inertial = arm.inverse_dynamics(q, dq, ddq) - gravity
     costs = np.zeros(len(steps))

@@ -13,7 +13,6 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.foretold import Fit, RunStates, RunTables, fit, fits_among, mean_error, states_of
 from ident.checks.run_changes import (
     OF_TORQUES,
@@ -23,6 +22,7 @@ from ident.checks.run_changes import (
     scale_changes,
     zero_changes,
 )
+from ident.checks.settings import BETWEEN_RUNS as LIMIT
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 
@@ -159,15 +159,15 @@ class Parting:
         sound arm they drift with its warmth, which is no other arm.
         """
         session = self.session
-        own = self._among_themselves(self.usual, own_losses=False)
-        gain = self._gain(session.errors, own, self.usual)
+        among = self._among_themselves(self.usual, own_losses=False)
+        gain = self._gain(session.errors, among, self.usual)
         if gain <= least:
             return None
         usual = session.tables.errors_of(session.sums[self.rest], self._among, own_losses=True)
         beside_losses = self._among_themselves(usual, own_losses=True)
         if self._gain(session.errors_beside_losses, beside_losses, usual) <= least:
             return None
-        return self.difference(RunChange(OTHER_ARM, ()), gain, mean_error(own))
+        return self.difference(RunChange(OTHER_ARM, ()), gain, mean_error(among))
 
     def _among_themselves(
         self, usual: Float[Array, "r n"], own_losses: bool
@@ -274,7 +274,8 @@ class Parting:
             With its errors as such, not as logarithms.
         """
         names = tuple(run.name for run in self.runs)
-        before, usual = self.errors_of_odd(), mean_error(self.usual)
+        before = self.errors_of_odd()
+        usual = mean_error(self.usual)
         return RunDifference(names, change, gain, np.exp(before), np.exp(after), np.exp(usual))
 
 
@@ -310,12 +311,14 @@ def followed(change: RunChange, cost: Callable[[RunChange], float]) -> RunChange
         change: A change of a zero [rad].
         cost: Cost of a change.
     """
-    best, step = cost(change), FIRST_STEP
+    best = cost(change)
+    step = FIRST_STEP
     for _ in range(LIMIT.halvings):
         for angle in (change.size - step, change.size + step):
             tried = replace(change, size=float(angle))
             tried_cost = cost(tried)
             if tried_cost < best:
-                change, best = tried, tried_cost
+                change = tried
+                best = tried_cost
         step *= 0.5
     return change

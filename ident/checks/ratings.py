@@ -8,12 +8,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks.angles import speed
-from ident.checks.effort import (
-    States,
-    fit_signed,
-)
-from ident.checks.filtered_run import EFFORT_KIND as LIMIT
+from ident.checks.effort import States, fit_signed
 from ident.checks.report import issue_of, joints_at
+from ident.checks.settings import EFFORT_KIND as LIMIT
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.limits import is_placeholder
@@ -63,7 +60,9 @@ def _large_effort(session: Session) -> Float[Array, " n"]:
 def is_whole(session: Session) -> Array:
     """Which joints' efforts are whole numbers that change: counts, or per mille of a rating."""
     effort = np.concatenate([run.effort for run in session.runs])
-    return np.asarray((effort == np.round(effort)).all(axis=0) & (np.ptp(effort, axis=0) > 0.0))
+    is_whole = (effort == np.round(effort)).all(axis=0)
+    changes = np.ptp(effort, axis=0) > 0.0
+    return np.asarray(is_whole & changes)
 
 
 def has_own_size(states: States, joint: int) -> bool:

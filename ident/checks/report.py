@@ -112,7 +112,7 @@ class TelemetryReport:
 
     def find(self, issue: str) -> tuple[TelemetryIssue, ...]:
         """The issues of one kind, by its name; empty without any."""
-        return tuple(found for found in self.issues if found.issue == issue)
+        return tuple(reported for reported in self.issues if reported.issue == issue)
 
     def require_fit(self, learning: bool = True) -> TelemetryReport:
         """Passes if the recordings may be used, else refuses.
@@ -128,7 +128,8 @@ class TelemetryReport:
         """
         fatal = [issue for issue in self.fatal if learning or issue.issue not in TOO_LITTLE]
         if fatal:
-            first, more = fatal[0], len(fatal) - 1
+            first = fatal[0]
+            more = len(fatal) - 1
             also = f" (and {more} more, see `ident inspect`)" if more else ""
             where = str(self.session.path or self.session.name)
             raise RecordingError(where, f"{first.issue}: {first.evidence}", first.remedy + also)
@@ -151,7 +152,7 @@ class TelemetryReport:
             "joints": list(self.session.joints),
             "common_clock": self.session.common_clock,
             "fit": self.is_fit,
-            "effort": [one.to_dict() for one in self.effort],
+            "effort": [joint_kind.to_dict() for joint_kind in self.effort],
             "conventions": list(self.conventions),
             "telemetry": [issue.to_dict() for issue in self.issues],
         }
@@ -212,7 +213,8 @@ def require_same_mount(arm: ArmModel, first: Session, session: Session) -> None:
     mounted = np.asarray(arm.model.gravity.linear, dtype=float)
     stated = np.array(session.gravity)
     turned = float(np.linalg.norm(np.cross(mounted, stated)))
-    same = turned <= ROUNDED * float(np.linalg.norm(mounted) * np.linalg.norm(stated))
+    size = float(np.linalg.norm(mounted) * np.linalg.norm(stated))
+    same = turned <= ROUNDED * size
     if same and float(mounted @ stated) > 0.0:
         return
     source = "as its URDF has it" if first.gravity is None else "by its session.toml"
@@ -247,7 +249,8 @@ def issue_of(
     row = WORDS[key]
     if worst is not None:
         seen = {
-            name: one[worst] if isinstance(one, np.ndarray) else one for name, one in seen.items()
+            name: values[worst] if isinstance(values, np.ndarray) else values
+            for name, values in seen.items()
         }
         seen["joint"] = session.joints[worst]
     evidence, remedy = (SPACED.format(row[part], **seen) for part in ("evidence", "remedy"))
@@ -266,7 +269,7 @@ def joints_at(session: Session, columns: Iterable[Any]) -> tuple[str, ...]:
     """
     given = list(columns)
     marked = np.flatnonzero(given) if given and isinstance(given[0], bool | np.bool_) else given
-    return tuple(one if isinstance(one, str) else session.joints[one] for one in marked)
+    return tuple(joint if isinstance(joint, str) else session.joints[joint] for joint in marked)
 
 
 class Findings:

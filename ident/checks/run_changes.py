@@ -62,7 +62,11 @@ class RunChange:
                 return replace(run, tau=sign * run.tau)
             case "axis":
                 return replace(
-                    run, q=sign * run.q, dq=sign * run.dq, ddq=sign * run.ddq, tau=sign * run.tau
+                    run,
+                    q=sign * run.q,
+                    dq=sign * run.dq,
+                    ddq=sign * run.ddq,
+                    tau=sign * run.tau,
                 )
             case "columns":
                 return replace(

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ident.checks.filtered_run import CLOCK as LIMIT
 from ident.checks.filtered_run import clock_factor
 from ident.checks.report import issue_of
+from ident.checks.settings import CLOCK as LIMIT
 from ident.recordings.recording import Recording, Session, TelemetryIssue, cut_before
 
 

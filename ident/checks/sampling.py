@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.checks.filtered_run import CLOCK as LIMIT
 from ident.checks.report import Findings, issue_of
+from ident.checks.settings import CLOCK as LIMIT
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 
 # Neighbours of a sample through which a cubic goes, as rows of five.
@@ -80,13 +80,15 @@ def roughness(time: Float[Array, " T"], q: Float[Array, "T n"]) -> float:
         q: The samples; the result is in the square of their unit.
     """
     middle = slice(2, -2)
-    offsets = [time[row : len(time) - 4 + row] - time[middle] for row in NEIGHBOURS]
+    last = len(time) - 4
+    offsets = [time[row : last + row] - time[middle] for row in NEIGHBOURS]
     estimate = np.zeros_like(q[middle])
     for row, offset in zip(NEIGHBOURS, offsets, strict=True):
         # Lagrange's weight of this neighbour in the middle.
         factors = [-other / (offset - other) for other in offsets if other is not offset]
         weight = np.prod(factors, axis=0)
-        estimate += weight[:, None] * q[row : len(q) - 4 + row]
+        near = q[row : len(q) - 4 + row]
+        estimate += weight[:, None] * near
     return float(np.mean((q[middle] - estimate) ** 2))
 
 

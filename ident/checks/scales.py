@@ -8,13 +8,9 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Float
-from ident.checks.effort import (
-    TRANSITION_RAD_S,
-    States,
-    jackknife,
-)
-from ident.checks.filtered_run import ARRANGEMENT
+from ident.checks.effort import TRANSITION_RAD_S, States, jackknife
 from ident.checks.report import issue_of
+from ident.checks.settings import ARRANGEMENT
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.tolerance import PRIOR_SHARE, parameter_scale

@@ -13,8 +13,8 @@ from scipy.ndimage import median_filter
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.angles import TURN
-from ident.checks.filtered_run import ANGLES as LIMIT
 from ident.checks.report import Findings
+from ident.checks.settings import ANGLES as LIMIT
 from ident.errors import plural
 from ident.recordings.recording import Session, TelemetryIssue
 
@@ -52,10 +52,12 @@ def find_spikes(q: Float[Array, "T n"]) -> Bool[Array, "T n"]:
     wild = np.zeros(q.shape, dtype=bool)
     if len(q) < 5:
         return wild
-    off = q[1:-1] - 0.5 * (q[:-2] + q[2:])
+    expected = 0.5 * (q[:-2] + q[2:])
+    off = q[1:-1] - expected
     noise = np.median(np.abs(off), axis=0)
     beyond = np.abs(off) > np.maximum(LIMIT.spike_rad, LIMIT.spike_noises * noise)
-    returns = np.abs(q[2:] - q[:-2]) < 0.2 * np.abs(off)
+    between = np.abs(q[2:] - q[:-2])
+    returns = between < 0.2 * np.abs(off)
     turns = np.abs(np.abs(off) - TURN) < LIMIT.wrap_rest
     wild[1:-1] = beyond & returns & ~turns
     return wild
@@ -132,8 +134,11 @@ def _end_of(reach: Float[Array, " T"], gap: float, least: float) -> float:
         return np.inf
     half = len(reach) // 2
     outer = np.sort(reach)[half:]
-    empty = outer[1:] > gap * np.maximum(outer[:-1], least)
-    return float(outer[np.argmax(empty)]) if empty.any() else np.inf
+    within = np.maximum(outer[:-1], least)
+    empty = outer[1:] > gap * within
+    if not empty.any():
+        return np.inf
+    return float(outer[np.argmax(empty)])
 
 
 def find_wild(
@@ -156,17 +161,19 @@ def find_wild(
         long = [number for number, values in enumerate(runs) if len(values) > 4 * width]
         if not long:
             continue
-        off = {number: distance(runs[number], width) for number in long}
-        sizes = {number: np.abs(far) for number, far in off.items()}
-        level = np.quantile(np.concatenate(list(sizes.values())), LIMIT.share, axis=0)
+        sizes = {number: np.abs(distance(runs[number], width)) for number in long}
+        every_size = np.concatenate(list(sizes.values()))
+        level = np.quantile(every_size, LIMIT.share, axis=0)
         whole = np.concatenate([runs[number] for number in long])
         low, high = np.percentile(whole, [2, 98], axis=0)
+        spread = high - low
         least = LIMIT.widths[-1][1] if slow else share_of_range
-        limit = np.maximum(LIMIT.times * level, least * (high - low))
+        limit = np.maximum(LIMIT.times * level, least * spread)
         limit = np.maximum(limit, floor)
         # A joint at rest has next to no range of its own: what is a tremble beside the arm's motion
         # is no fault.
-        limit = np.maximum(limit, LIMIT.tremble * float(np.max(high - low)))
+        tremble = LIMIT.tremble * float(np.max(spread))
+        limit = np.maximum(limit, tremble)
         for number, size in sizes.items():
             # A channel that never changes has no limit either: any change would be a spike.
             spikes = (size > limit) & (limit > 0.0)
@@ -186,9 +193,12 @@ def distance(values: Float[Array, "T n"], width: int) -> Float[Array, "T n"]:
         values: A channel of one run.
         width: Samples on each side that are counted, beside the sample itself.
     """
-    medians = median_filter(values, (2 * width + 1, 1))[width : len(values) - width]
-    rows = np.clip(np.arange(len(values)) - width, 0, len(medians) - 1)
-    return np.asarray(values - medians[rows])
+    count = len(values)
+    every = median_filter(values, (2 * width + 1, 1))
+    medians = every[width : count - width]
+    rows = np.arange(count) - width
+    nearest = np.clip(rows, 0, len(medians) - 1)
+    return np.asarray(values - medians[nearest])
 
 
 def _drop(

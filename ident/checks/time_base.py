@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 
 from ident.checks.effort import States, collect_states, fit_signed
-from ident.checks.filtered_run import CLOCK as LIMIT
 from ident.checks.filtered_run import clock_factor, compare_velocities
 from ident.checks.report import Findings, issue_of
 from ident.checks.sampling import usual_interval
+from ident.checks.settings import CLOCK as LIMIT
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 

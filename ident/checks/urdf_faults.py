@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.checks.filtered_run import ARRANGEMENT as LIMIT
 from ident.checks.report import issue_of
+from ident.checks.settings import ARRANGEMENT as LIMIT
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 
@@ -23,7 +23,8 @@ from ident.robot.arm import ArmModel
 def check_bodies_of_urdf(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     """Names links whose inertia or mass no body can have; empty without any."""
     masses, _, inertias = arm.chain[-3:]
-    links, joints = np.array(arm.links), np.array(arm.joint_names)
+    links = np.array(arm.links)
+    joints = np.array(arm.joint_names)
     moments = np.linalg.eigvalsh(inertias)
     issues = []
     impossible = is_impossible(moments) & (masses > 0.0)
@@ -48,7 +49,8 @@ def is_impossible(moments: Float[Array, "n 3"]) -> Array:
 
     Rounding of URDFs' few digits is allowed for.
     """
-    uneven = moments[:, 2] > moments[:, 0] + moments[:, 1] + rounding(moments)
+    of_others = moments[:, 0] + moments[:, 1]
+    uneven = moments[:, 2] > of_others + rounding(moments)
     return np.asarray(is_negative(moments) | uneven)
 
 

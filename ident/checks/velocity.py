@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ident.checks.angles import scale_angles
-from ident.checks.filtered_run import CLOCK as LIMIT
 from ident.checks.filtered_run import compare_velocities
 from ident.checks.report import issue_of
+from ident.checks.settings import CLOCK as LIMIT
 from ident.checks.time_base import DEGREES
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.checks.angles import TURN, farthest_motion, revolute, speed
-from ident.checks.filtered_run import ANGLES as LIMIT
 from ident.checks.filtered_run import filter_run
 from ident.checks.report import Findings
+from ident.checks.settings import ANGLES as LIMIT
 from ident.recordings.recording import Recording, Session, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 

@@ -21,10 +21,10 @@ import numpy as np
 from scipy.special import stdtr
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.filtered_run import BETWEEN_RUNS as LIMIT
 from ident.checks.foretold import LOSSES, ROUNDING, RunStates, fit, mean_error
 from ident.checks.parting import ComparedRuns, Parting, RunDifference, followed
 from ident.checks.run_changes import RunChange
+from ident.checks.settings import BETWEEN_RUNS as LIMIT
 from ident.robot.arm import ArmModel
 from ident.robot.chain import PER_LINK
 
@@ -213,7 +213,9 @@ def step_between(
     scatter = estimate - np.where(late, behind, before)
     freedom = len(estimate) - 2
     variance = float(weight @ scatter**2) / freedom
-    error = np.sqrt(variance * (1.0 / weight[late].sum() + 1.0 / weight[~late].sum()))
+    of_late = 1.0 / weight[late].sum()
+    of_early = 1.0 / weight[~late].sum()
+    error = np.sqrt(variance * (of_late + of_early))
     size = before - behind  # an angle that is read too far is off by minus that
     ratio = abs(size) / max(float(error), ROUNDING)
     chance = 2.0 * float(stdtr(freedom, -ratio))
@@ -243,7 +245,12 @@ def make_equations(compared: ComparedRuns) -> RunEquations:
     moves = usual > 0.0
     scale = np.where(moves, 1.0 / np.where(moves, usual, 1.0), 0.0)
     sums = np.einsum("rjcd,j->rcd", np.array(squares), scale)
-    return RunEquations(sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1], int(moves.sum()))
+    return RunEquations(
+        sums[:, :-1, :-1],
+        sums[:, :-1, -1],
+        sums[:, -1, -1],
+        int(moves.sum()),
+    )
 
 
 def changes_of(arm: ArmModel, run: RunStates) -> Float[Array, "n T c"]:
@@ -272,7 +279,8 @@ def beside_losses(
         if rows.sum() < FEWEST_STATES:
             continue
         columns = table[joint][rows]
-        left = columns[:, -1] - columns[:, :-1] @ coefficients[joint]
+        explained = columns[:, :-1] @ coefficients[joint]
+        left = columns[:, -1] - explained
         whole = np.column_stack([changes[joint][rows], left])
         losses, _ = np.linalg.qr(columns[:, -1 - LOSSES : -1])
         whole = whole - losses @ (losses.T @ whole)

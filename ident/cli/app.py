@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated
@@ -161,7 +161,8 @@ def evaluate(
         open_sessions(sessions, loaded, **vars(options), learning=False) for _, loaded in models
     ]
     pairs = zip(models, opened, strict=True)
-    results = Evaluations(tuple(score(data, loaded, name=name) for (name, loaded), data in pairs))
+    evaluations = [score(data, loaded, name=name) for (name, loaded), data in pairs]
+    results = Evaluations(tuple(evaluations))
 
     def write_page() -> None:
         if html is not None:
@@ -208,50 +209,27 @@ def diagnose(
 
     with progress_line(console, "diagnose"):
         if until is None:
-            diagnosis, analysis, motions, loaded = examine(sessions, robot, options)
+            examined = examine(sessions, robot, options)
         else:
-            diagnosis, analysis, motions, loaded = examine_until(until, sessions, robot, options)
+            examined = examine_until(until, sessions, robot, options)
+    diagnosis = examined.diagnosis
 
     def write_page() -> None:
-        if html is None:
-            return
-        from ident.show.report.diagnosis_pages import write_diagnosis_report
-        from ident.show.report.evaluation import ReportInput
-        from ident.show.report.laws import draw_laws
-        from ident.show.report.traces import gather_traces
+        if html is not None:
+            from ident.cli.diagnosis_files import write_diagnosis_page
 
-        evaluation = None
-        if loaded is not None and analysis is not None:
-            from ident.api.fitting import evaluate as score
-
-            reading = {
-                option.name: getattr(options, option.name) for option in fields(given.FilterOptions)
-            }
-            evaluation = ReportInput((loaded,), (score(sessions, loaded, **reading),), ())
-        pictures = () if analysis is None else draw_laws(analysis)
-        traces = None if analysis is None else gather_traces(analysis)
-        write_diagnosis_report(html, diagnosis.to_dict(), evaluation, pictures, traces)
+            write_diagnosis_page(html, examined, sessions, options)
 
     def write_rrd() -> None:
-        if rrd is not None and analysis is not None:
-            from ident.show.timeline.gap import gap_curves, gap_marks
-            from ident.show.timeline.writing import write_timeline
+        if rrd is not None:
+            from ident.cli.diagnosis_files import write_gap_timeline
 
-            write_timeline(
-                rrd,
-                analysis.baseline.nominal,
-                motions,
-                loaded,
-                diagnosis.telemetry,
-                gap_marks(analysis),
-                gap_curves(analysis),
-                diagnosis.summary(),
-            )
+            write_gap_timeline(rrd, examined)
 
     def tell() -> None:
         print_diagnosis(console, diagnosis.to_dict(), details)
 
-    places = {"page": html, "timeline": None if analysis is None else rrd}
+    places = {"page": html, "timeline": None if examined.analysis is None else rrd}
     hand_over(diagnosis, json_file, write_page, write_rrd, places=places, tell=tell)
 
 

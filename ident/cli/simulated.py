@@ -80,16 +80,16 @@ def servo(
     """
     from ident.api.daily import servo as find
 
-    found = find(sessions, robot, cutoff=cutoff, out=out)
+    check = find(sessions, robot, cutoff=cutoff, out=out)
 
     def write_page() -> None:
         if html is not None:
             from ident.show.report.servo_page import write_servo_report
 
-            write_servo_report(html, found)
+            write_servo_report(html, check)
 
     places = {"page": html, "models (MuJoCo: servo.xml; BAM, mjlab beside it)": out}
-    hand_over(found, json_file, write_page, places=places)
+    hand_over(check, json_file, write_page, places=places)
 
 
 @command

@@ -333,7 +333,8 @@ def pool_runs(
     runs = len(squares)
     n = max(int(slid.sum()), 1)
     # What each run adds to the mean over the joints, about its expectation.
-    apart = ((squares - mean * counts) / total)[:, slid].sum(axis=1) / n
+    off = (squares - mean * counts) / total
+    apart = off[:, slid].sum(axis=1) / n
     together = float(mean[slid].sum() / n)
     by_joint = dict(zip(joints, map(float, np.sqrt(mean)), strict=True))
     if runs < 2:
@@ -378,7 +379,8 @@ def follow_warmth(
         known = heat_along(model, j, constant, learned)
         coldest = min(warmth.min() for warmth in known)
         warmest = max(warmth.max() for warmth in known)
-        courses = heat_along(model, j, constant, runs if cold else (*learned, *runs))[-len(runs) :]
+        followed = runs if cold else (*learned, *runs)
+        courses = heat_along(model, j, constant, followed)[-len(runs) :]
         for values, heat in zip(warmth, courses, strict=True):
             values[:, j] = (heat - coldest) / max(warmest - coldest, LEAST_HEAT)
     return [replace(model, warmth=values) for values in warmth]
@@ -408,7 +410,8 @@ def heat_along(
         rest = 0.0 if clock is None else max(float(run.time[0]) - clock, 0.0)
         speed = np.abs(run.dq[:, joint])
         power = speed * (coulomb + viscous * speed)
-        heats.append(warm_up(power, run.interval, constant, heat * np.exp(-rest / constant)))
+        cooled = heat * np.exp(-rest / constant)
+        heats.append(warm_up(power, run.interval, constant, cooled))
         heat = float(heats[-1][-1])
         clock = float(run.time[-1])
     return heats

@@ -103,7 +103,8 @@ def compare_models(
     }
     heldout = {}
     for name, model in models.items():
-        followed = follow_warmth(model, last.learned, (*last.unseen, *fresh))[-len(fresh) :]
+        unseen = (*last.unseen, *fresh)
+        followed = follow_warmth(model, last.learned, unseen)[-len(fresh) :]
         heldout[name] = measure_floors(followed, fresh, last.floors).together
     assert hidden.hardware is not None
     return heldout, track(hidden.hardware, models, motions, seed, last.learned)
@@ -167,7 +168,8 @@ def put_on_a_clock(motions: Sequence[ReferenceMotion], pause: float) -> tuple[Pl
     clock = 0.0
     for motion in motions:
         clock += pause
-        planned.append(PlannedRun(clock + TICK_S * np.arange(len(motion.dq)), motion.dq))
+        times = clock + TICK_S * np.arange(len(motion.dq))
+        planned.append(PlannedRun(times, motion.dq))
         clock += motion.duration
     return tuple(planned)
 

@@ -18,8 +18,9 @@ from ident.model.inertia import lift_base
 from ident.records import JsonRecord
 from ident.regression.baseline import Baseline
 from ident.regression.design import LOSS_PARAMETERS, Group
+from ident.regression.factors import solve_signed
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Prior, Projection, project, solve_signed
+from ident.regression.least_squares import Prior, Projection, project
 from ident.robot.tolerance import parameter_scale
 
 LOSS_KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
@@ -190,7 +191,8 @@ def _without_drive(
     free_block = alone.total[np.ix_(free, free)]
     matrix = np.block([[information, cross], [cross.T, free_block]])
     baseline_beside = alone.estimate - alone.slopes[:, held] @ held_beta
-    score_beside = alone.total[free, -1] - alone.total[np.ix_(free, held)] @ held_beta
+    of_held = alone.total[np.ix_(free, held)] @ held_beta
+    score_beside = alone.total[free, -1] - of_held
     goal = np.concatenate([information @ baseline_beside, score_beside])
     size = len(alone.estimate)
     signed = np.zeros(len(goal), dtype=bool)

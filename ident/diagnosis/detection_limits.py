@@ -18,16 +18,14 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
+from ident.diagnosis.settings import DETECTION_LIMITS as LIMIT
 from ident.effects import optional
 from ident.effects.base import Effect, SessionContext, impossible
 from ident.inference.conclusion import Conclusion
 from ident.inference.search import SetSearch
 from ident.inference.solution import FIXED
-from ident.records import read_group
 from ident.regression.design import Group, NotTestable
 from ident.regression.noise import Whitening
-
-LIMIT = read_group(__file__, "detection_limits")
 
 HIDES = {"encoder": "encoder noise", "torque": "torque noise", "tolerance": "the URDF's tolerance"}
 
@@ -171,7 +169,8 @@ class _LimitFinder:
         columns = group.columns - self.first
         information = self.rest[np.ix_(columns, columns)]
         widened = np.eye(len(columns)) + deviation[:, None] * information * deviation
-        cost = 0.5 * float(np.linalg.slogdet(widened)[1]) - self.names.log_odds[group]
+        _, log_determinant = np.linalg.slogdet(widened)
+        cost = 0.5 * float(log_determinant) - self.names.log_odds[group]
         nats = max(self.needed_nats + cost, 0.0)
         needed = np.sqrt(2.0 * nats) + LIMIT.nine_in_ten
         power = max(self._power(self.rest, group, beta), 1e-300)

@@ -179,7 +179,8 @@ def _loss_figures(solved: SolvedSession) -> dict[str, dict[str, Figure]]:
     stated = stated_friction(solved.baseline.nominal)
     # What the named effects take of a loss is theirs whether the inertias are held or not.
     tuned = evidence.layout.tuned
-    shift = (solved.fixed.estimate[:tuned] - solved.tuned.estimate[:tuned]) / evidence.scale[:tuned]
+    apart = solved.fixed.estimate[:tuned] - solved.tuned.estimate[:tuned]
+    shift = apart / evidence.scale[:tuned]
     std_fixed = _standard_deviations(evidence, solved.fixed)
     std_tuned = _standard_deviations(evidence, solved.tuned)
     moving = evidence.weights.sum(axis=0) >= LEAST_MOVING

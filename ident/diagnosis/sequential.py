@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from math import ceil
 
 from ident.diagnosis.result import Diagnosis
+from ident.diagnosis.settings import LOOKS as LIMIT
 from ident.errors import InputError
-from ident.records import JsonRecord, read_group
+from ident.records import JsonRecord
 
-LIMIT = read_group(__file__, "looks")
 NOISES = ("encoder", "torque")
 
 

@@ -21,13 +21,34 @@ from scipy.linalg import solve_triangular
 from scipy.special import ndtr
 
 from ident.arrays import Array, Float
-from ident.records import Settings
+from ident.records import Numbers, number
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection
 
 
-class ToleranceSettings(Settings, table="tolerance"):
+@dataclass(frozen=True)
+class ToleranceSettings(Numbers):
     """When tuned inertias exceed the URDF's tolerance."""
+
+    least_informed: float = number(
+        0.02,
+        "1",
+        "least share of a direction's prior variance that recordings must remove for it to be "
+        "tested",
+        "chosen: a seventh of a standard deviation",
+    )
+    most_likely: float = number(
+        1e-06,
+        "1",
+        "p-value below which tuned inertias exceed the URDF's tolerance",
+        "chosen: arms vary more than any normal law",
+    )
+    far_deviations: float = number(
+        4.0,
+        "1",
+        "standard deviations above which a direction counts to the torque that tuning hides",
+        "law: a chance of 6e-5",
+    )
 
 
 USUAL_TOLERANCE = ToleranceSettings()
@@ -69,7 +90,8 @@ def measure_tolerance(
     root = np.linalg.cholesky(prior.base)
     covariance = projection.spread[:rank, :rank]
     # Share by which the recordings reduce the prior variance of each direction.
-    share, vectors = np.linalg.eigh(np.eye(rank) - root.T @ covariance @ root)
+    left_open = root.T @ covariance @ root
+    share, vectors = np.linalg.eigh(np.eye(rank) - left_open)
     known = share > settings.least_informed
     along = vectors.T @ (root.T @ projection.estimate[:rank])
     seen = np.maximum(share, settings.least_informed)

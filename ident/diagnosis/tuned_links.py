@@ -39,15 +39,15 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ident.arrays import Array, Bool, Float
+from ident.diagnosis.settings import TUNED_LINKS as LIMIT
 from ident.effects.intervals import NORMAL_95, Interval
 from ident.model.inertia import base_prior
-from ident.records import JsonRecord, read_group
+from ident.records import JsonRecord
 from ident.regression.baseline import Baseline
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection
 from ident.robot.arm import ArmModel
 
-LIMIT = read_group(__file__, "tuned_links")
 # Parameter names of a link's changes.
 MASS = "mass_change_kg"
 MOMENT = "moment_change_{}_kgm"
@@ -346,11 +346,13 @@ class _Relevance:
         mapping = self.baseline.base.mapping
         std = self.std(factors)
         root = np.linalg.cholesky((mapping * std**2) @ mapping.T)
-        half = np.linalg.cholesky(np.eye(len(root)) + root.T @ self.information @ root)
+        inner = root.T @ self.information @ root
+        half = np.linalg.cholesky(np.eye(len(root)) + inner)
         along = solve_triangular(half, root.T @ self.score, lower=True)
         enlarged = sum(factor != 1.0 for factor in factors)
         cost = (LIMIT.least_nats + np.log(len(factors))) * enlarged
-        return float(0.5 * along @ along - np.log(np.diag(half)).sum() - cost)
+        log_determinant = np.log(np.diag(half)).sum()
+        return float(0.5 * along @ along - log_determinant - cost)
 
 
 def turning_moment(arm: ArmModel, joint: int) -> Float[Array, "3 10n"]:
@@ -363,7 +365,8 @@ def turning_moment(arm: ArmModel, joint: int) -> Float[Array, "3 10n"]:
     moment = np.zeros((3, 10 * arm.n))
     for k in reversed(range(joint, arm.n)):
         mass[0, 10 * k] = 1.0
-        moment[:, 10 * k + 1 : 10 * k + 4] = moment[:, 10 * k + 1 : 10 * k + 4] + np.eye(3)
+        first = slice(10 * k + 1, 10 * k + 4)
+        moment[:, first] = moment[:, first] + np.eye(3)
         if k == joint:
             return moment
         axis = arm.joint_axes[k]
@@ -397,7 +400,8 @@ def _about_axis(
         return None, size, 0.0
     along = urdf / size @ rows
     weights = np.linalg.lstsq(mapping.T, along, rcond=None)[0]
-    determined = np.linalg.norm(weights @ mapping - along) < 1e-6 * np.linalg.norm(along)
+    error = np.linalg.norm(weights @ mapping - along)
+    determined = error < 1e-6 * np.linalg.norm(along)
     std = float(np.sqrt(max(weights @ covariance @ weights, 0.0)))
     usual = float(np.sqrt(np.sum((along * baseline.number_std) ** 2)))
     if not determined or not 0.0 < std < usual:

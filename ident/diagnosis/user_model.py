@@ -32,7 +32,10 @@ def with_own_model(analysis: Analysis, model: HybridModel) -> Analysis:
             inside = item.valid[:, motion.joints.index(name)]
             squares[name] += float(np.sum(left[inside, k] ** 2))
             counts[name] += float(inside.sum())
-    rms = {name: float(np.sqrt(squares[name] / counts[name])) for name in names if counts[name]}
+    rms = {}
+    for name in names:
+        if counts[name]:
+            rms[name] = float(np.sqrt(squares[name] / counts[name]))
     diagnosis = analysis.diagnosis
     gap = {}
     for name, of_joint in diagnosis.gap.items():

@@ -206,7 +206,9 @@ def impossible(
         # Both ends of a range about zero are sizes; a lower end of its own is a law (friction does
         # not drive).
         slack = KNOWN_WITHIN if allowed.low in (0.0, -allowed.high) else 1.0
-        possible = estimate.high >= slack * allowed.low and estimate.low <= slack * allowed.high
+        above = estimate.high >= slack * allowed.low
+        below = estimate.low <= slack * allowed.high
+        possible = above and below
         if not (np.isfinite(estimate.value) and possible):
             bounds = f"lies outside {allowed.low:.3g} to {allowed.high:.3g}"
             where = bounds if allowed.low <= allowed.high else "is not determined"

@@ -170,7 +170,8 @@ def _check_reported(
     """What is reported of coefficients of half the plausible size."""
     scale = effect.prior_scale(session, joint, variant)
     if scale is not None:
-        sound = np.shape(scale) == (width,) and bool(np.all(np.asarray(scale) > 0.0))
+        has_shape = np.shape(scale) == (width,)
+        sound = has_shape and bool(np.all(np.asarray(scale) > 0.0))
         what = f"prior_scale gives {scale}, for {width} columns"
         _require(sound, effect, what, "return a positive size for each column")
     sizes = np.ones(width) if scale is None else np.asarray(scale, dtype=float)

@@ -86,7 +86,9 @@ class LoadDependentFriction(StatesEffect):
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         name = session.joint_names[joint]
         least = LIMIT.least_load_range * rated_torque(session, joint)
-        span = float(np.diff(np.quantile(np.abs(joined(session, "link", joint)), [0.05, 0.95]))[0])
+        load = np.abs(joined(session, "link", joint))
+        low, high = np.quantile(load, [0.05, 0.95])
+        span = float(high - low)
         steady = f"load of {name} varies by {span:.2f} N m only"
         if np.ptp(session.runs[0].arm.weight_in_poses[:, joint]) < least:
             steady = f"no torque depends on it: gravity loads {name} alike in every pose"
@@ -158,7 +160,8 @@ class PositionDependentFriction(StatesEffect):
         swing = linear_interval(0.5 * (wave[most] - wave[least]), coefficients, covariance)
         shown = {"swing_Nm": replace(swing, low=max(swing.low, 0.0))}
         shown |= {
-            f"at_{end}_rad": exactly(float(seen[k])) for end, k in (("low", least), ("high", most))
+            "at_low_rad": exactly(float(seen[least])),
+            "at_high_rad": exactly(float(seen[most])),
         }
         return wave_parameters(order, coefficients, covariance) | shown
 
@@ -190,7 +193,10 @@ class PositionDependentFriction(StatesEffect):
         if not coefficients:
             size = reported["amplitude_Nm"]
             phase = reported["phase_rad"]
-            coefficients = size * float(np.cos(phase)), size * float(np.sin(phase))
+            coefficients = (
+                size * float(np.cos(phase)),
+                size * float(np.sin(phase)),
+            )
         return super().law_figures(reported, coefficients, shape)
 
 
@@ -288,7 +294,8 @@ class NonlinearViscousFriction(StatesEffect):
             else [Variant({"exponent": middle + step}) for step in LIMIT.fine_exponent_steps]
         )
         # A look at a finer grid begins in its middle: near it lies the point itself.
-        return (*bent[: len(bent) // 2], *powers, *bent[len(bent) // 2 :])
+        half = len(bent) // 2
+        return (*bent[:half], *powers, *bent[half:])
 
     def parameters(
         self,

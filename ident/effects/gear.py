@@ -293,7 +293,9 @@ def _knock(
     tight = run.kept[same_gear]
     for gap in gaps:
         loose = deflect(run, joint, *contact, gap)
-        yield felt_torque(run, joint, loose[0] - tight[0], loose[1] - tight[1], rows, unit)
+        torque = loose[0] - tight[0]
+        twist = loose[1] - tight[1]
+        yield felt_torque(run, joint, torque, twist, rows, unit)
 
 
 def _widths(

@@ -84,10 +84,12 @@ class ThermalFriction(Effect):
         warmth = [
             (values - variant.shape["coldest"]) / variant.shape["range"] for values in measured
         ]
-        return [
-            np.stack([-warm * run.motion.dq[:, joint], warm * run.direction[:, joint]], axis=1)
-            for run, warm in zip(session.runs, warmth, strict=True)
-        ]
+        columns = []
+        for run, warm in zip(session.runs, warmth, strict=True):
+            viscous = -warm * run.motion.dq[:, joint]
+            coulomb = warm * run.direction[:, joint]
+            columns.append(np.stack([viscous, coulomb], axis=1))
+        return columns
 
     def parameters(
         self,
@@ -259,7 +261,8 @@ class PreslidingHysteresis(Effect):
         parts = np.maximum(coefficients, 0.0)
         bent = float(parts @ sizes**2)
         amplitude = float(parts @ sizes) ** 2 / (SMOOTH_SHARE * bent) if bent > 0.0 else 0.0
-        taken = np.clip(parts.sum() - amplitude - (np.cumsum(parts) - parts), 0.0, parts)
+        before = np.cumsum(parts) - parts
+        taken = np.clip(parts.sum() - amplitude - before, 0.0, parts)
         return parts - taken, float(taken.sum())
 
     def law_figures(
@@ -280,7 +283,8 @@ class PreslidingHysteresis(Effect):
             within = [size for size in LIMIT.displacements[:-1] if size <= where]
             index = max(len(within) - 1, 0)
             ranges = [LIMIT.displacements[index], LIMIT.displacements[index + 1]]
-            share = min(1.0, max(0.0, (where - ranges[0]) / (ranges[1] - ranges[0])))
+            beyond = (where - ranges[0]) / (ranges[1] - ranges[0])
+            share = min(1.0, max(0.0, beyond))
             parts = amplitude * (1.0 - share), amplitude * share
         parameters = {f"range_{i}_rad": size for i, size in enumerate(ranges)}
         return parameters | {f"part_{i}_Nm": torque for i, torque in enumerate(parts)}
@@ -298,7 +302,9 @@ def _displacement(sizes: Float[Array, " k"], parts: Float[Array, " k"]) -> float
         parts: Torque that each bears [N m]; below 0 it counts as none.
     """
     area = float(np.maximum(parts, 0.0) @ sizes)
-    return SMOOTH_SHARE * float(np.maximum(parts, 0.0) @ sizes**2) / area if area > 0.0 else 0.0
+    if not area > 0.0:
+        return 0.0
+    return SMOOTH_SHARE * float(np.maximum(parts, 0.0) @ sizes**2) / area
 
 
 def _of_ranges(sizes: Sequence[float]) -> Variant:
@@ -352,7 +358,8 @@ def _warm_up(power: Array, keep: float, gain: float, start: float) -> Array:
     out = np.empty(len(power))
     out[0] = start
     for k in range(1, len(power)):
-        out[k] = gain * power[k - 1] + keep * out[k - 1]
+        heat_left = keep * out[k - 1]
+        out[k] = gain * power[k - 1] + heat_left
     return out
 
 
@@ -369,7 +376,9 @@ def _of_constants(
 
 def _span(session: SessionContext) -> float:
     """Time from the first sample of the session to the last [s]."""
-    return float(session.runs[-1].motion.time[-1] - session.runs[0].motion.time[0])
+    first = session.runs[0].motion.time[0]
+    last = session.runs[-1].motion.time[-1]
+    return float(last - first)
 
 
 def _measured(session: SessionContext, joint: int) -> list[Float[Array, " T"]] | None:
@@ -378,7 +387,9 @@ def _measured(session: SessionContext, joint: int) -> list[Float[Array, " T"]] |
 
     averaged = []
     for run in session.runs:
-        if run.temperature is None or not np.all(np.isfinite(run.temperature[:, joint])):
+        if run.temperature is None:
+            return None
+        if not np.all(np.isfinite(run.temperature[:, joint])):
             return None
         width = max(1, round(LIMIT.temperature_average / run.interval))
         averaged.append(
@@ -403,7 +414,8 @@ def _scale(values: Sequence[Float[Array, " T"]]) -> dict[str, float]:
     coldest = min(float(v.min()) for v in values)
     warmest = max(float(v.max()) for v in values)
     span = max(warmest - coldest, 1e-12)
-    mean = sum(float(v.sum()) for v in values) / sum(len(v) for v in values)
+    count = sum(len(v) for v in values)
+    mean = sum(float(v.sum()) for v in values) / count
     return {"coldest": coldest, "range": span, "mean": (mean - coldest) / span}
 
 
@@ -421,7 +433,8 @@ def _warmth(
     for run in session.runs:  # warmed by the modelled power of friction [W]
         start = float(run.motion.time[0])
         name = f"start_{start!r}"
-        level = (known or {}).get(name, level * np.exp(-max(start - last, 0.0) / constant))
+        cooled = level * np.exp(-max(start - last, 0.0) / constant)
+        level = (known or {}).get(name, cooled)
         starts[name] = level
         dq = run.motion.dq[:, joint]
         friction = run.friction[:, joint]

@@ -46,7 +46,9 @@ def grid_interval(value: float, grid: Sequence[float]) -> Interval:
     # Beyond an end of the grid, as far as its other neighbour is, by ratio.
     below = value**2 / points[place + 1] if is_first else points[place - 1]
     above = value**2 / points[place - 1] if is_last else points[place + 1]
-    return Interval(value, float(np.sqrt(value * below)), float(np.sqrt(value * above)))
+    low = float(np.sqrt(value * below))
+    high = float(np.sqrt(value * above))
+    return Interval(value, low, high)
 
 
 def exactly(value: float) -> Interval:
@@ -193,7 +195,8 @@ class SizePrior:
     def about_zero(cls, deviation: Float[Array, " k"]) -> SizePrior:
         """Student's t of a few degrees of freedom about zero for each coefficient."""
         half = 0.5 * (FREEDOM + 1)
-        constant = gammaln(half) - gammaln(0.5 * FREEDOM) - 0.5 * np.log(FREEDOM * np.pi)
+        ratio = gammaln(half) - gammaln(0.5 * FREEDOM)
+        constant = ratio - 0.5 * np.log(FREEDOM * np.pi)
 
         def log_density(coefficients: Float[Array, "... k"]) -> Float[np.ndarray, "..."]:
             spread = half * np.log1p((coefficients / deviation) ** 2 / FREEDOM)

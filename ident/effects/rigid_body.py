@@ -165,19 +165,22 @@ class UnknownPayload(Effect):
         axes = _acting_axes(arm)
         moment_of_mass = self._law(arm, variant)[1:4, 0][axes]
         masses = np.log(heaviest / lightest) + BOTH_TAILS
-        shells = np.log(far / near) + 0.5 * BOTH_TAILS + 1.0 / max(len(axes), 1)
+        ratio = np.log(far / near)
+        shells = ratio + 0.5 * BOTH_TAILS + 1.0 / max(len(axes), 1)
         places = SPHERES[len(axes)] * shells
 
         def log_density(coefficients: Float[Array, "... k"]) -> Float[np.ndarray, "..."]:
             weighs = coefficients[..., 0] > 0.0
             mass = np.where(weighs, coefficients[..., 0], heaviest)
             likely = np.clip(mass, lightest, heaviest)
-            density = -np.log(mass * masses) - 0.5 * np.log2(mass / likely) ** 2
+            doublings = np.log2(mass / likely)
+            density = -np.log(mass * masses) - 0.5 * doublings**2
             if len(axes):
                 centre = moment_of_mass + coefficients[..., 1:] / mass[..., None]
                 distance = np.maximum(np.linalg.norm(centre, axis=-1), near)
                 usual = np.minimum(distance, far)
-                density = density - np.log(places) - len(axes) * np.log(distance * mass)
+                of_place = len(axes) * np.log(distance * mass)
+                density = density - np.log(places) - of_place
                 density = density - 0.5 * np.log2(distance / usual) ** 2
             return np.where(weighs, density, -np.inf)
 
@@ -212,7 +215,8 @@ class LinkInertialError(Effect):
         self, session: SessionContext, joint: int, variant: Variant
     ) -> list[Float[Array, "T ..."]]:
         change = _acting_law(session.runs[0].arm, joint, variant)
-        return [run.regressor[:, :, 10 * joint : 10 * joint + 10] @ change for run in session.runs]
+        of_link = slice(10 * joint, 10 * joint + 10)
+        return [run.regressor[:, :, of_link] @ change for run in session.runs]
 
     def parameters(
         self,
@@ -296,9 +300,12 @@ class LinkInertialError(Effect):
             float(link[0]), LIMIT.least_link_share * arm_mass(arm)
         )
         least = LIMIT.least_link_length * arm_reach(arm)
-        lever = max(float(np.linalg.norm(link[1:4])) / max(float(link[0]), 1e-9), least)
+        moment = float(np.linalg.norm(link[1:4]))
+        lever = max(moment / max(float(link[0]), 1e-9), least)
         law = link_law(arm, joint, variant)
-        return np.array([mass, mass * lever, mass * lever, mass * lever])[acting(arm, joint, law)]
+        moment = mass * lever
+        sizes = np.array([mass, moment, moment, moment])
+        return sizes[acting(arm, joint, law)]
 
     def size_prior(self, session: SessionContext, joint: int, variant: Variant) -> SizePrior:
         """Student's t about zero for the mass, and for the moment beside that of so much of the
@@ -336,7 +343,8 @@ class GravityMisalignment(Effect):
         columns = []
         for run in session.runs:
             gravity = np.asarray(run.arm.model.gravity.linear)
-            turned = [run.arm.with_gravity(-np.cross(axis, gravity)) for axis in np.eye(3)[:2]]
+            turns = [np.cross(axis, gravity) for axis in np.eye(3)[:2]]
+            turned = [run.arm.with_gravity(-turn) for turn in turns]
             columns.append(np.stack([arm.gravity(run.motion.q) for arm in turned], axis=-1))
         return columns
 

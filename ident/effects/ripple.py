@@ -98,7 +98,8 @@ class TorqueRipple(Effect):
         if gear and any(np.isclose(turns, order * gear) for order in LIMIT.ripple_orders):
             return (variant,)
         low, high = travel(session, joint)
-        near = [float(turns + share * 2.0 * np.pi / max(high - low, 1e-6)) for share in FINE_LINES]
+        span = max(high - low, 1e-6)
+        near = [float(turns + share * 2.0 * np.pi / span) for share in FINE_LINES]
         return tuple(
             Variant({"order": cycles / (gear or 1.0)}, shape={**variant.shape, "turns": cycles})
             for cycles in near
@@ -169,8 +170,10 @@ def _ripple_shows(session: SessionContext, joint: int, turns: float) -> bool:
     for run in session.runs:
         speed = np.abs(run.motion.dq[:, joint])
         corner = min(run.motion.lowpass.cutoff, 0.4 * run.motion.lowpass.rate)
-        slow = (speed > run.motion.rest_speed[joint]) & (speed * turns / (2 * np.pi) < corner)
-        cycles += float(speed[slow].sum()) * run.interval * turns / (2 * np.pi)
+        moves = speed > run.motion.rest_speed[joint]
+        slow = moves & (speed * turns / (2 * np.pi) < corner)
+        distance = float(speed[slow].sum()) * run.interval
+        cycles += distance * turns / (2 * np.pi)
     noise = max(float(run.motion.std[0, joint]) for run in session.runs)
     return cycles >= LIMIT.least_cycles and turns * noise < LIMIT.largest_phase_noise
 
@@ -199,7 +202,8 @@ def find_lines(
     for run, values in zip(session.runs, leftover, strict=True):
         counts = run.motion.settled[:, joint]
         angles.append(run.motion.q[run.motion.coarse][counts, joint])
-        speeds.append(np.abs(run.motion.dq[run.motion.coarse][counts, joint]))
+        coarse = run.motion.dq[run.motion.coarse]
+        speeds.append(np.abs(coarse[counts, joint]))
         left.append(values[counts, joint])
     angle, speed, residual = map(np.concatenate, (angles, speeds, left))
     covered = float(np.ptp(angle)) if len(angle) else 0.0
@@ -223,7 +227,8 @@ def find_lines(
     while len(lines) < LIMIT.most_lines and above.max() > max(0.0, 2.0 * np.log(looked / chance)):
         best = int(np.argmax(above))
         lines.append(float(turns[best]))
-        above[np.abs(turns - turns[best]) < 2.0 * (2.0 * np.pi / covered)] = 0.0
+        line = 2.0 * np.pi / covered
+        above[np.abs(turns - turns[best]) < 2.0 * line] = 0.0
     return tuple(lines), looked
 
 
@@ -239,12 +244,14 @@ def _spectrum(
     width = np.pi / LIMIT.most
     bins = int(angle.max() / width) + 1
     length = 1 << int(np.ceil(np.log2(LIMIT.padding * bins)))
-    turns = 2.0 * np.pi * np.arange(length // 2 + 1) / (length * width)
+    lines = np.arange(length // 2 + 1)
+    turns = 2.0 * np.pi * lines / (length * width)
     sums = np.zeros(len(turns), dtype=complex)
     counts = np.zeros(len(turns))
     cycles = np.zeros(len(turns))
     # Of each octave the slowest line that it blurs.
-    edges = 2.0 * np.pi * corner / (LIMIT.most / 2.0 ** np.arange(LIMIT.octaves + 1))
+    octaves = 2.0 ** np.arange(LIMIT.octaves + 1)
+    edges = 2.0 * np.pi * corner / (LIMIT.most / octaves)
     octave = np.searchsorted(edges, speed)
     place = (angle / width).astype(int)
     for k, edge in enumerate(edges):
@@ -257,5 +264,6 @@ def _spectrum(
         )[passes]
         counts[passes] += of_octave.sum()
         cycles[passes] += speed[of_octave].sum()
-    power = 2.0 * np.abs(sums) ** 2 / np.maximum(counts * np.mean(residual**2), 1e-300)
+    square = counts * np.mean(residual**2)
+    power = 2.0 * np.abs(sums) ** 2 / np.maximum(square, 1e-300)
     return turns, power, cycles * turns / (2.0 * np.pi)

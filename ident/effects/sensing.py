@@ -93,7 +93,11 @@ class TorqueOffset(Effect):
             return [np.ones((len(time), 1)) for time in times]
         middle = variant.shape["middle_s"]
         half = variant.shape["half_s"]
-        return [np.stack([np.ones(len(time)), (time - middle) / half], axis=1) for time in times]
+        columns = []
+        for time in times:
+            drift = (time - middle) / half
+            columns.append(np.stack([np.ones(len(time)), drift], axis=1))
+        return columns
 
     def parameters(
         self,
@@ -118,7 +122,8 @@ class TorqueOffset(Effect):
         self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]
     ) -> dict[str, Range]:
         most = LIMIT.largest_offset * rated_torque(session, joint)
-        lasts = float(session.runs[-1].motion.time[-1] - session.runs[0].motion.time[0])
+        first = session.runs[0].motion.time[0]
+        lasts = float(session.runs[-1].motion.time[-1] - first)
         limits = {"offset_Nm": most, "drift_Nm_s": most / max(lasts, 1.0)}
         reason = "a sensor so far off is broken"
         return {
@@ -182,7 +187,8 @@ class TorqueSaturation(Effect):
     ) -> dict[str, Interval]:
         peak = _peak(session, joint)
         knee = variant.shape["knee_Nm"]
-        growing = (1.0 - float(np.clip(coefficients[0], 0.0, 1.0))) * max(peak - knee, 0.0)
+        clipped = float(np.clip(coefficients[0], 0.0, 1.0))
+        growing = (1.0 - clipped) * max(peak - knee, 0.0)
         lowest = grid_interval(knee, [share * peak for share in LIMIT.saturation_knees]).low
         limit = knee + growing
         return {
@@ -233,7 +239,9 @@ class EncoderOffset(Effect):
     id = "encoder_offset"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        slope = session.runs[0].arm.derivatives(*sampled_states(session))[0][:, :, joint]
+        states = sampled_states(session)
+        stiffness, *_ = session.runs[0].arm.derivatives(*states)
+        slope = stiffness[:, :, joint]
         seen = LIMIT.largest_encoder_offset * np.sqrt(np.mean(slope**2, axis=0))
         if all(
             seen[j] < LIMIT.least_encoder_share * rated_torque(session, j) for j in range(session.n)

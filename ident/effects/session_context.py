@@ -147,7 +147,10 @@ def rated_torque(session: SessionContext, joint: int) -> float:
     rated = float(session.rated_torque[joint])
     if np.isfinite(rated) and rated > 0.0 and not is_placeholder(session.rated_torque[joint]):
         return rated
-    loads = [float(np.abs(run.total[:, joint:]).max(initial=0.0)) for run in session.runs]
+    loads = []
+    for run in session.runs:
+        beyond = np.abs(run.total[:, joint:])
+        loads.append(float(beyond.max(initial=0.0)))
     return max(1.5 * max(loads), 1e-3)
 
 
@@ -185,7 +188,8 @@ def friction_level(session: SessionContext, joint: int) -> tuple[float, float]:
     gram = np.zeros((2, 2))
     right = np.zeros(2)
     for run in session.runs:
-        columns = np.stack([run.direction[:, joint], run.motion.dq[:, joint]], axis=1)
+        direction = run.direction[:, joint]
+        columns = np.stack([direction, run.motion.dq[:, joint]], axis=1)
         gram += columns.T @ columns
         right += columns.T @ run.friction[:, joint]
     coulomb, viscous = np.linalg.lstsq(gram, right, rcond=None)[0]
@@ -282,7 +286,8 @@ def typical_load(session: SessionContext, joint: int) -> float:
 def root_mean_square(columns: Sequence[Float[Array, "T ..."]]) -> float:
     """Root mean square over all entries of all runs; 0 without any."""
     count = sum(values.size for values in columns)
-    return float(np.sqrt(sum(float(np.sum(values**2)) for values in columns) / max(count, 1)))
+    squares = [float(np.sum(values**2)) for values in columns]
+    return float(np.sqrt(sum(squares) / max(count, 1)))
 
 
 def sampled_states(
@@ -339,7 +344,8 @@ def is_near(point: float, estimate: float, least: float) -> bool:
         least: Points up to this size are near to all smaller estimates, zero included.
     """
     ratio = estimate / point
-    return (abs(point) <= least and ratio < LIMIT.near) or 1.0 / LIMIT.near < ratio < LIMIT.near
+    near_stop = abs(point) <= least and ratio < LIMIT.near
+    return near_stop or 1.0 / LIMIT.near < ratio < LIMIT.near
 
 
 def arm_mass(arm: ArmModel) -> float:

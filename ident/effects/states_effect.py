@@ -46,7 +46,8 @@ class StatesEffect(Effect):
         """Every combination of the finer grid's numbers near a point; the point without any."""
         if not self.finer:
             return (variant,)
-        grid = {name: finer.about(variant.inner[name]) for name, finer in self.finer.items()}
+        inner = variant.inner
+        grid = {name: finer.about(inner[name]) for name, finer in self.finer.items()}
         return self._points(session, joint, grid)
 
     def _points(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -59,15 +60,22 @@ class JointCoupling(Effect):
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         dq = np.concatenate([run.motion.dq for run in session.runs])
         power = np.maximum(np.sqrt(np.sum(dq**2, axis=0)), 1e-12)
-        apart = np.abs(dq.T @ dq[:, joint]) / (power * power[joint]) < LIMIT.largest_correlation
-        near = [o for o in range(session.n) if 0 < abs(o - joint) <= LIMIT.farthest and apart[o]]
+        correlation = np.abs(dq.T @ dq[:, joint]) / (power * power[joint])
+        apart = correlation < LIMIT.largest_correlation
+        distance = np.abs(np.arange(session.n) - joint)
+        is_near = (distance > 0) & (distance <= LIMIT.farthest)
+        near = np.flatnonzero(is_near & apart).tolist()
         others = [o for o in near if hardly_moves(session, o) is None]
         single = [Variant(other=other, shape={"mix": 0.0}) for other in others]
         if hardly_moves(session, joint) is not None:
             return tuple(single)
         slow = 2.0 * np.max([run.motion.rest_speed for run in session.runs], axis=0)
-        width = {o: float(slow[[joint, o]].max()) for o in others if abs(o - joint) == 1}
-        shapes = [(o, {"mix": mix, "width_rad_s": width[o]}) for o in width for mix in (1.0, -1.0)]
+        width = {}
+        for other in others:
+            if abs(other - joint) == 1:
+                width[other] = float(slow[[joint, other]].max())
+        pairs = product(width.items(), (1.0, -1.0))
+        shapes = [(other, {"mix": mix, "width_rad_s": size}) for (other, size), mix in pairs]
         return (*single, *(Variant(other=o, shape=shape) for o, shape in shapes))
 
     def columns(
@@ -79,8 +87,11 @@ class JointCoupling(Effect):
         for run in session.runs:
             speed = run.motion.dq[:, joint]
             others = run.motion.dq[:, other]
-            width = 2.0 * float(max(run.motion.rest_speed[joint], run.motion.rest_speed[other]))
-            both = [np.tanh((speed + mix * others) / width), others + mix * speed]
+            of_joint = run.motion.rest_speed[joint]
+            of_other = run.motion.rest_speed[other]
+            width = 2.0 * float(max(of_joint, of_other))
+            mixed = speed + mix * others
+            both = [np.tanh(mixed / width), others + mix * speed]
             columns.append(
                 np.stack(
                     both if mix else [run.direction[:, other], others, run.motion.ddq[:, other]],
@@ -119,13 +130,16 @@ class JointCoupling(Effect):
         other = round(estimates["other_joint"].value) - 1
         most = LARGEST_TORQUE_SHARE * rated_torque(session, joint)
         speed = max(top_speed(session, other), 1e-6)
-        pull = max(float(np.abs(run.motion.ddq[:, other]).max()) for run in session.runs)
+        pulls = [float(np.abs(run.motion.ddq[:, other]).max()) for run in session.runs]
+        pull = max(pulls)
         reason = "the other joint's motion takes more than the motor can give"
         drags = estimates["inertia_kgm2"].value == 0.0  # friction of a sum or difference: passive
+        viscous = most / speed
+        inertia = most / max(pull, 1e-6)
         return {
             "coulomb_Nm": Range(0.0 if drags else -most, most, reason),
-            "viscous_Nms_rad": Range(-most / speed, most / speed, reason),
-            "inertia_kgm2": Range(-most / max(pull, 1e-6), most / max(pull, 1e-6), reason),
+            "viscous_Nms_rad": Range(-viscous, viscous, reason),
+            "inertia_kgm2": Range(-inertia, inertia, reason),
         }
 
     def prior_scale(
@@ -134,7 +148,9 @@ class JointCoupling(Effect):
         coulomb, viscous = friction_level(session, joint)
         if variant.shape["mix"] != 0.0:
             return np.array([coulomb, viscous])
-        top = max(float(np.abs(run.motion.ddq[:, _other(variant)]).max()) for run in session.runs)
+        other = _other(variant)
+        pulls = [float(np.abs(run.motion.ddq[:, other]).max()) for run in session.runs]
+        top = max(pulls)
         return np.array([coulomb, viscous, coulomb / max(top, 1e-6)])
 
     def law_figures(
@@ -261,7 +277,8 @@ class SpringTorque(Effect):
         """
         seen = travel(session, joint)
         low, high = _rests(session, joint)
-        most = 2.0 * rated_torque(session, joint) / max(seen[1] - seen[0], LIMIT.least_spring_range)
+        span = max(seen[1] - seen[0], LIMIT.least_spring_range)
+        most = 2.0 * rated_torque(session, joint) / span
         return {
             "stiffness_Nm_rad": Range(
                 0.0, most, "a spring that pushes away from its rest, or is beyond the motor"
@@ -305,5 +322,7 @@ def _rests(session: SessionContext, joint: int) -> tuple[float, float]:
 def _spring(q: Float[Array, " T"], variant: Variant) -> Float[Array, "T k"]:
     """Columns of a spring at angles: a line, or a wave with two rests a turn."""
     if variant.shape["law"] == PERIODIC:
-        return np.stack([0.5 * np.cos(2 * q), 0.5 * np.sin(2 * q)], axis=1)
+        cosine = 0.5 * np.cos(2 * q)
+        sine = 0.5 * np.sin(2 * q)
+        return np.stack([cosine, sine], axis=1)
     return np.stack([q - variant.shape["centre_rad"], np.ones_like(q)], axis=1)

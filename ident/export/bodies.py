@@ -54,7 +54,8 @@ def random_states(arm: ArmModel, rng: np.random.Generator) -> tuple[Array, Array
     low = np.maximum(limits.lower, -np.pi)
     high = np.minimum(limits.upper, np.pi)
     q = rng.uniform(low, high, (STATES, arm.n))
-    speed = rng.uniform(LEAST_SPEED, MOST_SPEED, q.shape) * rng.choice([-1.0, 1.0], q.shape)
+    size = rng.uniform(LEAST_SPEED, MOST_SPEED, q.shape)
+    speed = size * rng.choice([-1.0, 1.0], q.shape)
     return q, speed, rng.uniform(-MOST_ACCELERATION, MOST_ACCELERATION, q.shape)
 
 

@@ -230,7 +230,8 @@ def roll_run(model: LoadedModel, motion: Motion, count: int, horizon: float = WI
     """
     starts, length = _windows(motion, count, horizon)
     if not len(starts):
-        return Replayed(np.zeros((2, 0, motion.n)), np.zeros((0, motion.n), bool), starts)
+        nothing = np.zeros((2, 0, motion.n))
+        return Replayed(nothing, np.zeros((0, motion.n), bool), starts)
     rows = starts[:, None] + np.arange(length + 1)
     run = (motion.q, motion.dq, motion.ddq, motion.interval)
     drive = model.undo_log(np.array(motion.tau), motion.interval)[rows]

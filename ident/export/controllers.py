@@ -235,7 +235,8 @@ def allowed_acceleration(arm: ArmModel, losses: Losses) -> Float[Array, " n"]:
     lower = np.maximum(limits.lower, -np.pi)
     upper = np.minimum(limits.upper, np.pi)
     q = rng.uniform(lower, upper, (POSES, arm.n))
-    left = np.maximum(limits.effort - np.abs(arm.gravity(q)) - losses.coulomb, 0.0)
+    gravity = np.abs(arm.gravity(q))
+    left = np.maximum(limits.effort - gravity - losses.coulomb, 0.0)
     # Of the bodies about each joint's axis, the others held [kg m²].
     inertia = np.diagonal(arm.derivatives(q, 0.0 * q, 0.0 * q)[2], axis1=1, axis2=2)
     most = np.min(left / (inertia + losses.motor_inertia), axis=0)

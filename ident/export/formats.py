@@ -219,7 +219,8 @@ def stand_in(identified: IdentifiedArm, laws: Sequence[Change], runs: Runs, bend
             scale = np.maximum(np.linalg.norm(x, axis=0), 1e-12)
             solution = lsq_linear(x / scale, target[:, j], bounds, tol=1e-14).x / scale
             nearest[:, j] = np.append(solution, np.zeros(4 - size))
-            braking = np.polynomial.Polynomial(nearest[:, j])(np.linspace(0.0, top[j], 200))
+            curve = np.polynomial.Polynomial(nearest[:, j])
+            braking = curve(np.linspace(0.0, top[j], 200))
             if braking.min() >= 0.0:
                 break
     return replace(losses, coulomb=nearest[0], viscous=nearest[1], bend=nearest[2:].T)
@@ -232,8 +233,10 @@ def usual_run(arm: ArmModel) -> Run:
     high = np.minimum(known.upper, np.pi)
     limit = np.where(known.speed < LARGEST_SPEED, known.speed, USUAL_LIMIT)
     size = np.minimum(0.4 * (high - low), 1.0)
-    pulse = USUAL_SHARE * limit / size * (1.0 + 0.1 * np.arange(arm.n) / arm.n)
-    angle = pulse * np.arange(0.0, USUAL_TIME, USUAL_STEP)[:, None] + np.arange(arm.n)
+    growing = 1.0 + 0.1 * np.arange(arm.n) / arm.n
+    pulse = USUAL_SHARE * limit / size * growing
+    time = np.arange(0.0, USUAL_TIME, USUAL_STEP)[:, None]
+    angle = pulse * time + np.arange(arm.n)
     wave = size * np.sin(angle)
     slope = size * pulse * np.cos(angle)
     return 0.5 * (low + high) + wave, slope, -(pulse**2) * wave, USUAL_STEP

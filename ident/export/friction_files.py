@@ -80,9 +80,11 @@ def check_feed_forward(path: Path, identified: IdentifiedArm) -> dict[str, objec
     said = np.zeros_like(v)
     for j, name in enumerate(identified.nominal.joint_names):
         row = record["joints"][name]
-        said[:, j] = row["coulomb_Nm"] * np.tanh(v[:, j] / row["width_rad_s"])
+        direction = np.tanh(v[:, j] / row["width_rad_s"])
+        said[:, j] = row["coulomb_Nm"] * direction
         said[:, j] += row["viscous_Nms_rad"] * v[:, j]
-    fp1, fp2, fp3 = (np.array(record["crisp_controllers"]["friction"][f"fp{k}"]) for k in (1, 2, 3))
+    friction = record["crisp_controllers"]["friction"]
+    fp1, fp2, fp3 = (np.array(friction[f"fp{k}"]) for k in (1, 2, 3))
     sigmoid = fp1 * (_logistic(fp2 * (v + fp3)) - _logistic(fp2 * fp3))
     off = np.abs(said - dry - losses.viscous * v)
     return {
@@ -112,8 +114,8 @@ def write_ur(identified: IdentifiedArm) -> str:
         "damping": (identified.losses.viscous, np.array(arm.model.damping)),
         "friction": (identified.losses.coulomb, np.array(arm.model.friction)),
     }
-    for kind, (own, stated) in parts.items():
-        named = dict(zip(arm.joint_names, zip(own, stated, strict=True), strict=True))
+    for kind, (written, stated) in parts.items():
+        named = dict(zip(arm.joint_names, zip(written, stated, strict=True), strict=True))
         unknown = [name for name, (_, value) in named.items() if value <= 0.0]
         if unknown:
             what = f"the URDF's <dynamics> state no {kind} of {', '.join(unknown)}"
@@ -124,7 +126,7 @@ def write_ur(identified: IdentifiedArm) -> str:
             what = f"more {kind} than the controller's whole model: {', '.join(beyond)} of it"
             remedy = "no share beyond 1 is taken: look whether <dynamics> is the controller's model"
             raise InputError(where, what, remedy)
-        shares.append(own / stated)
+        shares.append(written / stated)
     lines = [
         "parameters:",
         f"  viscous_scale: {_numbers(shares[0])}",

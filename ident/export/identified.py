@@ -97,7 +97,8 @@ Tuning = tuple[Losses, Float[Array, "n 10"]]
 def untuned(n: int) -> Tuning:
     """No losses, the URDF's own inertias: what a diagnosis without a baseline leaves to assume."""
     zero = np.zeros(n)
-    return Losses(zero, zero, zero, np.full(n, 0.01), zero), freeze(np.zeros((n, len(LINK_KEYS))))
+    none = Losses(zero, zero, zero, np.full(n, 0.01), zero)
+    return none, freeze(np.zeros((n, len(LINK_KEYS))))
 
 
 @dataclass(frozen=True, eq=False)

@@ -92,7 +92,8 @@ class LoadedMjcf(LoadedModel):
             for step in range(1, steps + 1):
                 rate = rate + interval / steps * acceleration
                 twist = twist + interval / steps * rate
-                state = states[k - 1] + step / steps * (states[k] - states[k - 1])
+                change = states[k] - states[k - 1]
+                state = states[k - 1] + step / steps * change
                 acceleration = self._acceleration(state, twist, rate)
             springs[k] = (twist, rate, acceleration)
         # Between straight lines a spring jerks at each sample; what it does on the whole is in its

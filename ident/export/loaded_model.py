@@ -107,4 +107,5 @@ def at_steps(values: Float[Array, "w T n"], interval: float, step: float) -> Flo
     before = np.minimum(samples.astype(int), values.shape[1] - 2)
     share = (samples - before)[:, None, None]
     rows = np.moveaxis(values, 1, 0)
-    return np.asarray((1.0 - share) * rows[before] + share * rows[before + 1])
+    after = share * rows[before + 1]
+    return np.asarray((1.0 - share) * rows[before] + after)

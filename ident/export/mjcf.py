@@ -192,7 +192,10 @@ def spring_at_rest(parameters: Mapping[str, float]) -> tuple[tuple[float], tuple
     if not roots:
         return (parameters["centre_rad"],), (0.0,)
     rest = min(roots, key=abs)
-    terms = [float(law.deriv(k)(rest)) / factorial(k) for k in range(1, law.degree() + 1)]
+    terms = []
+    for k in range(1, law.degree() + 1):
+        slope = float(law.deriv(k)(rest))
+        terms.append(slope / factorial(k))
     return (parameters["centre_rad"] + rest,), tuple(terms)
 
 

@@ -265,8 +265,10 @@ def _link(body: UsdPhysics.MassAPI) -> Float[Array, " 10"]:
     mass = float(body.GetMassAttr().Get())
     centre = np.array(body.GetCenterOfMassAttr().Get(), dtype=float)
     axes = _matrix(body.GetPrincipalAxesAttr().Get())
-    about = axes @ np.diag(np.array(body.GetDiagonalInertiaAttr().Get(), dtype=float)) @ axes.T
-    inertia = about + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    diagonal = np.array(body.GetDiagonalInertiaAttr().Get(), dtype=float)
+    about = axes @ np.diag(diagonal) @ axes.T
+    of_point = centre @ centre * np.eye(3) - np.outer(centre, centre)
+    inertia = about + mass * of_point
     rows = [0, 0, 1, 0, 1, 2]
     columns = [0, 1, 1, 2, 2, 2]
     return np.array([mass, *(mass * centre), *inertia[rows, columns]])

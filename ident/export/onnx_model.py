@@ -167,7 +167,8 @@ def _rigid(graph: Graph, model: HybridModel, q: Tensor, dq: Tensor, ddq: Tensor)
             omega = omega + speed
         mass = chain.links[j][0]
         moment_of_mass = nothing + chain.links[j][1:4].reshape(1, 3)
-        inertia = chain.links[j][4:][[0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(3, 3)
+        whole = chain.links[j][4:][[0, 1, 3, 1, 2, 4, 3, 4, 5]]
+        inertia = whole.reshape(3, 3)
         force = mass * acceleration + _cross(graph, alpha, moment_of_mass)
         force = force + _cross(graph, omega, _cross(graph, omega, moment_of_mass))
         moment = alpha @ inertia + _cross(graph, omega, omega @ inertia)
@@ -241,7 +242,8 @@ def _net(graph: Graph, model: HybridModel, dq: Tensor, ddq: Tensor, rigid: Tenso
     assert isinstance(net.network, JointNets)
     first, last = (weights.astype(float) for weights in net.network.weights)
     bias, offset = (values.astype(float) for values in net.network.biases)
-    low, high = net.bounds.low, net.bounds.high
+    low = net.bounds.low
+    high = net.bounds.high
     inside = [graph.clip(term, low[k], high[k]) for k, term in enumerate((dq, ddq, rigid))]
     columns = []
     for j in range(net.n):
@@ -249,7 +251,8 @@ def _net(graph: Graph, model: HybridModel, dq: Tensor, ddq: Tensor, rigid: Tenso
         scaled = (x - net.input_mean[j]) / net.input_std[j]
         hidden = scaled @ first[j] + bias[j]
         hidden = hidden / (1.0 + graph.exp(-hidden))
-        columns.append((hidden @ last[j] + offset[j]) * float(net.output_std[j]))
+        said = hidden @ last[j] + offset[j]
+        columns.append(said * float(net.output_std[j]))
     return graph.clip(graph.concat(columns), *net.bounds.torques)
 
 

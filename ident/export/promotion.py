@@ -114,7 +114,8 @@ def measure_distance(
             continue
         missed = replay.missed[0][moved]
         counted = np.where(replay.moved[moved], missed**2, 0.0)
-        positions.append(counted.sum(axis=1) / np.maximum(replay.moved[moved].sum(axis=1), 1))
+        joints = np.maximum(replay.moved[moved].sum(axis=1), 1)
+        positions.append(counted.sum(axis=1) / joints)
         measured = motion.q[replay.ends[moved]]
         reached = arm.link_poses(measured + missed, [tool])[tool][1]
         there = arm.link_poses(measured, [tool])[tool][1]

@@ -137,7 +137,8 @@ def _add_inertia(root: Element, link: Element, change: Float[Array, " 10"], arm:
         for other, pose in list(_hanging_on(root, link, np.eye(4), held)):
             of_other = read_inertial(other)
             if of_other.any():
-                inertia = inertia + (1.0 - LEFT) * moved(of_other, pose[:3, :3], pose[:3, 3])
+                turned = moved(of_other, pose[:3, :3], pose[:3, 3])
+                inertia = inertia + (1.0 - LEFT) * turned
                 set_inertial(other, LEFT * of_other)
     set_inertial(link, inertia)
 

@@ -137,16 +137,16 @@ def write_patch(
             "provenance": origin.to_dict(),
         }
         if into is not None:
-            own = read_own_file(into)
-            stated = files.stated("mjcf" if is_mjcf(into, own) else "urdf")
-            edited, written = write_into(into, own, stated)
+            theirs = read_own_file(into)
+            stated = files.stated("mjcf" if is_mjcf(into, theirs) else "urdf")
+            edited, written = write_into(into, theirs, stated)
             require_loadable(into, edited, written)
             record["into"] = written.to_dict()
-            (folder / f"before_{into.name}").write_bytes(own)
-            require_as_read(into, own)
+            (folder / f"before_{into.name}").write_bytes(theirs)
+            require_as_read(into, theirs)
         files.write("patch.json", as_json(record) + "\n")
     if into is not None:
-        save_into(into, own, edited)
+        save_into(into, theirs, edited)
     return record
 
 

@@ -100,7 +100,8 @@ class ModelChoice:
         for number, solution in enumerate(solutions):
             for joint in range(self.sums.nominal.n):
                 weights = problem.row_weights(self.sums, solution, joint)
-                squares[number, joint] = weights @ self.sums.squares[joint][number] @ weights
+                of_part = self.sums.squares[joint][number]
+                squares[number, joint] = weights @ of_part @ weights
                 work[number, joint] = self.sums.work[joint][number] @ weights
         most = (1.0 + AS_GOOD) ** 2 * np.sum(plain.squares / self.noise**2)
         as_good = bool(np.sum(squares / self.noise**2) <= most)

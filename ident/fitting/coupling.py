@@ -185,11 +185,13 @@ def _sure_coupling(sums: PairSums, pair: tuple[int, int]) -> tuple[float, Couple
 
 def _falls(before: Float[Array, "f 2"], after: Float[Array, "f 2"]) -> bool:
     """Whether squares of parts fall at both joints, by Student's test of their logarithms."""
-    fall = np.log(np.maximum(before, LEAST)) - np.log(np.maximum(after, LEAST))
+    log_after = np.log(np.maximum(after, LEAST))
+    fall = np.log(np.maximum(before, LEAST)) - log_after
     if len(fall) < 2:
         return False
     doubt = fall.std(axis=0, ddof=1) / np.sqrt(len(fall))
-    return bool(np.all(fall.mean(axis=0) > stdtrit(len(fall) - 1, SURE) * doubt))
+    quantile = stdtrit(len(fall) - 1, SURE)
+    return bool(np.all(fall.mean(axis=0) > quantile * doubt))
 
 
 def _left_out(sums: PairSums, pair: tuple[int, int], mix: float | None) -> Float[Array, "f 2"]:
@@ -216,7 +218,8 @@ def _solve(
         parts: Parts whose rows count; all if None.
     """
     rank = sums.base.rank
-    columns = [sums.columns(*pair, mix), sums.columns(*pair[::-1], mix)]
+    backwards = pair[::-1]
+    columns = [sums.columns(*pair, mix), sums.columns(*backwards, mix)]
     size = len(columns[0]) - rank
     information = np.zeros((rank + 2 * size, rank + 2 * size))
     score = np.zeros(len(information))
@@ -264,7 +267,8 @@ def _gather(motions: Sequence[Motion], arm: ArmModel, pairs: Sequence[tuple[int,
                 rigid[:, joint, None],
             ]
             table = motion.filtered(np.concatenate(columns, axis=1))
-            table[:, -1] = motion.tau_filtered[:, joint] - table[:, -1]
+            measured = motion.tau_filtered[:, joint]
+            table[:, -1] = measured - table[:, -1]
             for number in np.unique(part_of_row):
                 rows = table[motion.moving[:, joint] & (part_of_row == number)]
                 squares[joint][number] += rows.T @ rows
@@ -275,7 +279,8 @@ def _gather(motions: Sequence[Motion], arm: ArmModel, pairs: Sequence[tuple[int,
 def _joint_columns(motion: Motion, joint: int, others: Sequence[int]) -> Float[Array, "T c"]:
     """A joint's own columns, then acceleration, speed and directions with each other joint."""
     speed = motion.dq[:, joint]
-    columns = [motion.ddq[:, joint], speed, np.tanh(speed / WIDTH), np.ones(len(speed))]
+    direction = np.tanh(speed / WIDTH)
+    columns = [motion.ddq[:, joint], speed, direction, np.ones(len(speed))]
     for other in others:
         beside = motion.dq[:, other]
         turning = [np.tanh((speed + mix * beside) / WIDTH) for mix in MIXES]

@@ -63,7 +63,8 @@ class HeldOutSums:
     def law_columns(self, number: int) -> Int[Array, " k"]:
         """Where the columns of a law stand among those of its joint."""
         asked = self.laws[number]
-        before = sum(law.size for law in self.laws[:number] if law.joint == asked.joint)
+        earlier = self.laws[:number]
+        before = sum(law.size for law in earlier if law.joint == asked.joint)
         return self.base.rank + OWN + before + np.arange(asked.size)
 
 
@@ -136,7 +137,8 @@ def gather_sums(
             for number in np.unique(part_of_row):
                 rows = motion.moving[:, j] & (part_of_row == number)
                 squares[j][number] += table[rows].T @ table[rows]
-                work[j][number] += step * speed[rows, j] @ table[rows]
+                power = speed[rows, j] @ table[rows]
+                work[j][number] += step * power
                 counts[number, j] += rows.sum()
                 torques[number, j] += np.sum(motion.tau_filtered[rows, j] ** 2)
     return HeldOutSums(nominal, base, tuple(laws), squares, work, counts, torques)
@@ -166,7 +168,8 @@ def _tables(
     for j in range(nominal.n):
         states = states_of(j, q, dq, load, slip)
         law_columns = [law.columns(states) for law in laws if law.joint == j]
-        columns = [regressor[:, j], joint_columns[:, j], *law_columns, rigid[:, j, None]]
+        rest = rigid[:, j, None]
+        columns = [regressor[:, j], joint_columns[:, j], *law_columns, rest]
         table = motion.filtered(np.concatenate(columns, axis=1))
         table[:, -1] = motion.tau_filtered[:, j] - table[:, -1]
         tables.append(table)

@@ -13,38 +13,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float, Int, freeze
+from ident.arrays import Array, Bool, Float, freeze
 from ident.command_options import Inertia
 from ident.fitting.chosen import ModelChoice
 from ident.fitting.fit_sums import FitSums
 from ident.fitting.frictionless import find_frictionless, lossless_parameters
 from ident.fitting.held_out_sums import part_of_blocks
-from ident.fitting.joint_estimate import (
-    ON_BOUND,
-    JointEstimate,
-    estimate,
-    estimates_left_out,
-)
-from ident.laws.carried import KINDS, NamedLaw
-from ident.model.bodies import solve_bounded
+from ident.fitting.joint_estimate import ON_BOUND, JointEstimate, estimate, estimates_left_out
+from ident.fitting.within_bounds import BoundedEstimate, nonnegative, within_bounds
+from ident.laws.carried import NamedLaw
 from ident.model.inertia import BaseParameters, InertiaResults, base_prior, compute_condition
-from ident.model.loss import NAMES, WORDS, InertiaFigure, LossParameters, LossResults
+from ident.model.loss import NAMES, InertiaFigure, LossParameters, LossResults
 from ident.regression.design import LOSS_PARAMETERS
 from ident.regression.partition import partition_motions
-from ident.robot.arm import ArmModel
 from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
 
 # Parameters whose estimates are correlated beyond this are reported as a pair that the recordings
 # can't tell apart.
 TIED = 0.95
-# Numbers of a link in words.
-LINK_WORDS = {
-    "m": "mass",
-    **{f"m{axis}": f"first moment {axis}" for axis in "xyz"},
-    **{f"I{axes}": f"inertia {axes}" for axes in ("xx", "xy", "yy", "xz", "yz", "zz")},
-}
-# Pairs that are reported in words; all stand in the model.
-MOST_TIED = 4
 # Halvings of the interval in which that share is looked for.
 HALVINGS = 60
 
@@ -85,26 +71,6 @@ class Identified:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    """An estimate within its bounds."""
-
-    estimate: JointEstimate
-    change: Float[Array, " 10n"]  # of the links' inertial numbers
-    losses: Float[Array, "n p"]
-    coefficients: Float[Array, " k"]  # of laws
-    zero: Int[Array, " z"]  # positions of parameters that are held at zero
-
-    def values(self, base: BaseParameters) -> Float[Array, " m"]:
-        """All parameters in the estimate's order."""
-        values = np.array(self.estimate.values)
-        values[: base.rank] = base.mapping @ self.change
-        for joint, losses in enumerate(self.losses):
-            values[self.estimate.index(joint)] = losses
-        values[self.estimate.first_law :] = self.coefficients
-        return values
-
-
 def identify(sums: FitSums, choice: ModelChoice | None = None) -> Identified:
     """Identifies an arm from one pass over its runs.
 
@@ -128,9 +94,9 @@ def identify(sums: FitSums, choice: ModelChoice | None = None) -> Identified:
     if choice is not None and plain:
         usual = with_plain_rows(usual, choice, held)
     zero = lossless_parameters(whitened, frictionless)
-    bounds = (_nonnegative(usual, nominal.n, sums.laws), zero)
+    bounds = (nonnegative(usual, nominal.n, sums.laws), zero)
     prior_share = PRIOR_SHARE.get(mode, 0.0) if choice is None else choice.share
-    solution = _within_bounds(usual, nominal, base, mode, bounds, prior_share)
+    solution = within_bounds(usual, nominal, base, mode, bounds, prior_share)
     unbounded = solution.estimate
     values = solution.values(base)
     inertia = _inertia_results(sums, solution, values, mode, urdf)
@@ -183,21 +149,9 @@ def _kind_of_inertia(sums: FitSums, choice: ModelChoice | None) -> Inertia:
     return "consistent" if asked == "auto" else asked
 
 
-def _nonnegative(
-    unbounded: JointEstimate, joints: int, laws: Sequence[NamedLaw]
-) -> Int[Array, " b"]:
-    """Positions of all losses but offsets, and of laws' coefficients as their kind says."""
-    positions = [unbounded.index(joint)[:LOSS_PARAMETERS] for joint in range(joints)]
-    first = unbounded.first_law
-    for law in laws:
-        positions.append(first + np.array(law.kind.nonnegative, dtype=int))
-        first += law.size
-    return np.concatenate(positions)
-
-
 def _inertia_results(
     sums: FitSums,
-    solution: _Solution,
+    solution: BoundedEstimate,
     values: Float[Array, " m"],
     mode: Inertia,
     urdf: Float[Array, "r r"],
@@ -317,52 +271,9 @@ def urdf_share(whitened: JointEstimate, base: BaseParameters, scale: Float[Array
     return high
 
 
-def _within_bounds(
-    unbounded: JointEstimate,
-    arm: ArmModel,
-    base: BaseParameters,
-    mode: Inertia,
-    bounds: tuple[Int[Array, " b"], Int[Array, " z"]],
-    share: float,
-) -> _Solution:
-    """Change of the inertial numbers, and losses with all that stands behind them.
-
-    Args:
-        unbounded: The estimate without bounds.
-        arm: The arm as its URDF describes it.
-        base: Its base parameters.
-        mode: How the links' inertias may change.
-        bounds: Positions among the estimate's parameters: of those that can't be negative, and of
-            those that are zero.
-        share: How far the URDF's numbers may be off, as a share of each link's scale.
-    """
-    nonnegative, zero = bounds
-    rank = base.rank
-    losses = len(unbounded.values) - rank
-    numbers = 0 if mode == "nominal" else 10 * arm.n
-    # Unknowns: changes of all inertial numbers in units of how far a URDF may be off, then the
-    # losses as they are.
-    unit = share * parameter_scale(arm)[:numbers]
-    lift = np.zeros((rank + losses, numbers + losses))
-    lift[:rank, :numbers] = base.mapping[:, :numbers] * unit
-    lift[rank:, numbers:] = np.eye(losses)
-    information = lift.T @ unbounded.information @ lift
-    information[:numbers, :numbers] += np.eye(numbers)
-    score = lift.T @ unbounded.score
-    free = np.setdiff1d(np.arange(len(information)), zero - rank + numbers)
-    bounded = np.flatnonzero(np.isin(free, nonnegative - rank + numbers))
-    links = arm.inertial_parameters if mode == "consistent" else None
-    solved = np.zeros(len(information))
-    solved[free] = solve_bounded(information[np.ix_(free, free)], score[free], bounded, links, unit)
-    change = np.zeros(10 * arm.n)
-    change[:numbers] = unit * solved[:numbers]
-    solved = solved[numbers:]
-    joints = [unbounded.index(joint) - rank for joint in range(arm.n)]
-    first_law = unbounded.first_law - rank
-    return _Solution(unbounded, change, solved[np.array(joints)], solved[first_law:], zero)
-
-
-def _loss_results(solution: _Solution, values: Float[Array, " m"], sums: FitSums) -> LossResults:
+def _loss_results(
+    solution: BoundedEstimate, values: Float[Array, " m"], sums: FitSums
+) -> LossResults:
     """Loss parameters with what their intervals rest on."""
     unbounded = solution.estimate
     n, fitted = solution.losses.shape
@@ -396,71 +307,6 @@ def _loss_results(solution: _Solution, values: Float[Array, " m"], sums: FitSums
         at_bound=tuple(at_bound),
         dof=freeze(dof),
     )
-
-
-def describe(identified: Identified) -> list[str]:
-    """What a person should know of an identification beside its parameters, a line each."""
-    condition = identified.inertia.condition_number
-    off = 100 * identified.urdf_share
-    size = "less than 1 %" if off < 1.0 else f"about {off:.0f} %"
-    joints = zip(identified.loss.joints, 100 * identified.estimate.spread, strict=True)
-    spreads = ", ".join(f"{name} {spread:.2g} %" for name, spread in joints)
-    changes = f"friction changes from one stretch to another by: {spreads}"
-    if np.ptp(identified.estimate.spread) == 0.0:
-        changes = "one run does not tell how much friction changes from run to run"
-    lines = [
-        f"condition number of the motions: {condition:.0f} (optimised motion: 10 to 60)",
-        f"link inertias are {size} of each link's scale off the URDF's, by these recordings",
-        changes,
-    ]
-    if identified.tied:
-        tied = identified.tied[:MOST_TIED]
-        pairs = [pair_in_words(first, second) for first, second, _ in tied]
-        line = f"not told apart by these motions: {'; '.join(pairs)}"
-        more = len(identified.tied) - MOST_TIED
-        if more > 0:
-            line += f"; and {more} more {'pair' if more == 1 else 'pairs'}"
-        lines.append(line)
-    lines += [law.describe(identified.loss.joints) for law in identified.named]
-    if identified.through_reversals:
-        names = ", ".join(identified.through_reversals)
-        lines.append(f"too little clear of reversals, fitted through them: {names}")
-    if identified.lossless:
-        names = ", ".join(identified.lossless)
-        lines.append(f"effort without friction or rotor, as of torque at the link: {names}")
-    return lines
-
-
-def in_words(figure: str) -> str:
-    """A parameter's name as people say it: `rotor inertia of joint_1`, `mass of link_2`."""
-    owner, _, name = figure.rpartition(".")
-    if name in WORDS:
-        return f"{WORDS[name]} of {owner}"
-    if name in LINK_WORDS:
-        return f"{LINK_WORDS[name]} of {owner}"
-    law, label = _law_in_words(figure)
-    return f"{law}, {label}" if label else law
-
-
-def pair_in_words(first: str, second: str) -> str:
-    """Two parameters that are not told apart; of one law it is named once."""
-    law, label = _law_in_words(first)
-    other_law, other_label = _law_in_words(second)
-    if law == other_law and label and other_label:
-        return f"{law}, {label} with {other_label}"
-    return f"{in_words(first)} with {in_words(second)}"
-
-
-def _law_in_words(figure: str) -> tuple[str, str]:
-    """The law and joint that a coefficient is of, and what it is of it; as it stands if of none."""
-    owner, _, name = figure.rpartition(".")
-    joint, _, effect = owner.rpartition(".")
-    if effect not in KINDS or not name.isdecimal():
-        return figure, ""
-    labels = KINDS[effect].labels
-    number = int(name) - 1
-    label = labels[number] if number < len(labels) else f"coefficient {name}"
-    return f"{KINDS[effect].words} at {joint}", label
 
 
 def tied_figures(

@@ -100,7 +100,8 @@ class JointEstimate:
         information = np.array(self.information)
         information[: self.rank, : self.rank] += prior
         size = np.sqrt(np.diag(information))
-        covariance = np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
+        scale = np.outer(size, size)
+        covariance = np.linalg.inv(information / scale) / scale
         values = covariance @ self.score
         return replace(self, values=values, covariance=covariance, efficient=values)
 

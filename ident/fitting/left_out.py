@@ -15,13 +15,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.command_options import Inertia
-from ident.fitting.held_out_sums import (
-    CONSTANT,
-    FIRST_DIRECTION,
-    ROTOR,
-    VISCOUS,
-    HeldOutSums,
-)
+from ident.fitting.held_out_sums import CONSTANT, FIRST_DIRECTION, ROTOR, VISCOUS, HeldOutSums
 from ident.model.bodies import solve_bounded, solve_partly_non_negative
 from ident.model.inertia import base_prior
 from ident.robot.tolerance import parameter_scale
@@ -99,7 +93,8 @@ def assemble(
         place = np.concatenate([np.arange(rank), own_place])
         column = np.concatenate([np.arange(rank), own_columns])
         gram = sums.squares[j][parts].sum(axis=0) / noise[j] ** 2
-        information[place[:, None], place] += gram[column[:, None], column]
+        of_joint = gram[column[:, None], column]
+        information[place[:, None], place] += of_joint
         score[place] += gram[column, -1]
         square += float(gram[-1, -1])
         places.append(place)
@@ -117,8 +112,11 @@ def _places_of_own_columns(
     rank = sums.base.rank
     n = sums.nominal.n
     first_offset = rank + LOSSES * n
-    places = [(rank + LOSSES * j + np.arange(LOSSES)).tolist() for j in range(n)]
-    for k, j in enumerate(np.flatnonzero(selection.offset)):
+    places = []
+    for j in range(n):
+        first = rank + LOSSES * j
+        places.append((first + np.arange(LOSSES)).tolist())
+    for k, j in enumerate(np.flatnonzero(selection.offset).tolist()):
         places[j].append(first_offset + k)
     size = first_offset + int(selection.offset.sum())
     for number in selection.laws:

@@ -35,7 +35,8 @@ def helps(before: Float[Array, " f"], after: Float[Array, " f"]) -> bool:
     if len(fall) < 2:
         return False
     needed = float(stdtrit(len(fall) - 1, SURE))
-    return bool(fall.mean() > needed * fall.std(ddof=1) / np.sqrt(len(fall)))
+    error = fall.std(ddof=1) / np.sqrt(len(fall))
+    return bool(fall.mean() > needed * error)
 
 
 def no_worse_work(before: Float[Array, " f"], after: Float[Array, " f"]) -> bool:

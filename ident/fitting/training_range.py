@@ -35,7 +35,11 @@ def find_training_range(
         nominal: The arm whose base parameters were identified.
         identified: What was identified.
     """
-    parts = [np.stack([m.q[m.coarse], m.dq[m.coarse], m.ddq[m.coarse]]) for m in motions]
+    parts = []
+    for motion in motions:
+        coarse = motion.coarse
+        of_run = np.stack([motion.q[coarse], motion.dq[coarse], motion.ddq[coarse]])
+        parts.append(of_run)
     states = np.concatenate(parts, axis=1)
     low, high = np.quantile(states, [TAILS, 1.0 - TAILS], axis=1)
     even = np.unique(np.linspace(0, states.shape[1] - 1, STATES).astype(int))
@@ -55,7 +59,8 @@ def _torque_variance(
     params = identified.loss.params
     regressor = nominal.regressor(q, dq, ddq, identified.inertia.base.columns)
     sign = np.tanh(dq / np.maximum(params.transition_speed, LEAST_WIDTH))
-    losses = np.stack([ddq, dq, sign, np.ones_like(dq)], axis=-1)[..., : estimate.per_joint]
+    every = np.stack([ddq, dq, sign, np.ones_like(dq)], axis=-1)
+    losses = every[..., : estimate.per_joint]
     base = np.arange(estimate.rank)
     known = estimate.about(estimate.values)
     variance = np.empty(dq.shape)
@@ -63,7 +68,10 @@ def _torque_variance(
         index = np.concatenate([base, estimate.index(j)])
         x = np.concatenate([regressor[:, j], losses[:, j]], axis=1)
         covariance = known[np.ix_(index, index)]
-        viscous, coulomb = estimate.spread[j] * np.array([params.viscous[j], params.coulomb[j]])
+        levels = np.array([params.viscous[j], params.coulomb[j]])
+        viscous, coulomb = estimate.spread[j] * levels
         variance[:, j] = np.sum((x @ covariance) * x, axis=1)
-        variance[:, j] += (viscous * dq[:, j]) ** 2 + (coulomb * sign[:, j]) ** 2
+        of_viscous = (viscous * dq[:, j]) ** 2
+        of_coulomb = (coulomb * sign[:, j]) ** 2
+        variance[:, j] += of_viscous + of_coulomb
     return variance

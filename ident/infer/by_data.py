@@ -10,14 +10,13 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.checks.effort import SignedFit, States, check_effort, collect_states, fit_signed
-from ident.checks.filtered_run import USUAL_EFFORT
+from ident.checks.settings import USUAL_EFFORT
 from ident.errors import RecordingError
 from ident.infer.guess import ForeignTable, Reason, Signals
+from ident.infer.settings import UNNAMED as LIMIT
 from ident.recordings.recording import Recording, Session
-from ident.records import read_group
 from ident.robot.arm import ArmModel
 
-LIMIT = read_group(__file__, "unnamed")
 HINT = "name its columns in [columns] of session.toml yourself"
 ONE_TABLE = (
     "put them side by side in one table or .npz (time, position, velocity, effort); without "
@@ -184,7 +183,8 @@ def _match_derivative(
     elapsed = np.maximum(time[step:] - time[:-step], LEAST_TIME)
     slopes = (q[step:] - q[:-step]) / elapsed[:, None]
     middle = dq[half : len(dq) - step + half]
-    moving = slopes.std(axis=0) > AT_REST * max(float(np.abs(slopes).max()), TINY)
+    steepest = max(float(np.abs(slopes).max()), TINY)
+    moving = slopes.std(axis=0) > AT_REST * steepest
     if not moving.any():
         return None
     slopes = slopes[:, moving] - slopes[:, moving].mean(axis=0)

@@ -135,7 +135,8 @@ def _joint_places(joints: Sequence[str]) -> dict[str, int]:
     for place, name in enumerate(joints):
         short = re.sub(r"_?joint_?", "", name, flags=re.IGNORECASE)
         places.setdefault(short or name, place)
-    return {name: place for name, place in places.items() if len(name) > 1 and not name.isdecimal()}
+    several = {name: place for name, place in places.items() if len(name) > 1}
+    return {name: place for name, place in several.items() if not name.isdecimal()}
 
 
 def _join_forces(members: Members) -> None:

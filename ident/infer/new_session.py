@@ -21,16 +21,15 @@ from ident.errors import InputError, RecordingError
 from ident.files import atomic_write
 from ident.infer.by_data import guess_by_data
 from ident.infer.by_name import MEASURED, guess_by_name
+from ident.infer.gains import GAINS, torque_settings
 from ident.infer.guess import ForeignTable, Reason, Signals, read_foreign
 from ident.infer.units import (
-    GAINS,
     angle_unit,
     check_velocity,
     sample_rate,
     search_columns,
     slide_scales,
     time_unit,
-    torque_settings,
 )
 from ident.outputs import ELSEWHERE, require_plain
 from ident.recordings.columns import ANGLES, TIME, listed
@@ -116,8 +115,8 @@ class NewSession(Result):
         Only an uncorrected guess of armgap's own is ever replaced.
         """
         require_own_guess(self.file)
-        with atomic_write(self.file) as part:
-            part.write_text(self.text, encoding="utf-8")
+        with atomic_write(self.file) as temporary:
+            temporary.write_text(self.text, encoding="utf-8")
 
 
 def place_of(path: Path) -> Path:
@@ -165,23 +164,26 @@ def guess_session(
         raise RecordingError(path, "no such file or folder", "give a folder of runs or a table")
     runs = [path]
     if path.is_dir() and not (is_dataset(path) or (path / METADATA).is_file()):
-        runs = [one for one in path.iterdir() if is_run(one)]
+        runs = [run for run in path.iterdir() if is_run(run)]
     if not runs:
         raise RecordingError(path, "holds no runs", f"put recordings there: {', '.join(SUFFIXES)}")
-    table = read_foreign(max(runs, key=lambda one: (one.stat().st_size, one.name)))
-    table = table if rate is None else replace(table, rate_hz=rate)
+    largest = max(runs, key=lambda run: (run.stat().st_size, run.name))
+    table = read_foreign(largest)
+    if rate is not None:
+        table = replace(table, rate_hz=rate)
     signals = guess_by_name(table, arm) if table.has_names else None
     if signals is None:
         if arm is None:
             what = "its columns' names don't say which is position"
             raise RecordingError(table.source, what, "give --robot: its motion tells the columns")
         signals = guess_by_data(table, arm)
-    found = _complete(place_of(path), table, signals, arm)
+    session = _complete(place_of(path), table, signals, arm)
     if robot is not None:
-        found.settings["robot"] = (
-            os.path.relpath(robot, found.file.parent) if Path(robot).is_file() else robot
-        )
-    return found
+        stated = robot
+        if Path(robot).is_file():
+            stated = os.path.relpath(robot, session.file.parent)
+        session.settings["robot"] = stated
+    return session
 
 
 def _complete(
@@ -189,7 +191,8 @@ def _complete(
 ) -> NewSession:
     """Units, signs and order of the signals, as columns and settings."""
     signals = _whole_rows(signals)
-    (time, second, clock), (angle, radian, turn) = time_unit(signals), angle_unit(signals, arm)
+    time, second, clock = time_unit(signals)
+    angle, radian, turn = angle_unit(signals, arm)
     rate, rate_reason = sample_rate(signals, table.rate_hz)
     if signals.clock is None and rate is None:
         what = "no column is time, and nothing tells the rate"
@@ -198,43 +201,57 @@ def _complete(
             "session.toml"
         )
         raise RecordingError(table.source, what, remedy)
-    second = second if rate is None else 1.0 / rate
+    if rate is not None:
+        second = 1.0 / rate
     slides, sliding = slide_scales(signals, arm)
     scale = np.array([slides.get(name, radian) for name in signals.joints])
-    tables = {name: scale * one if name in ANGLES else one for name, one in signals.tables.items()}
-    signals = _without_wraps(replace(signals, time=second * signals.time, tables=tables), arm)
-    signals, velocity, refused = check_velocity(signals)
+    tables = {}
+    for name, values in signals.tables.items():
+        tables[name] = scale * values if name in ANGLES else values
+    scaled = replace(signals, time=second * signals.time, tables=tables)
+    signals, velocity, refused = check_velocity(_without_wraps(scaled, arm))
     reasons = [*signals.reasons, clock, rate_reason, turn, *sliding, velocity]
     nominal = next((name for name in MEASURED if name in signals.tables), "")
-    joints = torques = signals.joints
-    channel, settings = nominal, dict[str, Any]()
+    joints = signals.joints
+    torques = signals.joints
+    channel = nominal
+    settings: dict[str, Any] = {}
     if arm is not None and nominal:
         read = search_columns(signals, arm)
-        joints, torques = read.joints, read.torques
+        joints = read.joints
+        torques = read.torques
         known = tuple(name for name in arm.joint_names if name in joints)
-        channel, found, seen = torque_settings(signals, arm, read.states, known, nominal)
-        settings |= read.settings | found
+        channel, of_torque, seen = torque_settings(signals, arm, read.states, known, nominal)
+        settings |= read.settings | of_torque
         reasons += [*read.reasons, *seen]
     elif nominal == "current":
         settings[GAINS] = dict.fromkeys(joints, 1.0)
         reasons.append(Reason(GAINS, "1", "without a robot nothing tells it: give the figures"))
-    settings |= {"time_unit": time} if time != "s" else {}
-    settings |= {turn.what: angle} if turn is not None and angle != "rad" else {}
-    settings |= {"sample_rate_hz": rate} if rate is not None else {}
-    settings |= {"slide_scale": slides} if slides else {}
+    if time != "s":
+        settings["time_unit"] = time
+    if turn is not None and angle != "rad":
+        settings[turn.what] = angle
+    if rate is not None:
+        settings["sample_rate_hz"] = rate
+    if slides:
+        settings["slide_scale"] = slides
     columns = {} if signals.clock is None else {signals.clock: TIME}
-    for name, own in signals.columns.items():
-        native, names = (channel, torques) if name == nominal else (name, joints)
-        columns.update(
-            {column: f"{joint}/{native}" for column, joint in zip(own, names, strict=True)}
-        )
-    left = [] if refused is None else [f"velocity {refused}"]
-    left += [] if nominal else ["no torque or current: a session for `ident servo` alone"]
+    for name, of_channel in signals.columns.items():
+        is_torque = name == nominal
+        native = channel if is_torque else name
+        names = torques if is_torque else joints
+        for column, joint in zip(of_channel, names, strict=True):
+            columns[column] = f"{joint}/{native}"
+    left = []
+    if refused is not None:
+        left.append(f"velocity {refused}")
+    if not nominal:
+        left.append("no torque or current: a session for `ident servo` alone")
     unused = [name for name in table.columns if name not in columns]
-    left += [f"not used: {listed(unused)}"] if unused else []
-    return NewSession(
-        place, columns, settings, tuple(one for one in reasons if one is not None), tuple(left)
-    )
+    if unused:
+        left.append(f"not used: {listed(unused)}")
+    told = tuple(reason for reason in reasons if reason is not None)
+    return NewSession(place, columns, settings, told, tuple(left))
 
 
 def _whole_rows(signals: Signals) -> Signals:

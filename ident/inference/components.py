@@ -19,27 +19,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from ident.arrays import Array, Float, Int
-from ident.inference.evidence import factorise, optimise
+from ident.inference.evidence import factorise
 from ident.inference.names import LEAST_DEVIATION, Names
+from ident.inference.settings import URDF
 from ident.inference.sums import SessionSums, without_negative_directions
-from ident.records import read_group
 from ident.regression.baseline import Baseline, UrdfError
 from ident.regression.design import Group
 from ident.regression.discrepancy import BLOCKS
 from ident.regression.least_squares import Prior, ridge_of
-from ident.regression.run_spread import estimate_walk
-
-URDF = read_group(__file__, "urdf")
-# Whitened rows of a joint below which nothing is learnt of its discrepancy.
-FEWEST_ROWS = 20
-# Variances of whitened coefficients that a block starts from where nothing is known of it.
-FIRST_VARIANCES = (1e-4, 1e-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,16 +106,21 @@ class ModelSums:
         self.baseline = baseline
         self.components = components
         layout = sums.evidence.layout
+        spread = components.friction.tolist()
+        walk = components.walk.tolist()
         self.whole = []
         self.friction_nats = np.zeros(layout.n)
         for j in range(layout.n):
-            of_joint, nats = sums.of_joint(j, components.friction[j], components.walk[j])
+            of_joint, nats = sums.of_joint(j, spread[j], walk[j])
             self.whole.append(of_joint / components.dispersion[j])
             self.friction_nats[j] = nats
         # The discrepancies' columns come last, before the torque.
-        flexible = [group.columns[0] for blocks in layout.flexible for group in blocks]
-        self.last = int(min(flexible, default=layout.size))
-        self.fixed_nats = -0.5 * float(sums.evidence.samples @ np.log(components.dispersion))
+        first_columns = []
+        for blocks in layout.flexible:
+            first_columns += [group.columns[0] for group in blocks]
+        self.last = int(min(first_columns, default=layout.size))
+        samples = sums.evidence.samples
+        self.fixed_nats = -0.5 * float(samples @ np.log(components.dispersion))
         self.fixed_nats += float(self.friction_nats.sum())
         self._reduce()
 
@@ -142,8 +139,10 @@ class ModelSums:
     def _named(self, joint: int) -> tuple[Int[Array, " q"], Int[Array, " q"]]:
         """Where a joint's columns that are no discrepancy stand: in its rows, and in `gram`."""
         layout = self.sums.evidence.layout
-        named = np.setdiff1d(np.arange(len(layout.local[joint])), layout.flexible_places[joint])
-        return named, np.minimum(layout.local[joint][named], self.last)
+        local = layout.local[joint]
+        every = np.arange(len(local))
+        named = np.setdiff1d(every, layout.flexible_places[joint])
+        return named, np.minimum(local[named], self.last)
 
     def _add(self, joint: int, sums: Float[Array, "p p"]) -> None:
         """Adds a joint's sums, without its discrepancy's columns, to those of all joints."""
@@ -206,7 +205,8 @@ class ModelSums:
         for sums, old, new in zip(self.whole, before, dispersion, strict=True):
             other.whole.append(sums * (old / new))
         rows = self.sums.evidence.samples
-        other.fixed_nats = self.fixed_nats + 0.5 * float(rows @ np.log(before / dispersion))
+        ratio = np.log(before / dispersion)
+        other.fixed_nats = self.fixed_nats + 0.5 * float(rows @ ratio)
         other._reduce()
         return other
 
@@ -234,14 +234,15 @@ class ModelSums:
         inner = scale[:, None] * whole[np.ix_(places, places)] * scale
         inner[np.diag_indices(len(inner))] += 1.0
         factor = factorise(inner)
-        half = solve_triangular(
-            factor, scale[:, None] * whole[places], lower=True, check_finite=False
-        )
-        return whole - half.T @ half, -float(np.log(np.diag(factor)).sum())
+        across = scale[:, None] * whole[places]
+        half = solve_triangular(factor, across, lower=True, check_finite=False)
+        log_root = np.log(np.diag(factor)).sum()
+        return whole - half.T @ half, -float(log_root)
 
     def _deviations(self, joint: int, variances: Float[Array, " b"]) -> Float[Array, " m"]:
         """V^½ of each column of a joint's discrepancy, from the variances of its blocks."""
-        sizes = [len(group.columns) for group in self.sums.evidence.layout.flexible[joint]]
+        groups = self.sums.evidence.layout.flexible[joint]
+        sizes = [len(group.columns) for group in groups]
         return np.repeat(np.sqrt(variances), sizes)
 
     def prior(self, error: UrdfError | None = None) -> Prior:
@@ -250,9 +251,9 @@ class ModelSums:
         Args:
             error: Scales of the URDF's error; those of the components if None.
         """
-        return Prior.believing(
-            self.sums.evidence, self.baseline, self.components.urdf if error is None else error
-        )
+        if error is None:
+            error = self.components.urdf
+        return Prior.believing(self.sums.evidence, self.baseline, error)
 
     def information(
         self, chosen: Sequence[Group], prior: Prior
@@ -267,8 +268,8 @@ class ModelSums:
             Indices of the z columns in `gram`, the baseline's first, then each effect's in the
             given order; and their sums with the inverse prior variances added, shape (z, z).
         """
-        layout = self.sums.evidence.layout
-        inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in chosen)])
+        tuned = np.arange(self.sums.evidence.layout.tuned)
+        inside = np.concatenate([tuned, *(group.columns for group in chosen)])
         inside = inside.astype(int)
         information = self.gram[np.ix_(inside, inside)].copy()
         self._add_priors(information, chosen, prior)
@@ -289,9 +290,14 @@ class ModelSums:
         tuned = np.arange(layout.tuned)
         information[tuned, tuned] += ridge_of(self.gram, self.sums.evidence, tuned)
         if chosen:
-            deviation = np.concatenate([self.names.deviation[group] for group in chosen])
+            deviation = self._prior_deviations(chosen)
             of_effects = np.arange(layout.tuned, len(information))
-            information[of_effects, of_effects] += np.maximum(deviation, LEAST_DEVIATION) ** -2.0
+            information[of_effects, of_effects] += deviation**-2.0
+
+    def _prior_deviations(self, chosen: Sequence[Group]) -> Float[Array, " k"]:
+        """Prior deviations of the scaled coefficients of some effects, none of them zero."""
+        deviation = np.concatenate([self.names.deviation[group] for group in chosen])
+        return np.maximum(deviation, LEAST_DEVIATION)
 
     def log_evidence(self, chosen: Sequence[Group], error: UrdfError | None = None) -> float:
         """Log evidence of the session beside a set of effects, priors of all components included
@@ -301,7 +307,8 @@ class ModelSums:
             chosen: The effects.
             error: Scales of the URDF's error; those of the components if None.
         """
-        error = self.components.urdf if error is None else error
+        if error is None:
+            error = self.components.urdf
         prior = self.prior(error)
         inside, information = self.information(chosen, prior)
         factor = factorise(information)
@@ -309,16 +316,18 @@ class ModelSums:
         half = solve_triangular(factor, target, lower=True, check_finite=False)
         nats = 0.5 * float(half @ half - self.gram[-1, -1])
         nats -= float(np.log(np.diag(factor)).sum())
-        nats += 0.5 * float(np.linalg.slogdet(prior.base)[1])
+        _, log_determinant = np.linalg.slogdet(prior.base)
+        nats += 0.5 * float(log_determinant)
         if chosen:
-            deviation = np.concatenate([self.names.deviation[group] for group in chosen])
-            nats -= float(np.log(np.maximum(deviation, LEAST_DEVIATION)).sum())
+            deviation = self._prior_deviations(chosen)
+            nats -= float(np.log(deviation).sum())
             nats += sum(self.names.log_odds[group] for group in chosen)
         return nats + self.nats + log_prior_of(error)
 
     def residual(self, chosen: Sequence[Group]) -> WeighedResidual:
         """What the baseline, some effects and the discrepancies leave."""
         layout = self.sums.evidence.layout
+        samples = self.sums.evidence.samples
         inside, information = self.information(chosen, self.prior())
         factor = factorise(information)
         estimate = cho_solve((factor, True), self.gram[inside, -1], check_finite=False)
@@ -332,19 +341,20 @@ class ModelSums:
             discrepancy = self._follow(j, of_joint)
             by_block[j] = self._power_of_blocks(j, discrepancy)
             of_joint[layout.flexible_places[j]] = discrepancy
-            after = float(of_joint @ self.whole[j] @ of_joint)
-            mean_square[j] = after / max(float(self.sums.evidence.samples[j]), 1.0)
+            square = float(of_joint @ self.whole[j] @ of_joint)
+            mean_square[j] = square / max(float(samples[j]), 1.0)
         return WeighedResidual(weights, mean_square, by_block)
 
     def smooth_share(self, chosen: Sequence[Group]) -> Float[Array, " n"]:
         """Share, from 0 to 1, of each joint's squares beside some effects that its discrepancy
         explains.
         """
-        blocks = self.components.discrepancy.shape[1]
-        none = {j: np.zeros(blocks) for j in range(len(self.whole))}
+        nothing = np.zeros(self.components.discrepancy.shape[1])
+        none = dict.fromkeys(range(len(self.whole)), nothing)
         before = self.with_discrepancy(none).residual(chosen).mean_square
         after = self.residual(chosen).mean_square
-        return np.clip(1.0 - after / np.maximum(before, 1e-300), 0.0, 1.0)
+        left = after / np.maximum(before, 1e-300)
+        return np.clip(1.0 - left, 0.0, 1.0)
 
     def _follow(self, joint: int, weights: Float[Array, " p"]) -> Float[Array, " m"]:
         """Weights of a joint's discrepancy where the other columns have theirs.
@@ -361,7 +371,8 @@ class ModelSums:
         inner = deviation[:, None] * whole[np.ix_(places, places)] * deviation
         inner[np.diag_indices(len(inner))] += 1.0
         target = deviation * (whole[places] @ weights)
-        return np.asarray(-deviation * np.linalg.solve(inner, target))
+        solved = np.linalg.solve(inner, target)
+        return np.asarray(-deviation * solved)
 
     def _power_of_blocks(self, joint: int, weights: Float[Array, " m"]) -> Float[Array, " b"]:
         """Whitened squares ζᵀ ZᵀZ ζ of each block's torque.
@@ -373,11 +384,13 @@ class ModelSums:
         groups = self.sums.evidence.layout.flexible[joint]
         places = self.sums.evidence.layout.flexible_places[joint]
         whole = self.whole[joint][np.ix_(places, places)]
-        ends = np.cumsum([0, *(len(group.columns) for group in groups)])
         power = []
-        for start, end in pairwise(ends):
-            of_block = weights[start:end]
-            power.append(float(of_block @ whole[start:end, start:end] @ of_block))
+        start = 0
+        for group in groups:
+            block = slice(start, start + len(group.columns))
+            of_block = weights[block]
+            power.append(float(of_block @ whole[block, block] @ of_block))
+            start = block.stop
         return np.array(power)
 
     def beside(self, joint: int, chosen: Sequence[Group]) -> Float[Array, "k k"]:
@@ -398,8 +411,10 @@ class ModelSums:
         information = sums[:width, :width].copy()
         self._add_priors(information, chosen, prior)
         factor = factorise(information)
-        half = solve_triangular(factor, sums[:width, width:], lower=True, check_finite=False)
-        return without_negative_directions(sums[width:, width:] - half.T @ half)
+        across = sums[:width, width:]
+        half = solve_triangular(factor, across, lower=True, check_finite=False)
+        after = sums[width:, width:] - half.T @ half
+        return without_negative_directions(after)
 
     def _with_discrepancy_of(self, joint: int, inside: Int[Array, " z"]) -> Float[Array, "z+k z+k"]:
         """Sums of some columns of `gram`, a joint's discrepancy and the torque, in this order.
@@ -419,11 +434,14 @@ class ModelSums:
         in_sums = np.append(np.arange(width), size - 1)
         sums[np.ix_(in_sums, in_sums)] = self.gram[np.ix_(in_gram, in_gram)]
         # Which of the joint's columns are among them: their places in its rows, and here.
-        place_of = {int(column): int(k) for column, k in zip(in_gram, in_sums, strict=True)}
+        place_of = dict(zip(in_gram.tolist(), in_sums.tolist(), strict=True))
         named, columns = self._named(joint)
-        shared = np.array([k for k, column in enumerate(columns) if int(column) in place_of])
-        here = np.array([place_of[int(columns[k])] for k in shared])
-        there = named[shared]
+        here = []
+        there = []
+        for place, column in zip(named.tolist(), columns.tolist(), strict=True):
+            if column in place_of:
+                here.append(place_of[column])
+                there.append(place)
         change = whole - self.reduced[joint]
         sums[np.ix_(here, here)] += change[np.ix_(there, there)]
         between = np.arange(width, size - 1)
@@ -433,79 +451,8 @@ class ModelSums:
         return sums
 
 
-def discrepancy_at(
-    model: ModelSums, joint: int, chosen: Sequence[Group], warm: bool = True
-) -> tuple[Float[Array, " b"], float]:
-    """Variances of a joint's discrepancy beside a set of effects, and their log evidence [nats].
-
-    Args:
-        model: Sums, with variances at other joints as they are.
-        joint: Index of the joint.
-        chosen: The effects.
-        warm: Whether to begin with the joint's present variances alone; else from several starts.
-
-    Returns:
-        The variances by block, all 0 where the joint has too few rows or none explains anything;
-        and the log evidence against no discrepancy.
-    """
-    groups = model.sums.evidence.layout.flexible[joint]
-    before = model.components.discrepancy[joint]
-    if model.sums.evidence.samples[joint] < FEWEST_ROWS:
-        return np.zeros_like(before), 0.0
-    sums = model.beside(joint, chosen)
-    sizes = [len(group.columns) for group in groups]
-    starts = [np.full(len(groups), value) for value in FIRST_VARIANCES]
-    if warm and before.any():
-        starts = [np.maximum(before, FIRST_VARIANCES[0])]
-    fits = [optimise(sums[:-1, :-1], sums[:-1, -1], sizes, start) for start in starts]
-    best = max(fits, key=lambda fit: fit.nats)
-    return best.variances, best.nats
-
-
-def friction_beside(model: ModelSums, joints: Sequence[int], chosen: Sequence[Group]) -> ModelSums:
-    """Sums with the friction spread of some joints that is likeliest beside a set of effects.
-
-    Args:
-        model: Sums, with the other components as they are.
-        joints: Indices of the joints.
-        chosen: The effects.
-    """
-    components = model.components
-    evidence = model.sums.evidence.with_run_spread(components.friction)
-    evidence = evidence.with_dispersion(components.dispersion)
-    weights = model.residual(chosen).weights
-    return model.with_friction({j: estimate_walk(evidence, j, weights) for j in joints})
-
-
-def revise(model: ModelSums, chosen: Sequence[Group], warm: bool = True) -> Components:
-    """Variance components that are likeliest beside a set of effects, one after the other.
-
-    Args:
-        model: Sums with the present components.
-        chosen: The effects.
-        warm: Whether discrepancies begin at their present variances.
-    """
-    before = model.components
-    evidence = model.sums.evidence
-    variances = {j: discrepancy_at(model, j, chosen, warm)[0] for j in range(evidence.layout.n)}
-    model = model.with_discrepancy(variances)
-    error = max(urdf_errors(), key=lambda tried: model.log_evidence(chosen, tried))
-    model = model.with_urdf(error)
-    left = model.residual(chosen)
-    seen = evidence.with_run_spread(before.friction).with_dispersion(before.dispersion)
-    joints = range(evidence.layout.n)
-    friction, walk = np.transpose([estimate_walk(seen, j, left.weights) for j in joints])
-    dispersion = np.maximum(1.0, before.dispersion * left.mean_square)
-    return replace(model.components, friction=friction, walk=walk, dispersion=dispersion)
-
-
-def urdf_errors() -> list[UrdfError]:
-    """All scales of the URDF's error that are tried."""
-    scales = product(URDF.scales, URDF.com_m)
-    return [UrdfError(scale, com) for scale, com in scales]
-
-
 def log_prior_of(error: UrdfError) -> float:
     """Log prior of the URDF's error scales, up to a constant [nats]."""
-    ratio = np.log(error.scale) / np.log(URDF.usual_factor)
-    return -0.5 * float(ratio**2 + (error.com_m / URDF.usual_com_m) ** 2)
+    scale = np.log(error.scale) / np.log(URDF.usual_factor)
+    com = error.com_m / URDF.usual_com_m
+    return -0.5 * float(scale**2 + com**2)

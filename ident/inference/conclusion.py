@@ -18,7 +18,8 @@ from ident.arrays import Float
 from ident.effects.base import SessionContext
 from ident.inference.calibration import Calibration, load_calibration
 from ident.inference.estimate import Estimate, Reason, estimate
-from ident.inference.features import Described, Scorers, describe
+from ident.inference.features import Described, describe
+from ident.inference.held_out_views import Scorers
 from ident.inference.infer import Inference, Inferred, infer
 from ident.inference.joints_left import JointLeft, Repeated, beside_others, describe_joints
 from ident.inference.refine import refine
@@ -61,8 +62,9 @@ class Named:
         The one joint of an effect whose scope is a joint, wherever it shows; else
         `affected_joints`.
         """
-        own = self.group.effect.scope == "joint"
-        return [self.group.joint] if own else self.affected_joints
+        if self.group.effect.scope == "joint":
+            return [self.group.joint]
+        return self.affected_joints
 
     @property
     def log_score(self) -> tuple[float, float]:
@@ -151,27 +153,29 @@ def conclude(
         baseline, session: The tuned model, and the runs.
         calibration: Fitted numbers; those that the package ships if None.
     """
-    calibration = load_calibration() if calibration is None else calibration
+    if calibration is None:
+        calibration = load_calibration()
     inference = infer(evidence, baseline, session)
     refined = refine(inference, session, baseline)
     described = describe(inference, refined, session)
     estimates = estimate(described, session, calibration)
-    likely = [described[k].group for k in _consistent(described, estimates)[0]]
+    sure, _ = _consistent(described, estimates)
+    likely = [described[k].group for k in sure]
     best = refined.best
     fine = Inferred.of(best.model, best.search, _with(best.chosen, likely))
     scorers = Scorers.of(fine)
     told = tell(described, estimates, scorers)
     names = [name.group for name in told.names]
-    joints = {left.joint: left for left in describe_joints(fine, names, scorers.tuned)}
+    left = describe_joints(fine, names, scorers.tuned)
     return Conclusion(
-        inference,
-        fine,
-        scorers,
-        told.names,
-        told.unlikely,
-        told.ladder,
-        joints,
-        calibration,
+        inference=inference,
+        fine=fine,
+        scorers=scorers,
+        names=told.names,
+        unlikely=told.unlikely,
+        ladder=told.ladder,
+        joints={of_joint.joint: of_joint for of_joint in left},
+        calibration=calibration,
     )
 
 
@@ -203,17 +207,24 @@ def tell(described: Sequence[Described], estimates: Sequence[Estimate], scorers:
     ladder = [scorers.tuned.score()]
     names: list[Named] = []
     for k in order:
+        effect = described[k]
         chosen = [name.group for name in names]
-        scorer = scorers.fixed if described[k].view.fixed else scorers.tuned
-        before = scorer.score(chosen)
-        after = scorer.score([*chosen, described[k].group])
-        names.append(Named(described[k].group, described[k], estimates[k], before, after))
+        scorer = scorers.fixed if effect.view.fixed else scorers.tuned
+        named = Named(
+            group=effect.group,
+            described=effect,
+            estimate=estimates[k],
+            before=scorer.score(chosen),
+            after=scorer.score([*chosen, effect.group]),
+        )
+        names.append(named)
         ladder.append(scorers.tuned.score([name.group for name in names]))
-    unlikely = [
-        Named(one.group, one, estimates[k], one.view.before, one.view.after)
-        for k, one in enumerate(described)
-        if k not in sure
-    ]
+    unlikely = []
+    for k, effect in enumerate(described):
+        if k not in sure:
+            view = effect.view
+            named = Named(effect.group, effect, estimates[k], view.before, view.after)
+            unlikely.append(named)
     return Told(tuple(names), tuple(unlikely), tuple(ladder))
 
 
@@ -245,10 +256,15 @@ def _behind(estimate: Estimate, named: Estimate) -> Estimate:
     leaves.
     """
     left = 1.0 - named.class_probability
-    words = "a likelier cause explains the same"
-    reason = Reason("rival_behind", float(np.log(max(left, 1e-12))), words)
+    reason = Reason(
+        "rival_behind",
+        float(np.log(max(left, 1e-12))),
+        "a likelier cause explains the same",
+    )
     return replace(
-        estimate, probability=estimate.probability * left, reasons=(reason, *estimate.reasons)
+        estimate,
+        probability=estimate.probability * left,
+        reasons=(reason, *estimate.reasons),
     )
 
 
@@ -265,7 +281,9 @@ def _with(chosen: Sequence[Group], names: Sequence[Group]) -> list[Group]:
     return [*names, *(group for group in chosen if group.key not in keys)]
 
 
-def _explained(one: Described) -> float:
+def _explained(effect: Described) -> float:
     """Mean square that an effect closes on unseen parts, over its joints [N² m²]."""
-    old, new = one.view.before.rms, one.view.after.rms
-    return float(np.sum(old[list(one.joints)] ** 2 - new[list(one.joints)] ** 2))
+    joints = list(effect.joints)
+    old = effect.view.before.rms[joints]
+    new = effect.view.after.rms[joints]
+    return float(np.sum(old**2 - new**2))

@@ -30,7 +30,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from ident.arrays import Array, Bool, Float
-from ident.regression.least_squares import solve_signed
+from ident.regression.factors import solve_signed
 
 # Logarithms of variances of whitened coefficients that are looked at: beyond them a block is off,
 # or free [nats].

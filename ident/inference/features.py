@@ -16,37 +16,19 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import SessionContext, impossible
-from ident.inference.components import ModelSums, discrepancy_at, friction_beside
-from ident.inference.infer import Inference, Inferred, evidence_of
+from ident.inference.components import ModelSums
+from ident.inference.held_out_views import HeldOutView, Scorers, Turns
+from ident.inference.infer import Inference, Inferred
+from ident.inference.revision import discrepancy_at, friction_beside
 from ident.inference.rivals import find_rivals, of_rivals, share_of_plain_law
 from ident.inference.scales import signed_log, squashed
 from ident.inference.search import SetSearch, rest_of
 from ident.inference.simple import SimplestSet
 from ident.inference.solution import Solution
-from ident.regression.cross_validation import HeldOut, HeldOutScore
 from ident.regression.design import Group, Key
 
-# Divisor of the URDF's tolerance where its inertias are taken as they are.
-FIXED = 20.0
 # Name of the feature that says what a smooth function still finds beside a law.
 SHAPE_LEFT = "log_shape_left"
-
-
-@dataclass(frozen=True, eq=False)
-class HeldOutView:
-    """Held-out scores without and with one effect, beside tuned inertias or the URDF's."""
-
-    before: HeldOutScore
-    after: HeldOutScore
-    fixed: bool  # whether the inertias are the URDF's
-
-    def closed(self, joints: Sequence[int]) -> float:
-        """Share of the joints' held-out mean square that the effect closes.
-
-        At most 1; below 0 where the effect makes it worse.
-        """
-        old, new = self.before.squares[:, joints].sum(), self.after.squares[:, joints].sum()
-        return float((old - new) / max(old, 1e-300))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,28 +53,6 @@ class Described:
     view: HeldOutView
     features: Mapping[str, float]
     rivals: Mapping[Key, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class Scorers:
-    """Cross-validated scores of models of one session."""
-
-    tuned: HeldOut  # inertias tuned
-    fixed: HeldOut  # inertias as the URDF has them
-
-    @classmethod
-    def of(cls, reached: Inferred) -> Scorers:
-        """Scorers with a set's variance components.
-
-        Args:
-            reached: The set. The scorer `tuned` has its URDF error; `fixed` believes in the URDF
-                more.
-        """
-        evidence = evidence_of(reached.model)
-        prior = reached.model.prior()
-        factor = FIXED * reached.model.components.urdf.scale
-        tuned = HeldOut(evidence, prior, expected=reached.chosen)
-        return cls(tuned, tuned.believing(prior.tightened(factor)))
 
 
 def describe(inference: Inference, refined: Inference, session: SessionContext) -> list[Described]:
@@ -125,7 +85,8 @@ def _describe_set(
     """Features and rivals of some effects of one set."""
     scorers = Scorers.of(fine)
     smooth_share = fine.model.smooth_share(fine.chosen)
-    smooth_power = fine.model.residual(fine.chosen).by_block.sum(axis=1)
+    residual = fine.model.residual(fine.chosen)
+    smooth_power = residual.by_block.sum(axis=1)
     solution = Solution.of(fine)
     described = []
     for group in new:
@@ -133,6 +94,7 @@ def _describe_set(
         assert point is not None
         view = _held_out(scorers, fine.chosen, group)
         joints = shows_at(group, view, fine.model.sums.evidence.layout.n)
+        dispersion = residual_dispersion(fine.model, joints)
         features = {
             **_of_evidence(fine, group, joints, smooth_power),
             **_beside_other_joints(scorers, view, joints),
@@ -142,12 +104,21 @@ def _describe_set(
             **_of_others(inference, coarse, fine, group, joints),
             **_of_simplest(inference.simplest, turns, group, joints),
             "smooth_share": float(smooth_share[list(joints)].max()),
-            "log_dispersion": float(np.log(residual_dispersion(fine.model, joints))),
+            "log_dispersion": float(np.log(dispersion)),
         }
         features["share_of_plain_law"] = share_of_plain_law(coarse.search, coarse.chosen, point)
         rivals = find_rivals(coarse.search, coarse.chosen, point)
         features |= of_rivals(rivals, point)
-        described.append(Described(group, point, solution, joints, view, features, rivals))
+        effect = Described(
+            group=group,
+            coarse=point,
+            solution=solution,
+            joints=joints,
+            view=view,
+            features=features,
+            rivals=rivals,
+        )
+        described.append(effect)
     return described
 
 
@@ -162,10 +133,19 @@ def _held_out(scorers: Scorers, chosen: Sequence[Group], group: Group) -> HeldOu
     """
     others = rest_of(chosen, group)
     joints = group.acts_on(len(scorers.tuned.evidence.layout.local))
-    views = [HeldOutView(scorers.tuned.score(others), scorers.tuned.score(chosen), False)]
-    if group.effect.inertia_like:
-        views.append(HeldOutView(scorers.fixed.score(others), scorers.fixed.score(chosen), True))
-    return max(views, key=lambda view: view.closed(joints))
+    tuned = HeldOutView(
+        before=scorers.tuned.score(others),
+        after=scorers.tuned.score(chosen),
+        fixed=False,
+    )
+    if not group.effect.inertia_like:
+        return tuned
+    fixed = HeldOutView(
+        before=scorers.fixed.score(others),
+        after=scorers.fixed.score(chosen),
+        fixed=True,
+    )
+    return max(tuned, fixed, key=lambda view: view.closed(joints))
 
 
 def shows_at(group: Group, view: HeldOutView, n: int) -> tuple[int, ...]:
@@ -181,11 +161,17 @@ def shows_at(group: Group, view: HeldOutView, n: int) -> tuple[int, ...]:
     """
     if group.effect.rows == "own":
         return (group.joint,)
+    if n == 0:
+        return (0,)
     fall = view.after.fall_from(view.before)
     if group.effect.event:  # it may happen at rest, where torque error is not counted
-        fall = (view.before.misfit - view.after.misfit).sum(axis=0)
-    shown = np.flatnonzero(fall >= max(float(fall.max(initial=0.0)) / 3.0, 1e-6))
-    return tuple(int(j) for j in shown) or (int(np.argmax(fall)) if n else 0,)
+        misfit = view.before.misfit - view.after.misfit
+        fall = misfit.sum(axis=0)
+    largest = float(fall.max(initial=0.0))
+    shown = np.flatnonzero(fall >= max(largest / 3.0, 1e-6))
+    if len(shown) == 0:
+        return (int(np.argmax(fall)),)
+    return tuple(shown.tolist())
 
 
 def _of_evidence(
@@ -198,55 +184,63 @@ def _of_evidence(
         fine, group, joints: The set, one of its effects, and where that shows.
         smooth_power: Whitened squares of each joint's discrepancy beside the whole set.
     """
-    model, others = fine.model, rest_of(fine.chosen, group)
-    alone = fine.search.nats(fine.chosen) - fine.search.nats(others)
+    model = fine.model
+    here = list(joints)
+    others = rest_of(fine.chosen, group)
+    whole = fine.search.nats(fine.chosen)
+    alone = whole - fine.search.nats(others)
     loose = friction_beside(model, joints, others)
-    changed = {j: discrepancy_at(loose, j, others)[0] for j in joints}
+    changed = {}
+    for joint in joints:
+        variances, _ = discrepancy_at(loose, joint, others)
+        changed[joint] = variances
     freed = loose.with_discrepancy(changed)
     without = freed.log_evidence(()) + SetSearch.of(freed).nats(others)
     beside = min(fine.log_evidence - without, alone)
-    rows = float(model.sums.evidence.samples[list(joints)].sum())
-    smooth_before = float(freed.residual(others).by_block[list(joints)].sum())
-    smooth_after = float(smooth_power[list(joints)].sum())
+    rows = max(float(model.sums.evidence.samples[here].sum()), 1.0)
+    smooth_before = float(freed.residual(others).by_block[here].sum())
+    smooth_after = float(smooth_power[here].sum())
+    share_of_smooth = (smooth_before - smooth_after) / (1.0 + smooth_before)
+    added = max(alone, 0.1)
     return {
-        "share_of_smooth": float(
-            np.clip((smooth_before - smooth_after) / (1.0 + smooth_before), -1.0, 1.0)
-        ),
+        "share_of_smooth": float(np.clip(share_of_smooth, -1.0, 1.0)),
         "log_nats": signed_log(alone),
         "log_nats_beside": signed_log(beside),
-        "log_share_of_evidence": float(np.log(max(alone, 0.1) / max(_all_nats(fine), 1.0))),
-        "log_nats_a_row": float(np.log(max(alone, 0.1) / max(rows, 1.0))),
-        "log_rows": float(np.log(max(rows, 1.0))),
+        "log_share_of_evidence": float(np.log(added / max(whole, 1.0))),
+        "log_nats_a_row": float(np.log(added / rows)),
+        "log_rows": float(np.log(rows)),
     }
-
-
-def _all_nats(fine: Inferred) -> float:
-    """Log evidence of all chosen effects together [nats]."""
-    return fine.search.nats(fine.chosen)
 
 
 def of_held_out(
     view: HeldOutView, scorers: Scorers, joints: Sequence[int], group: Group
 ) -> dict[str, float]:
     """What an effect gains on parts of the session that it never saw."""
-    own = list(joints)
-    gain, error = view.after.gain_over(view.before, own)
-    closed, closed_error = view.after.closed_over(view.before, own)
-    by_fold = 0.5 * (view.before.misfit - view.after.misfit)[:, own].sum(axis=1)
-    floor = scorers.tuned.evidence.floor[own]
-    old, new = view.before.rms[own], view.after.rms[own]
+    here = list(joints)
+    evidence = scorers.tuned.evidence
+    gain, error = view.after.gain_over(view.before, here)
+    closed, closed_error = view.after.closed_over(view.before, here)
+    fall = view.before.misfit - view.after.misfit
+    by_fold = 0.5 * fall[:, here].sum(axis=1)
+    floor = evidence.floor[here]
+    old = view.before.rms[here]
+    new = view.after.rms[here]
     most = int(np.argmax(old**2 - new**2))
+    square = float(old[most] ** 2)
     fell = float(old[most] ** 2 - new[most] ** 2)
-    reducible = max(float(old[most] ** 2 - floor[most] ** 2), 1e-3 * float(old[most] ** 2), 1e-300)
-    level = max(float(scorers.tuned.evidence.whitening.level[own][most]), 1e-12)
+    reducible = float(old[most] ** 2 - floor[most] ** 2)
+    reducible = max(reducible, 1e-3 * square, 1e-300)
+    level = max(float(evidence.whitening.level[here][most]), 1e-12)
+    size = np.sqrt(max(fell, 1e-6 * level**2))
+    left = max(float(new[most]), 1e-12)
     return {
         "gain_in_errors": squashed(gain, error),
         "closed_in_errors": squashed(closed, closed_error),
         "folds_that_gain": float(np.mean(by_fold > 0.0)),
-        "share_of_square": float(np.clip(fell / max(float(old[most] ** 2), 1e-300), -1.0, 1.0)),
+        "share_of_square": float(np.clip(fell / max(square, 1e-300), -1.0, 1.0)),
         "share_of_gap": float(np.clip(fell / reducible, -1.0, 1.0)),
-        "log_size_over_noise": float(np.log(np.sqrt(max(fell, 1e-6 * level**2)) / level)),
-        "log_left_over_noise": float(np.log(max(float(new[most]), 1e-12) / level)),
+        "log_size_over_noise": float(np.log(size / level)),
+        "log_left_over_noise": float(np.log(left / level)),
     }
 
 
@@ -254,15 +248,17 @@ def _beside_other_joints(
     scorers: Scorers, view: HeldOutView, joints: Sequence[int]
 ) -> dict[str, float]:
     """How far an effect's joints are off beside the others, before and after it."""
-    level = np.maximum(scorers.tuned.evidence.whitening.level, 1e-12)
+    evidence = scorers.tuned.evidence
+    level = np.maximum(evidence.whitening.level, 1e-12)
     before = np.log(np.maximum(view.before.rms / level, 1e-3))
     after = np.log(np.maximum(view.after.rms / level, 1e-3))
-    others = np.setdiff1d(np.flatnonzero(scorers.tuned.evidence.samples >= 1.0), joints)
+    with_rows = np.flatnonzero(evidence.samples >= 1.0)
+    others = np.setdiff1d(with_rows, joints)
     usual = float(np.median(after[others])) if len(others) else 0.0
-    own = list(joints)
+    here = list(joints)
     return {
-        "stands_out": float(before[own].max()) - usual,
-        "left_above_others": float(after[own].max()) - usual,
+        "stands_out": float(before[here].max()) - usual,
+        "left_above_others": float(after[here].max()) - usual,
     }
 
 
@@ -283,12 +279,14 @@ def _size_in_errors(
     scorer = scorers.fixed if view.fixed else scorers.tuned
     solved = scorer.weights(chosen)
     places = np.flatnonzero(np.isin(solved.columns, group.columns))
-    sizes = -solved.values[:, places] * np.sqrt(scorer.power(group.columns))
+    deviation = np.sqrt(scorer.power(group.columns))
+    sizes = -solved.values[:, places] * deviation
     mean = sizes.mean(axis=0)
     length = float(np.linalg.norm(mean))
     along = sizes @ mean / max(length, 1e-300)
     parts = len(along)
-    error = np.sqrt((parts - 1) / parts * np.sum((along - length) ** 2))
+    squares = np.sum((along - length) ** 2)
+    error = np.sqrt((parts - 1) / parts * squares)
     return squashed(length, max(float(error), 1e-6 * length))
 
 
@@ -309,7 +307,8 @@ def power_at(
         places = model.sums.evidence.layout.places[j]
         here = np.array([column in places for column in group.columns])
         inside = [places[int(column)] for column in group.columns[here]]
-        power += float(scaled[here] @ model.whole[j][np.ix_(inside, inside)] @ scaled[here])
+        sums = model.whole[j][np.ix_(inside, inside)]
+        power += float(scaled[here] @ sums @ scaled[here])
     return power
 
 
@@ -328,28 +327,31 @@ def _of_shape(
         session: The runs.
         smooth_power: Whitened squares of each joint's discrepancy beside the whole set.
     """
-    search, model = fine.search, fine.model
+    search = fine.search
+    model = fine.model
     estimate = search.coefficients(fine.chosen)[group]
-    scaled = estimate * search.scale[group.columns - search.names.first]
+    columns = group.columns
+    inside = columns - search.names.first
+    scaled = estimate * search.scale[inside]
     certain = np.zeros((len(estimate), len(estimate)))
     parameters = group.effect.parameters(session, group.joint, group.variant, estimate, certain)
     unlike_any_arm = impossible(group.effect, session, group.joint, parameters)
     deviation = np.maximum(model.names.deviation[group], 1e-12)
-    at = group.columns
-    power = float(scaled @ model.gram[np.ix_(at, at)] @ scaled)
-    inside = at - search.names.first
+    largest = float(np.max(np.abs(scaled) / deviation))
+    power = float(scaled @ model.gram[np.ix_(columns, columns)] @ scaled)
     left = float(scaled @ search.rest[np.ix_(inside, inside)] @ scaled)
+    visibility = left / max(power, 1e-300)
     smooth_left = float(smooth_power[list(joints)].sum())
     power_here = power_at(model, group, scaled, joints)
     return {
         SHAPE_LEFT: float(np.log((1.0 + smooth_left) / (1.0 + power_here))),
-        "log_size_over_usual": float(np.log(max(float(np.max(np.abs(scaled) / deviation)), 1e-6))),
-        "visibility": float(np.clip(left / max(power, 1e-300), 0.0, 1.0)),
+        "log_size_over_usual": float(np.log(max(largest, 1e-6))),
+        "visibility": float(np.clip(visibility, 0.0, 1.0)),
         "unlike_any_arm": float(unlike_any_arm is not None),
         "inertia_like": float(group.effect.inertia_like),
         "event": float(group.effect.event),
         "whole_arm": float(group.effect.scope == "arm"),
-        "columns": float(len(group.columns)),
+        "columns": float(len(columns)),
     }
 
 
@@ -360,16 +362,14 @@ def _of_others(
     n = fine.model.sums.evidence.layout.n
     others = [reached for reached in inference.reached if reached is not coarse]
     again = [reached.member(group.key) is not None for reached in others]
-    near = [
-        other
-        for other in rest_of(fine.chosen, group)
-        if other.effect.rows == "own" and other.joint in joints
-    ]
+    beside = [other for other in rest_of(fine.chosen, group) if other.effect.rows == "own"]
+    near = [other for other in beside if other.joint in joints]
     best = inference.best
+    components = best.model.components
     behind = best.log_evidence - coarse.log_evidence
-    spread = best.model.components.friction[list(joints)].max()
+    spread = components.friction[list(joints)].max()
     return {
-        "log_urdf_scale": float(np.log(best.model.components.urdf.scale)),
+        "log_urdf_scale": float(np.log(components.urdf.scale)),
         "log_friction_spread": float(np.log(spread)),
         "from_every_start": float(np.mean(again)),
         "start_behind": float(np.log1p(max(behind, 0.0))),
@@ -378,52 +378,28 @@ def _of_others(
     }
 
 
-@dataclass(frozen=True, eq=False)
-class Turns:
-    """Held-out scores along the simplest set, an effect more each time."""
-
-    scorer: HeldOut
-    order: tuple[Group, ...]  # the set on fine grids, in the order in which its effects came
-
-    @classmethod
-    def of(cls, refined: Inference) -> Turns:
-        """Turns along the simplest set's effects on fine grids, in the order in which they came."""
-        keys = [group.key for group in refined.simplest.chosen]
-        fine = next(reached for reached in refined.reached if reached.simplest)
-        order = sorted(fine.chosen, key=lambda group: keys.index(group.key))
-        everything = [group for reached in refined.reached for group in reached.chosen]
-        expected = tuple(dict.fromkeys(everything))
-        scorer = HeldOut(evidence_of(fine.model), fine.model.prior(), expected=expected)
-        return cls(scorer, tuple(order))
-
-    def view(self, group: Group) -> HeldOutView:
-        """Held-out scores just before and after an effect came.
-
-        An effect that is not of the simplest set comes after all of that set.
-        """
-        keys = [other.key for other in self.order]
-        step = keys.index(group.key) if group.key in keys else len(keys)
-        before = self.order[:step]
-        return HeldOutView(self.scorer.score(before), self.scorer.score([*before, group]), False)
-
-
 def _of_simplest(
     simplest: SimplestSet, turns: Turns, group: Group, joints: Sequence[int]
 ) -> dict[str, float]:
     """What an effect is to the simplest set that explains."""
     alone = simplest.alone.get(group.key, 0.0)
     rows = float(simplest.model.sums.evidence.samples[list(joints)].sum())
-    step = simplest.step_of(group.key)
-    steps_here = simplest.steps_before(group)
+    nats_a_row = max(alone, 0.0) / max(rows, 1.0)
+    behind = simplest.most_like(group) - alone
     view = turns.view(group)
     closed, error = view.after.closed_over(view.before, joints)
     return {
         "log_nats_alone": signed_log(alone),
-        "share_alone": float(-np.expm1(-2.0 * max(alone, 0.0) / max(rows, 1.0))),
-        "alone_behind": signed_log(max(simplest.most_like(group) - alone, 0.0)),
-        "how_soon": 0.0 if step is None else 1.0 / (1.0 + step),
-        "how_soon_here": 0.0 if steps_here is None else 1.0 / (1.0 + steps_here),
+        "share_alone": float(-np.expm1(-2.0 * nats_a_row)),
+        "alone_behind": signed_log(max(behind, 0.0)),
+        "how_soon": _how_soon(simplest.step_of(group.key)),
+        "how_soon_here": _how_soon(simplest.steps_before(group)),
         "log_nats_in_turn": signed_log(simplest.nats_in_turn(group.key)),
         "share_in_turn": float(np.clip(view.closed(joints), -1.0, 1.0)),
         "turn_in_errors": squashed(closed, error),
     }
+
+
+def _how_soon(step: int | None) -> float:
+    """1 for the first step, less for later ones, 0 for none."""
+    return 0.0 if step is None else 1.0 / (1.0 + step)

@@ -20,8 +20,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.effects.base import SessionContext
-from ident.inference.components import Components, ModelSums, revise
+from ident.inference.components import Components, ModelSums
 from ident.inference.names import Names
+from ident.inference.revision import revise
 from ident.inference.search import SetSearch
 from ident.inference.simple import SimplestSet, explain_simply
 from ident.inference.sums import SessionSums
@@ -104,7 +105,8 @@ def infer(evidence: Evidence, baseline: Baseline, session: SessionContext) -> In
         evidence: Block sums with discrepancies' columns.
         baseline, session: The tuned model, and the runs.
     """
-    sums, names = SessionSums(evidence), Names.of(evidence, session)
+    sums = SessionSums(evidence)
+    names = Names.of(evidence, session)
     usual = Components.usual(sums)
     steady = ModelSums(sums, names, baseline, without_spread(usual, sums))
     simplest = explain_simply(steady)
@@ -116,7 +118,7 @@ def infer(evidence: Evidence, baseline: Baseline, session: SessionContext) -> In
         foretelling(settle(ModelSums(sums, names, baseline, beside), simplest.chosen)),
         foretelling(settle(ModelSums(sums, names, baseline, alone))),
     ]
-    return Inference(tuple(sorted(reached, key=lambda one: -one.log_evidence)), simplest)
+    return Inference(tuple(sorted(reached, key=lambda start: -start.log_evidence)), simplest)
 
 
 def without_spread(components: Components, sums: SessionSums) -> Components:
@@ -143,7 +145,7 @@ def settle(model: ModelSums, start: Sequence[Group] = ()) -> Inferred:
         chosen = search.run(chosen)
         reached = Inferred.of(model, search, chosen)
         if best is not None and reached.log_evidence < best.log_evidence + SETTLED:
-            return max(best, reached, key=lambda one: one.log_evidence)
+            return max(best, reached, key=lambda candidate: candidate.log_evidence)
         best = reached
         components = revise(model, chosen)
         model = ModelSums(model.sums, model.names, model.baseline, components)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.inference.components import discrepancy_at
 from ident.inference.infer import Inferred
+from ident.inference.revision import discrepancy_at
 from ident.inference.scales import signed_log, squashed
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
@@ -65,9 +65,10 @@ class JointLeft:
 
     def with_repeated(self, repeated: Repeated) -> JointLeft:
         """The same with what repeats by the angle among the features."""
+        share = max(repeated.share, 0.0)
         again = {
-            "repeated_share": max(repeated.share, 0.0),
-            "repeated_in_errors": squashed(max(repeated.share, 0.0), repeated.error),
+            "repeated_share": share,
+            "repeated_in_errors": squashed(share, repeated.error),
         }
         return replace(self, features={**self.features, **again})
 
@@ -85,29 +86,36 @@ def describe_joints(fine: Inferred, names: Sequence[Group], tuned: HeldOut) -> l
     model = fine.model
     evidence = model.sums.evidence
     with_rows = [j for j in range(evidence.layout.n) if evidence.samples[j] >= 1.0]
-    smooth = {
-        j: discrepancy_at(model, j, names, warm=len(names) == len(fine.chosen)) for j in with_rows
-    }
-    beside = model.with_discrepancy({j: variances for j, (variances, _) in smooth.items()})
-    residual, smooth_share = beside.residual(names), beside.smooth_share(names)
-    score, alone = tuned.score(names), tuned.score()
+    warm = len(names) == len(fine.chosen)
+    variances = {}
+    nats_of_smooth = {}
+    for j in with_rows:
+        variances[j], nats_of_smooth[j] = discrepancy_at(model, j, names, warm=warm)
+    beside = model.with_discrepancy(variances)
+    residual = beside.residual(names)
+    smooth_share = beside.smooth_share(names)
+    score = tuned.score(names)
+    alone = tuned.score()
     left = []
     for j in with_rows:
-        nats = smooth[j][1]
+        rows = evidence.samples[j]
         level = max(float(evidence.whitening.level[j]), 1e-12)
-        here = [group for group in names if group.effect.rows == "own" and group.joint == j]
+        of_joints = [group for group in names if group.effect.rows == "own"]
+        here = [group for group in of_joints if group.joint == j]
         dispersion = model.components.dispersion[j] * max(residual.mean_square[j], 1.0)
+        left_over = max(float(score.rms[j]), 1e-12)
+        left_alone = max(float(alone.rms[j]), 1e-12)
         features = {
-            "log_smooth_nats": signed_log(nats),
-            "log_smooth_nats_a_row": float(np.log1p(1e3 * nats / evidence.samples[j])),
+            "log_smooth_nats": signed_log(nats_of_smooth[j]),
+            "log_smooth_nats_a_row": float(np.log1p(1e3 * nats_of_smooth[j] / rows)),
             "smooth_share": float(smooth_share[j]),
             "log_dispersion": float(np.log(dispersion)),
-            "log_left_over_noise": float(np.log(max(float(score.rms[j]), 1e-12) / level)),
-            "log_before_over_noise": float(np.log(max(float(alone.rms[j]), 1e-12) / level)),
+            "log_left_over_noise": float(np.log(left_over / level)),
+            "log_before_over_noise": float(np.log(left_alone / level)),
             "log_friction_spread": float(np.log(model.components.friction[j])),
             "names_here": float(len(here)),
             "names_a_joint": len(names) / evidence.layout.n,
-            "log_rows": float(np.log(evidence.samples[j])),
+            "log_rows": float(np.log(rows)),
         }
         here_left = JointLeft(j, features, residual.kind_of(j))
         left.append(here_left.with_repeated(NOT_TESTED))
@@ -123,11 +131,20 @@ def beside_others(joints: Sequence[Mapping[str, float]]) -> list[dict[str, float
     Returns:
         New dicts in the same order; the differences are 0 for an only joint.
     """
-    table = np.array([[features[name] for name in COMPARED] for features in joints])
+    table = np.array([_compared(features) for features in joints])
     compared = []
     for k, features in enumerate(joints):
         others = np.delete(table, k, axis=0)
-        above = table[k] - np.median(others, axis=0) if len(others) else np.zeros(len(COMPARED))
-        differences = {f"{name}{BESIDE}": float(x) for name, x in zip(COMPARED, above, strict=True)}
+        above = np.zeros(len(COMPARED))
+        if len(others):
+            above = table[k] - np.median(others, axis=0)
+        differences = {}
+        for name, difference in zip(COMPARED, above, strict=True):
+            differences[f"{name}{BESIDE}"] = float(difference)
         compared.append({**features, **differences})
     return compared
+
+
+def _compared(features: Mapping[str, float]) -> list[float]:
+    """Those of a joint's features that are compared with other joints'."""
+    return [features[name] for name in COMPARED]

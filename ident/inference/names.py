@@ -49,24 +49,25 @@ class Batch:
         signed = np.stack([np.isin(places, group.signed) for group in groups])
         odds = np.array([names.log_odds[group] for group in groups])
         return cls(
-            slots,
-            columns,
-            np.stack([names.deviation[group] for group in groups]),
-            signed,
+            slots=slots,
+            columns=columns,
+            deviation=np.stack([names.deviation[group] for group in groups]),
+            signed=signed,
             known=odds + LOG_TWO * signed.sum(axis=1),
             sized=np.array([group.prior is not None for group in groups]),
         )
 
     def part(self, taken: Sequence[bool]) -> Batch:
         """Those of the candidates that are taken, of all candidates by number."""
-        inside = np.array([k for k, slot in enumerate(self.slots) if taken[slot]], dtype=int)
+        numbered = enumerate(self.slots)
+        inside = np.array([k for k, slot in numbered if taken[slot]], dtype=int)
         return Batch(
-            [self.slots[k] for k in inside],
-            self.columns[inside],
-            self.deviation[inside],
-            self.signed[inside],
-            self.known[inside],
-            self.sized[inside],
+            slots=[self.slots[k] for k in inside],
+            columns=self.columns[inside],
+            deviation=self.deviation[inside],
+            signed=self.signed[inside],
+            known=self.known[inside],
+            sized=self.sized[inside],
         )
 
 
@@ -90,19 +91,26 @@ class Names:
             evidence: The sums; the candidates are its layout's groups.
             session: The runs.
         """
-        groups = evidence.layout.groups
-        power = np.zeros(evidence.layout.size + 1)
-        for local, sums in zip(evidence.layout.local, evidence.free, strict=True):
+        layout = evidence.layout
+        groups = layout.groups
+        power = np.zeros(layout.size + 1)
+        for local, sums in zip(layout.local, evidence.free, strict=True):
             power[local] += np.abs(sums.diagonal())
         points = Counter(group.key for group in groups)
         places = Counter(key[0] for key in points)
-        deviation, log_odds = {}, {}
+        deviation = {}
+        log_odds = {}
         for group in groups:
             deviation[group] = _deviation(group, evidence, session, power)
             count = len(places) * places[group.effect.id] * points[group.key]
             log_odds[group] = -float(np.log(count * group.effect.screens))
-        layout = evidence.layout
-        return cls(groups, deviation, log_odds, layout.tuned, layout.n)
+        return cls(
+            groups=groups,
+            deviation=deviation,
+            log_odds=log_odds,
+            first=layout.tuned,
+            joints=layout.n,
+        )
 
     @cached_property
     def batches(self) -> dict[int | None, list[Batch]]:
@@ -115,7 +123,7 @@ class Names:
         for joint in range(self.joints):
             near = [group.effect.rows == "all" or group.joint == joint for group in self.groups]
             parts = [batch.part(near) for batch in whole]
-            batches[joint] = [part for part in parts if part.slots]
+            batches[joint] = [batch_there for batch_there in parts if batch_there.slots]
         return batches
 
 
@@ -123,12 +131,15 @@ def _deviation(
     group: Group, evidence: Evidence, session: SessionContext, power: Float[Array, " P"]
 ) -> Float[Array, " k"]:
     """Standard deviation of a candidate's scaled coefficients beforehand."""
-    width, scale = len(group.columns), evidence.scale[group.columns]
+    width = len(group.columns)
+    scale = evidence.scale[group.columns]
     if group.prior is not None:
         return np.asarray(group.prior.deviation[:width] * scale)
     largest = group.effect.prior_scale(session, group.joint, group.variant)
     if largest is not None and len(largest) >= width:
-        return np.asarray(0.5 * np.asarray(largest, dtype=float)[:width] * scale)
+        sizes = np.asarray(largest, dtype=float)[:width]
+        return np.asarray(0.5 * sizes * scale)
     rows = evidence.samples
     seen = float(rows[group.joint] if group.effect.rows == "own" else rows.sum())
-    return np.sqrt(max(seen, 1.0) / np.maximum(power[group.columns], 1e-12))
+    of_columns = np.maximum(power[group.columns], 1e-12)
+    return np.sqrt(max(seen, 1.0) / of_columns)

@@ -16,7 +16,7 @@ Source: Pawitan 2001 (profile likelihood).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
@@ -27,6 +27,13 @@ from ident.regression.design import Group
 # Fall of the log likelihood at the ends of a 95 % interval: half of χ²₁ [nats].
 DROP = 1.92
 TURN = 2.0 * np.pi
+# Which ends of an interval are open, by whether the profile is within the drop at either end.
+OPEN_ENDS: dict[tuple[bool, bool], Literal["", "low", "high", "both"]] = {
+    (False, False): "",
+    (True, False): "low",
+    (False, True): "high",
+    (True, True): "both",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,26 +55,40 @@ class Profile:
         Returns:
             By name, in the parameters' own units; empty where the effect has no grid.
         """
-        found = {}
+        intervals = {}
         for name, value in self.group.variant.inner.items():
             values = np.array([mate.variant.inner[name] for mate in self.points])
-            values_on_grid = np.unique(values)
-            if len(values_on_grid) < 2 or np.any(values_on_grid <= 0):
-                found[name] = Interval(float(value), float(value), float(value))
+            on_grid = np.unique(values)
+            if len(on_grid) < 2 or np.any(on_grid <= 0):
+                intervals[name] = Interval(float(value), float(value), float(value))
             elif name in self.group.effect.doubt.exact:
-                likely = values[self.log_likelihood > self.log_likelihood.max() - self.drop]
-                # A whole number lies at one of them; a line of a spectrum anywhere up to the next.
-                is_whole = np.array_equal(values_on_grid, np.round(values_on_grid))
-                reach = 0.0 if is_whole else 0.5 * float(np.diff(values_on_grid).min())
-                low = min(value, *likely) - reach
-                high = max(value, *likely) + reach
-                found[name] = Interval(float(value), float(low), float(high))
+                intervals[name] = self._exact(float(value), values, on_grid)
             else:
-                falls = np.array(
-                    [self.log_likelihood[values == point].max() for point in values_on_grid]
-                )
-                found[name] = profile_interval(np.log(values_on_grid), falls, self.drop)
-        return found
+                by_point = [self.log_likelihood[values == point].max() for point in on_grid]
+                falls = np.array(by_point)
+                intervals[name] = profile_interval(np.log(on_grid), falls, self.drop)
+        return intervals
+
+    def _exact(
+        self,
+        value: float,
+        values: Float[np.ndarray, " m"],
+        on_grid: Float[np.ndarray, " k"],
+    ) -> Interval:
+        """Interval of a parameter that has one of the grid's values, or lies between two.
+
+        Args:
+            value: That of the best point.
+            values: Of all points.
+            on_grid: Each of these once, increasing.
+        """
+        likely = values[self.log_likelihood > self.log_likelihood.max() - self.drop]
+        # A whole number lies at one of them; a line of a spectrum anywhere up to the next.
+        is_whole = np.array_equal(on_grid, np.round(on_grid))
+        reach = 0.0 if is_whole else 0.5 * float(np.diff(on_grid).min())
+        low = min(value, *likely) - reach
+        high = max(value, *likely) + reach
+        return Interval(value, float(low), float(high))
 
     def parameters(self, session: SessionContext) -> dict[str, Interval]:
         """Parameters of the best point, with intervals that hold those of all points within the
@@ -76,35 +97,47 @@ class Profile:
         best = self.points.index(self.group)
         reported = self._at(best, session)
         falls = np.maximum(self.log_likelihood[best] - self.log_likelihood, 0.0)
-        for k in np.flatnonzero((falls < self.drop) & (np.arange(len(falls)) != best)):
+        within = falls < self.drop
+        within[best] = False
+        for k in np.flatnonzero(within):
             others = self._at(int(k), session)
             narrowing = float(np.sqrt(1.0 - falls[k] / self.drop))
-            reported = {
-                name: unite(interval, others[name], narrowing, name)
-                for name, interval in reported.items()
-            }
+            for name, interval in reported.items():
+                reported[name] = unite(interval, others[name], narrowing, name)
         return reported | self.inner_parameters()
 
     def _at(self, point: int, session: SessionContext) -> dict[str, Interval]:
         """Parameters of one point of the grid."""
         group = self.points[point]
-        cells = (self.coefficients[point], self.covariance[point])
-        return group.effect.parameters(session, group.joint, group.variant, *cells)
+        return group.effect.parameters(
+            session,
+            group.joint,
+            group.variant,
+            self.coefficients[point],
+            self.covariance[point],
+        )
 
 
-def unite(one: Interval, other: Interval, narrowing: float, name: str) -> Interval:
+def unite(interval: Interval, other: Interval, narrowing: float, name: str) -> Interval:
     """An interval widened to hold another one that is shrunk about its value first.
 
     Args:
-        one, other: The interval, and what it is to hold.
+        interval, other: The interval, and what it is to hold.
         narrowing: Factor of the other's width, from 0 to 1.
         name: The parameter's; values of `phase_rad` are compared modulo 2π.
     """
-    shift = TURN * np.round((one.value - other.value) / TURN) if name == "phase_rad" else 0.0
+    shift = 0.0
+    if name == "phase_rad":
+        turns = np.round((interval.value - other.value) / TURN)
+        shift = TURN * turns
     middle = other.value + shift
     low = middle - narrowing * (other.value - other.low)
     high = middle + narrowing * (other.high - other.value)
-    return replace(one, low=float(min(one.low, low)), high=float(max(one.high, high)))
+    return replace(
+        interval,
+        low=float(min(interval.low, low)),
+        high=float(max(interval.high, high)),
+    )
 
 
 def profile_interval(
@@ -125,19 +158,32 @@ def profile_interval(
         Of the parameter itself; `open` tells which ends are.
     """
     top = int(np.argmax(falls))
-    best, peak = x[top], falls[top]
+    best = x[top]
+    peak = falls[top]
     step = float(np.min(np.diff(x)))
-    low, high, margin = best, best, step / 2
+    low = best
+    high = best
+    margin = step / 2
     if 0 < top < len(x) - 1:
-        a, b, c = np.polyfit(x[top - 1 : top + 2] - x[top], falls[top - 1 : top + 2], 2)
+        near = slice(top - 1, top + 2)
+        from_top = x[near] - x[top]
+        a, b, c = np.polyfit(from_top, falls[near], 2)
         if a < 0:
-            best, peak = x[top] - b / (2 * a), c - b**2 / (4 * a)
+            best = x[top] - b / (2 * a)
+            peak = c - b**2 / (4 * a)
             reach = float(np.sqrt(drop / -a))
-            low, high, margin = best - reach, best + reach, 0.0
+            low = best - reach
+            high = best + reach
+            margin = 0.0
     inside = falls > peak - drop
     low = min(low, x[inside].min(initial=best) - margin)
     high = max(high, x[inside].max(initial=best) + margin)
-    low, high = max(low, x[0] - step / 2), min(high, x[-1] + step / 2)
-    ends = {(True, False): "low", (False, True): "high", (True, True): "both"}
-    open_: Any = ends.get((bool(inside[0]), bool(inside[-1])), "")
-    return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)), open_)
+    low = max(low, x[0] - step / 2)
+    high = min(high, x[-1] + step / 2)
+    is_open = (bool(inside[0]), bool(inside[-1]))
+    return Interval(
+        float(np.exp(best)),
+        float(np.exp(low)),
+        float(np.exp(high)),
+        OPEN_ENDS[is_open],
+    )

@@ -45,8 +45,10 @@ def refine(inference: Inference, session: SessionContext, baseline: Baseline) ->
     rank = baseline.base.rank
     layout = layout_of(session, rank, grids, beside=(HeldFriction(),), flexible=KINDS)
     whitening = inference.best.model.sums.evidence.whitening
-    evidence = gather(session, baseline, layout, whitening, rest=True).with_dwells()
-    sums, names = SessionSums(evidence), Names.of(evidence, session)
+    gathered = gather(session, baseline, layout, whitening, rest=True)
+    evidence = gathered.with_dwells()
+    sums = SessionSums(evidence)
+    names = Names.of(evidence, session)
     on_fine_grids = tuple(_refined(coarse, sums, names) for coarse in inference.reached)
     return Inference(on_fine_grids, inference.simplest)
 
@@ -64,8 +66,8 @@ def _refined(coarse: Inferred, sums: SessionSums, names: Names) -> Inferred:
 
 def _middle(points: Sequence[Group], group: Group) -> Group:
     """The middle of a name's fine grid, about which the coarse point lies."""
-    own = [point for point in points if point.key == group.key]
-    return own[len(own) // 2]
+    of_name = [point for point in points if point.key == group.key]
+    return of_name[len(of_name) // 2]
 
 
 def _ascend(search: SetSearch, chosen: list[Group]) -> list[Group]:

@@ -33,17 +33,19 @@ def find_rivals(search: SetSearch, chosen: Sequence[Group], group: Group) -> dic
     gains = search.gains(others)
     best: dict[Key, tuple[float, Group]] = {}
     for gain, candidate in zip(gains, search.names.groups, strict=True):
-        if gain > best.get(candidate.key, (0.0, candidate))[0]:
+        most, _ = best.get(candidate.key, (0.0, candidate))
+        if gain > most:
             best[candidate.key] = float(gain), candidate
-    own = search.nats(chosen) - search.nats(others)
+    without = search.nats(others)
+    added_alone = search.nats(chosen) - without
     rivals: dict[Key, float] = {}
     for key, (gain, candidate) in best.items():
-        if key == group.key or own - gain > MOST_DEFICIT:
+        if key == group.key or added_alone - gain > MOST_DEFICIT:
             continue
         with_rival = search.nats([*others, candidate])
-        added = search.nats([*others, candidate, group]) - with_rival
-        if added < 0.5 * own:
-            rivals[key] = own - (with_rival - search.nats(others))
+        added_beside = search.nats([*others, candidate, group]) - with_rival
+        if added_beside < 0.5 * added_alone:
+            rivals[key] = added_alone - (with_rival - without)
     return rivals
 
 
@@ -77,9 +79,8 @@ def share_of_plain_law(search: SetSearch, chosen: Sequence[Group], group: Group)
     others = rest_of(chosen, group)
     before = search.nats(others)
     whole = search.nats([*others, group]) - before
-    plain = [
-        search.nats([*others, point])
-        for point in search.names.groups
-        if point.key == group.key and optional.is_plain(point.effect, point.variant)
-    ]
-    return float(np.clip((max(plain) - before) / max(whole, 1e-6), 0.0, 1.0))
+    points = [point for point in search.names.groups if point.key == group.key]
+    plain = [point for point in points if optional.is_plain(point.effect, point.variant)]
+    most = max(search.nats([*others, point]) for point in plain)
+    share = (most - before) / max(whole, 1e-6)
+    return float(np.clip(share, 0.0, 1.0))

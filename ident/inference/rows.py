@@ -50,7 +50,7 @@ def candidate_rows(
 
 def _row(name: Named, plain: Estimate, joints: Sequence[str], named: bool) -> dict[str, Any]:
     group = name.group
-    own = group.effect.scope == "joint"
+    of_joint = group.effect.scope == "joint"
     other = group.variant.other
     rivals = []
     for (effect, joint, partner), deficit in name.described.rivals.items():
@@ -58,7 +58,7 @@ def _row(name: Named, plain: Estimate, joints: Sequence[str], named: bool) -> di
         rivals.append({"effect": effect, "joint": where, "other": partner, "deficit": deficit})
     return {
         "effect": group.effect.id,
-        "joint": joints[group.joint] if own else None,
+        "joint": joints[group.joint] if of_joint else None,
         "other": None if other is None else joints[other],
         "joints": [joints[j] for j in name.affected_joints],
         "class": [*plain.rivals, *(f"{group.effect.id}:{joints[j]}" for j in plain.places)],

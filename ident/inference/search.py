@@ -15,7 +15,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from heapq import heapify, heappop, heappush
-from typing import Any, Protocol
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
@@ -24,8 +23,8 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.effects import optional
 from ident.inference.evidence import LOG_TWO, factorise, free_gains, mass_left, solve_set
 from ident.inference.names import LEAST_DEVIATION, Names
+from ident.inference.searchable import Searchable
 from ident.regression.design import Group, Key
-from ident.regression.least_squares import Prior
 
 # Rounds over all members of a set in which each may be swapped, after each addition; mostly one is
 # enough.
@@ -34,40 +33,6 @@ SWAP_ROUNDS = 3
 MOST_CHECKED = 30
 # Names a joint has at most: a limit on work, never reached by arms with one URDF.
 MOST_NAMES = 4
-
-
-class Searchable(Protocol):
-    """What a search needs of a model."""
-
-    @property
-    def sums(self) -> Any:
-        """The session's sums; its `evidence` has the layout of all columns."""
-
-    @property
-    def names(self) -> Names:
-        """The candidates with their priors."""
-
-    @property
-    def gram(self) -> Float[Array, "P P"]:
-        """Products of all columns, summed over samples and joints; the torque comes last."""
-
-    @property
-    def last(self) -> int:
-        """Index of the torque's column in `gram`."""
-
-    def prior(self) -> Prior:
-        """Prior of the baseline's parameters."""
-
-    def information(
-        self, chosen: Sequence[Group], prior: Prior
-    ) -> tuple[Int[Array, " z"], Float[Array, "z z"]]:
-        """Indices of the columns of the baseline and some effects, and their precision, prior
-        included.
-
-        Args:
-            chosen: The effects.
-            prior: Of the baseline's parameters.
-        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +69,16 @@ class Bounds:
 
     def exactly(self, k: int) -> float:
         """What one of the bent candidates adds [nats]."""
-        return self.search.gain_within(self.search.names.groups[k], self.bent[k])
+        group = self.search.names.groups[k]
+        return self.search.gain_within(group, self.bent[k])
 
     def from_most(self) -> Iterator[int]:
         """Numbers of the candidates that add anything, that which adds most first.
 
         What a candidate adds exactly is worked out once no other may add more.
         """
-        waiting = [(-most, k, k in self.bent) for k, most in enumerate(self.most) if most > 0.0]
+        adding = [(k, most) for k, most in enumerate(self.most) if most > 0.0]
+        waiting = [(-most, k, k in self.bent) for k, most in adding]
         heapify(waiting)
         while waiting:
             _, k, is_bound = heappop(waiting)
@@ -141,8 +108,8 @@ class SetSearch:
         across = model.gram[:tuned, tuned:]
         half = solve_triangular(factor, across, lower=True, check_finite=False)
         rest = model.gram[tuned:, tuned:] - half.T @ half
-        scale = np.append(model.sums.evidence.scale[tuned : model.last], 1.0)
-        return cls(model.names, rest, scale)
+        of_candidates = model.sums.evidence.scale[tuned : model.last]
+        return cls(model.names, rest, np.append(of_candidates, 1.0))
 
     def nats(self, chosen: Sequence[Group]) -> float:
         """Log evidence of a set of effects against none, log odds of its names included [nats].
@@ -171,14 +138,17 @@ class SetSearch:
         prior = group.prior
         if prior is None:
             return 0.0
-        own = slice(place, place + len(group.columns))
+        inside = slice(place, place + len(group.columns))
         unit = self.scale[group.columns - self.names.first]
+        size = scaled[inside]
         if not prior.weighs:
-            return float(prior.beyond_normal(scaled[own] / unit))
+            return float(prior.beyond_normal(size / unit))
         left = mass_left(sums.sums, sums.target, sums.deviation, sums.signed, scaled, place)
+        step = left.step[inside]
 
         def log_ratio(above: Float[Array, " s"]) -> Float[np.ndarray, " s"]:
-            return prior.beyond_normal((scaled[own] + above[:, None] * left.step[own]) / unit)
+            sizes = size + above[:, None] * step
+            return prior.beyond_normal(sizes / unit)
 
         # Its density is that of a mass above zero, not of half a normal.
         return left.log_mean(log_ratio) - LOG_TWO
@@ -191,10 +161,11 @@ class SetSearch:
         if not chosen:
             return {}
         _, scaled = self._solve(chosen)
-        return {
-            group: part / self.scale[group.columns - self.names.first]
-            for group, part in _parts(chosen, scaled)
-        }
+        coefficients = {}
+        for group, of_group in _parts(chosen, scaled):
+            scale = self.scale[group.columns - self.names.first]
+            coefficients[group] = of_group / scale
+        return coefficients
 
     def covariance(self, chosen: Sequence[Group], group: Group) -> Float[Array, "k k"]:
         """Posterior covariance of one of a set's effects, in the columns' own units.
@@ -204,11 +175,13 @@ class SetSearch:
         columns, deviation = self._stacked(chosen)
         inner = deviation[:, None] * self.rest[np.ix_(columns, columns)] * deviation
         inner[np.diag_indices(len(inner))] += 1.0
-        own = np.flatnonzero(np.isin(columns, group.columns - self.names.first))
+        of_group = group.columns - self.names.first
+        places = np.flatnonzero(np.isin(columns, of_group))
         factor = factorise(inner)
-        part = cho_solve((factor, True), np.eye(len(inner))[:, own], check_finite=False)[own]
-        scale = deviation[own] / self.scale[columns[own]]
-        return np.asarray(scale[:, None] * part * scale)
+        units = np.eye(len(inner))[:, places]
+        solved = cho_solve((factor, True), units, check_finite=False)
+        scale = deviation[places] / self.scale[columns[places]]
+        return np.asarray(scale[:, None] * solved[places] * scale)
 
     def _stacked(self, chosen: Sequence[Group]) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
         """Columns in R of a set's effects, one behind the other, and their prior deviations."""
@@ -232,26 +205,26 @@ class SetSearch:
         """The same of a set that was not solved before."""
         columns, deviation = self._stacked(chosen)
         sums = SumsAfter(
-            self.rest[np.ix_(columns, columns)],
-            self.rest[columns, -1],
-            deviation,
-            self._signed(chosen),
+            sums=self.rest[np.ix_(columns, columns)],
+            target=self.rest[columns, -1],
+            deviation=deviation,
+            signed=self._signed(chosen),
         )
         nats, scaled = solve_set(sums.sums, sums.target, sums.deviation, sums.signed)
-        places = np.cumsum([0, *(len(group.columns) for group in chosen)])
-        for place, group in zip(places, chosen, strict=False):
-            nats += self._for_size(group, sums, scaled, int(place))
+        place = 0
+        for group in chosen:
+            nats += self._for_size(group, sums, scaled, place)
+            place += len(group.columns)
         return nats, scaled
 
     @staticmethod
     def _signed(chosen: Sequence[Group]) -> Bool[Array, " k"]:
         """Which of a set's coefficients can't be negative."""
-        widths = [len(group.columns) for group in chosen]
-        parts = [
-            np.isin(np.arange(width), group.signed)
-            for width, group in zip(widths, chosen, strict=True)
-        ]
-        return np.concatenate(parts)
+        of_groups = []
+        for group in chosen:
+            places = np.arange(len(group.columns))
+            of_groups.append(np.isin(places, group.signed))
+        return np.concatenate(of_groups)
 
     def beside(self, chosen: Sequence[Group]) -> Float[Array, "c c"]:
         """Sums of all candidates and the torque with the baseline and a set of effects integrated
@@ -267,9 +240,8 @@ class SetSearch:
         if not chosen:
             return np.zeros((0, len(self.rest)))
         columns, deviation = self._stacked(chosen)
-        inner = self.rest[np.ix_(columns, columns)] + np.diag(
-            np.maximum(deviation, LEAST_DEVIATION) ** -2.0
-        )
+        precision = np.maximum(deviation, LEAST_DEVIATION) ** -2.0
+        inner = self.rest[np.ix_(columns, columns)] + np.diag(precision)
         factor = factorise(inner)
         half = solve_triangular(factor, self.rest[columns], lower=True, check_finite=False)
         return np.asarray(half)
@@ -293,31 +265,41 @@ class SetSearch:
         Coefficients that can't be negative are free here, which can only add more.
         """
         half = self._explained(chosen)
-        target = self.rest[:, -1] - half.T @ half[:, -1]
-        keys = {group.key for group in chosen}
+        of_torque = half[:, -1]
+        target = self.rest[:, -1] - half.T @ of_torque
         most = np.full(len(self.names.groups), -np.inf)
         bent: dict[int, SumsAfter] = {}
         for batch in self.names.batches[joint]:
             columns = batch.columns
             beside = np.ascontiguousarray(half[:, columns].transpose(1, 2, 0))
             taken = beside @ beside.transpose(0, 2, 1)
-            sums = self.rest[columns[:, :, None], columns[:, None, :]] - taken
+            square = (columns[:, :, None], columns[:, None, :])
+            sums = self.rest[square] - taken
             free = free_gains(sums, target[columns], batch.deviation)
             gains = free.nats + batch.known
             # Beyond its bound a free fit that gains nothing adds nothing at its bound either,
             # unless more is known of its size.
             may_add = np.isfinite(gains) & (batch.sized | (gains > 0.0))
-            below = (batch.signed & (free.sizes < 0.0)).any(axis=1) & may_add
-            for k in np.flatnonzero((batch.sized & np.isfinite(gains)) | below):
-                after = SumsAfter(sums[k], target[columns[k]], batch.deviation[k], batch.signed[k])
-                group = self.names.groups[batch.slots[k]]
+            is_negative = batch.signed & (free.sizes < 0.0)
+            below = is_negative.any(axis=1) & may_add
+            is_sized = batch.sized & np.isfinite(gains)
+            for k in np.flatnonzero(is_sized | below):
+                slot = batch.slots[k]
+                group = self.names.groups[slot]
+                after = SumsAfter(
+                    sums=sums[k],
+                    target=target[columns[k]],
+                    deviation=batch.deviation[k],
+                    signed=batch.signed[k],
+                )
                 if not below[k]:
                     gains[k] += self._for_size(group, after, free.sizes[k])
                 elif batch.sized[k]:  # what more is known of the size may add to it
                     gains[k] = self.gain_within(group, after)
                 else:
-                    bent[batch.slots[k]] = after
+                    bent[slot] = after
             most[batch.slots] = gains
+        keys = {group.key for group in chosen}
         for slot, group in enumerate(self.names.groups):
             if group.key in keys:
                 most[slot] = -np.inf
@@ -353,8 +335,9 @@ class SetSearch:
             if keys is not None and group.key not in keys:
                 continue
             checked += 1
-            if self._stands([*chosen, group], group):
-                return self.nats([*chosen, group]) - self.nats(chosen), group
+            fuller = [*chosen, group]
+            if self._stands(fuller, group):
+                return self.nats(fuller) - self.nats(chosen), group
         return None
 
     def _stands(self, chosen: Sequence[Group], group: Group) -> bool:
@@ -372,14 +355,20 @@ class SetSearch:
             The set, empty where no effect improves on none. Its size is bounded by the number of
             joints.
         """
-        chosen = self._swapped(self.without_idle(list(start)), set(range(self.names.joints)))
+        everywhere = set(range(self.names.joints))
+        chosen = self.without_idle(list(start))
+        chosen = self._swapped(chosen, everywhere)
         while len(chosen) < MOST_NAMES * self.names.joints:
             addition = self.best(chosen)
-            if addition is None or addition[0] <= 0.0:
+            if addition is None:
+                break
+            gain, group = addition
+            if gain <= 0.0:
                 break
             before = self.nats(chosen)
-            near = set(addition[1].acts_on(self.names.joints))
-            fuller = self.without_idle(self._swapped([*chosen, addition[1]], near))
+            near = set(group.acts_on(self.names.joints))
+            fuller = self._swapped([*chosen, group], near)
+            fuller = self.without_idle(fuller)
             if self.nats(fuller) <= before + 1e-6:
                 break
             chosen = fuller
@@ -450,20 +439,30 @@ class SetSearch:
                 acts = set(group.acts_on(self.names.joints))
                 if not acts & (near | moved):
                     continue
-                others = rest_of(chosen, group)
-                joint = group.joint if group.effect.rows == "own" else None
-                better = self.best(others, joint=joint)
-                # What has left its grid point beside the others is another effect than its name's.
-                alone = 0.0
-                if self._stands(chosen, group):
-                    alone = self.nats(chosen) - self.nats(others)
-                if better is not None and better[1] is not group and better[0] > alone + 1e-6:
-                    chosen = [*others[:k], better[1], *others[k:]]
-                    moved |= acts | set(better[1].acts_on(self.names.joints))
+                better = self._better(chosen, group)
+                if better is not None:
+                    others = rest_of(chosen, group)
+                    chosen = [*others[:k], better, *others[k:]]
+                    moved |= acts | set(better.acts_on(self.names.joints))
             if not moved:
                 break
             near = moved
         return chosen
+
+    def _better(self, chosen: list[Group], group: Group) -> Group | None:
+        """What is better in the place of one of a set's effects; None where nothing is."""
+        others = rest_of(chosen, group)
+        joint = group.joint if group.effect.rows == "own" else None
+        best = self.best(others, joint=joint)
+        if best is None:
+            return None
+        gain, candidate = best
+        # What has left its grid point beside the others is another effect than its name's.
+        alone = 0.0
+        if self._stands(chosen, group):
+            alone = self.nats(chosen) - self.nats(others)
+        is_better = candidate is not group and gain > alone + 1e-6
+        return candidate if is_better else None
 
 
 def _parts(

@@ -72,7 +72,8 @@ class SessionSums:
         sizes = spread * friction.level[joint]
         seen = friction.by_stretch[joint][:, :, friction.columns]
         widened = np.eye(2) + sizes[:, None] * seen * sizes
-        return -0.5 * float(np.linalg.slogdet(widened)[1].sum())
+        _, log_determinant = np.linalg.slogdet(widened)
+        return -0.5 * float(log_determinant.sum())
 
 
 def without_negative_directions(sums: Float[Array, "p p"]) -> Float[Array, "p p"]:

@@ -212,8 +212,14 @@ def of_columns(columns: Columns) -> Law:
     """
 
     def law(m: MovingArm, j: int, p: dict[str, float]) -> Array:
-        states = JointStates(m.q[:, j], m.dq[:, j], m.rigid[:, j], m.direction[:, j])
-        weighted = [p[f"coefficient_{k}"] * x for k, x in enumerate(columns(states, p))]
+        states = JointStates(
+            m.q[:, j],
+            m.dq[:, j],
+            m.rigid[:, j],
+            m.direction[:, j],
+        )
+        shapes = columns(states, p)
+        weighted = [p[f"coefficient_{k}"] * x for k, x in enumerate(shapes)]
         return m.at(j, sum(weighted))
 
     return law

@@ -89,7 +89,8 @@ class NamedLaw:
         if values.get("terms", 2.0) not in (2.0, 4.0):
             raise ValueError(f"{self.effect} has {values['terms']:g} terms")
         object.__setattr__(self, "shape", values)
-        if self.figures and (len(self.figures) != self.size or not np.isfinite(self.figures).all()):
+        has_size = len(self.figures) == self.size
+        if self.figures and not (has_size and np.isfinite(self.figures).all()):
             raise ValueError(f"{self.effect} has figures {self.figures}")
 
     @property
@@ -201,7 +202,12 @@ def states_of(
         load: Torque that each gear transmits [N m].
         slip: Direction of sliding in [-1, 1].
     """
-    return JointStates(q[:, joint], dq[:, joint], load[:, joint], slip[:, joint])
+    return JointStates(
+        q[:, joint],
+        dq[:, joint],
+        load[:, joint],
+        slip[:, joint],
+    )
 
 
 def evaluate(columns: Columns, states: JointStates, shape: Shape) -> Float[Array, "T k"]:
@@ -234,7 +240,8 @@ def named_torque(
     out = np.zeros(dq.shape)
     slip = direction(dq, transition_speed)
     for law in laws:
-        out[:, law.joint] += law.torque(states_of(law.joint, q, dq, load, slip))
+        states = states_of(law.joint, q, dq, load, slip)
+        out[:, law.joint] += law.torque(states)
     return out
 
 

@@ -89,7 +89,9 @@ def load_dependent_friction(states: JointStates, shape: Mapping[str, float]) -> 
 def position_dependent_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
     """Two columns s cos kq, s sin kq; the shape has k, waves a turn, as `order`."""
     angle = shape["order"] * states.q
-    return [states.slip * states.xp.cos(angle), states.slip * states.xp.sin(angle)]
+    cosine = states.xp.cos(angle)
+    sine = states.xp.sin(angle)
+    return [states.slip * cosine, states.slip * sine]
 
 
 def asymmetric_friction(states: JointStates, shape: Mapping[str, float]) -> list[Any]:
@@ -108,7 +110,10 @@ def hysteresis(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """Stop operators of several ranges side by side, Σ k_i stop_i[q] / r_i."""
     m.sampled("presliding hysteresis")
     parts = [name.split("_")[1] for name in p if name.startswith("part_")]
-    stops = [p[f"part_{i}_Nm"] * stop(m.q[:, j], p[f"range_{i}_rad"]) for i in parts]
+    stops = []
+    for i in parts:
+        bent = stop(m.q[:, j], p[f"range_{i}_rad"])
+        stops.append(p[f"part_{i}_Nm"] * bent)
     return m.at(j, np.sum(stops, axis=0))
 
 
@@ -120,8 +125,10 @@ def coupling(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     mix = p["mix"]
     slip = m.direction[:, other]
     if mix:
-        slip = np.tanh((m.dq[:, j] + mix * m.dq[:, other]) / p["width_rad_s"])
-    viscous = p["viscous_Nms_rad"] * (m.dq[:, other] + mix * m.dq[:, j])
+        mixed = m.dq[:, j] + mix * m.dq[:, other]
+        slip = np.tanh(mixed / p["width_rad_s"])
+    speed = m.dq[:, other] + mix * m.dq[:, j]
+    viscous = p["viscous_Nms_rad"] * speed
     steady = p["coulomb_Nm"] * slip + viscous
     return m.at(j, steady + p["inertia_kgm2"] * m.ddq[:, other])
 

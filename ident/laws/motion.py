@@ -60,13 +60,15 @@ def rigid_torque(
         lever = arm.offsets[i]
         if slides:
             lever = lever + turn @ axis * q[:, i, None]
-        acc = acc + np.cross(alpha, lever) + np.cross(omega, np.cross(omega, lever))
+        swept = np.cross(omega, np.cross(omega, lever))
+        acc = acc + np.cross(alpha, lever) + swept
         omega = np.einsum("tji,tj->ti", turn, omega)
         alpha = np.einsum("tji,tj->ti", turn, alpha)
         acc = np.einsum("tji,tj->ti", turn, acc)
         speed = axis * dq[:, i, None]
         if slides:
-            acc = acc + 2.0 * np.cross(omega, speed) + axis * ddq[:, i, None]
+            slid = axis * ddq[:, i, None]
+            acc = acc + 2.0 * np.cross(omega, speed) + slid
         else:
             alpha = alpha + axis * ddq[:, i, None] + np.cross(omega, speed)
             omega = omega + speed
@@ -101,7 +103,8 @@ def _wrench(link: Array, omega: Array, alpha: Array, acc: Array) -> tuple[Array,
     first = link[1:4]
     xx, xy, yy, xz, yz, zz = link[4:]
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    force = mass * acc + np.cross(alpha, first) + np.cross(omega, np.cross(omega, first))
+    swept = np.cross(omega, np.cross(omega, first))
+    force = mass * acc + np.cross(alpha, first) + swept
     gyration = np.cross(omega, omega @ inertia)
     moment = np.cross(first, acc) + alpha @ inertia + gyration
     return force, moment
@@ -144,7 +147,8 @@ class Losses:
 
     def torque(self, dq: Array, ddq: Array, direction: Array) -> Array:
         """B ddq + (C + b₁ |dq| + b₂ dq²) dq + f s [N m]."""
-        damping = self.viscous + self.bend[:, 0] * np.abs(dq) + self.bend[:, 1] * dq**2
+        bent = self.bend[:, 0] * np.abs(dq)
+        damping = self.viscous + bent + self.bend[:, 1] * dq**2
         return self.motor_inertia * ddq + damping * dq + self.coulomb * direction
 
 

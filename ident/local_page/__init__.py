@@ -1,1 +1,1 @@
-"""A page on this machine in which a log and a robot are given, checked and diagnosed: `ident open`."""
+"""A page on this machine where a log and a robot are given, checked, diagnosed: `ident open`."""

@@ -1,7 +1,8 @@
-"""What a person does with one log and one robot, step by step: give, check, correct, diagnose, take the files.
+"""What a person does with one log and one robot, step by step: give, check, correct, diagnose, take
+the files.
 
-Nothing here knows of a browser. The user's own files are read where they lie; what is corrected, guessed and written
-stands in a folder of its own.
+Nothing here knows of a browser. The user's own files are read where they lie; what is corrected,
+guessed and written stands in a folder of its own.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ from ident.show.report.diagnosis_verdict import diagnosis_headline
 from ident.show.report.laws import draw_laws
 from ident.show.report.traces import gather_traces
 
-RECORD, PAGE, PATCH = "why.json", "why.html", "patched"
+RECORD = "why.json"
+PAGE = "why.html"
+PATCH = "patched"
 ZIPPED = f"{PATCH}.zip"
 # A sign that is there already is turned round.
 SIGN = "effort_sign"
@@ -68,9 +71,13 @@ class Desk:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
-        own = None if self.log is None else (self.log if self.log.is_dir() else self.log.parent) / SESSION_FILE
-        if own is not None and own.is_file():
-            shutil.copyfile(own, self.session_file)
+        theirs = (
+            None
+            if self.log is None
+            else (self.log if self.log.is_dir() else self.log.parent) / SESSION_FILE
+        )
+        if theirs is not None and theirs.is_file():
+            shutil.copyfile(theirs, self.session_file)
 
     @property
     def session_file(self) -> Path:
@@ -80,7 +87,9 @@ class Desk:
     @property
     def files(self) -> list[str]:
         """Names of what can be taken away by now."""
-        return [name for name in (SESSION_FILE, RECORD, PAGE, ZIPPED) if (self.folder / name).is_file()]
+        return [
+            name for name in (SESSION_FILE, RECORD, PAGE, ZIPPED) if (self.folder / name).is_file()
+        ]
 
     def take_log(self, name: str, content: bytes) -> None:
         """Takes a run, or a session.toml, that was dropped; all runs together are the session.
@@ -131,23 +140,23 @@ class Desk:
         log, robot = self._given()
         guesses: list[dict[str, str]] = []
         try:
-            found = inspect(log, robot, **self._reading())
+            inspection = inspect(log, robot, **self._reading())
         except InputError:
             if self.session_file.exists():
                 raise
             guess = guess_session(log, load_robot(robot, ()), None)
             self.session_file.write_text(guess.text, encoding="utf-8")
             guesses = [reason.to_dict() for reason in guess.reasons]
-            found = inspect(log, robot, **self._reading())
+            inspection = inspect(log, robot, **self._reading())
         issues = []
-        for report in found.reports:
+        for report in inspection.reports:
             for issue in report.issues:
                 record = issue.to_dict()
                 issues.append({**record, "lines": lines_of(record, self._text())})
-        runs = [run for report in found.reports for run in report.session.runs]
+        runs = [run for report in inspection.reports for run in report.session.runs]
         return {
-            "fit": all(report.is_fit for report in found.reports),
-            "verdict": "; ".join(report.verdict for report in found.reports),
+            "fit": all(report.is_fit for report in inspection.reports),
+            "verdict": "; ".join(report.verdict for report in inspection.reports),
             "issues": issues,
             "guesses": guesses,
             "runs": [{"name": run.name, "samples": len(run.time)} for run in runs],
@@ -166,7 +175,9 @@ class Desk:
             wanted = tomllib.loads(line)
             record = tomllib.loads(self._text())
         except tomllib.TOMLDecodeError as error:
-            raise InputError(SESSION_FILE, f"not TOML ({first_line(error)})", "write KEY = VALUE") from None
+            raise InputError(
+                SESSION_FILE, f"not TOML ({first_line(error)})", "write KEY = VALUE"
+            ) from None
         for key, value in wanted.items():
             if key not in KEYS:
                 known = ", ".join(KEYS)
@@ -186,11 +197,15 @@ class Desk:
         try:
             tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
-            raise InputError(SESSION_FILE, f"not TOML ({first_line(error)})", "correct it") from None
+            raise InputError(
+                SESSION_FILE, f"not TOML ({first_line(error)})", "correct it"
+            ) from None
         self.session_file.write_text(text, encoding="utf-8")
 
     def diagnose(self) -> None:
-        """Diagnoses, and writes record, page and patch; `progress` tells how far it has come, and of a failure."""
+        """Diagnoses, and writes record, page and patch; `progress` tells how far it has come, and
+        of a failure.
+        """
         with self._lock:
             self.progress = Progress(running=True)
             try:
@@ -202,7 +217,8 @@ class Desk:
                 self.progress.running = False
 
     def _listen(self, stage: str, share: float, _: float | None) -> None:
-        self.progress.stage, self.progress.share = stage, share
+        self.progress.stage = stage
+        self.progress.share = share
 
     def _diagnose(self) -> dict[str, Any]:
         log, robot = self._given()
@@ -215,7 +231,10 @@ class Desk:
         told = self._patch(robot)
         first = first_action(record)
         if first == WRITE_NUMBERS and not told:
-            first = "Take the corrected model below; your own file takes these numbers by `ident patch … --into`."
+            first = (
+                "Take the corrected model below; your own file takes these numbers by "
+                "`ident patch … --into`."
+            )
         return {
             "verdict": record["verdict"],
             "headline": diagnosis_headline(record),

@@ -1,7 +1,8 @@
-"""The page's server: loopback alone, under an address that nobody can guess, one user, one log at a time.
+"""The page's server: loopback alone, under an address that nobody can guess, one user, one log at a
+time.
 
-A page of another site can neither guess the address nor, by another name for this machine, be answered: the host of a
-request has to be the loopback's own.
+A page of another site can neither guess the address nor, by another name for this machine, be
+answered: the host of a request has to be the loopback's own.
 """
 
 from __future__ import annotations
@@ -29,20 +30,31 @@ from ident.records import as_json
 from ident.show.palette import style_colours
 
 LOOPBACK = "127.0.0.1"
-# The largest recording that a browser may hand over [bytes]; larger ones are given on the command line.
+# The largest recording that a browser may hand over [bytes]; larger ones are given on the command
+# line.
 LARGEST = 1 << 30
 # In its style sheet; what it gives way to.
 COLOURS_GO_HERE = "/* Colours: ident/show/palette.py. */"
-KINDS = {".json": "application/json", ".html": "text/html", ".toml": "text/plain", ".zip": "application/zip"}
+KINDS = {
+    ".json": "application/json",
+    ".html": "text/html",
+    ".toml": "text/plain",
+    ".zip": "application/zip",
+}
 # What a page may load: nothing but what is in it, and this server.
-POLICY = "default-src 'self' 'unsafe-inline' data:; frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
+POLICY = (
+    "default-src 'self' 'unsafe-inline' data:; frame-ancestors 'self'; "
+    "base-uri 'none'; form-action 'none'"
+)
 
 
 class Handler(RequestHandler):
     """Base: answers in JSON, refuses other hosts."""
 
     def initialize(self, desk: Desk, pool: ThreadPoolExecutor, hosts: set[str]) -> None:
-        self.desk, self.pool, self.hosts = desk, pool, hosts
+        self.desk = desk
+        self.pool = pool
+        self.hosts = hosts
 
     def prepare(self) -> None:
         if self.request.host not in self.hosts:
@@ -55,13 +67,20 @@ class Handler(RequestHandler):
         self.set_header("Cache-Control", "no-store")
 
     async def answer(self, work: Callable[[], Any]) -> None:
-        """Does some work beside the server's loop, and sends its result; the user's mistakes with status 400."""
+        """Does some work beside the server's loop, and sends its result; the user's mistakes with
+        status 400.
+        """
         try:
-            found = await asyncio.get_running_loop().run_in_executor(self.pool, work)
+            result = await asyncio.get_running_loop().run_in_executor(self.pool, work)
         except InputError as error:
             self.set_status(400)
-            found = {"error": str(error), "where": error.where, "what": error.what, "remedy": error.remedy}
-        self.write(as_json(found if found is not None else {}, None))
+            result = {
+                "error": str(error),
+                "where": error.where,
+                "what": error.what,
+                "remedy": error.remedy,
+            }
+        self.write(as_json(result if result is not None else {}, None))
         self.set_header("Content-Type", "application/json")
 
 
@@ -90,7 +109,8 @@ class Take(Handler):
     """A file that was dropped or chosen."""
 
     async def post(self, kind: str) -> None:
-        name, content = self.get_query_argument("name"), self.request.body
+        name = self.get_query_argument("name")
+        content = self.request.body
         take = self.desk.take_log if kind == "log" else self.desk.take_robot
         await self.answer(partial(take, name, content))
 
@@ -131,8 +151,12 @@ class Finished(Handler):
         self.write((self.desk.folder / name).read_bytes())
 
 
-def make_application(desk: Desk, pool: ThreadPoolExecutor, token: str, hosts: set[str]) -> Application:
-    """The server's application: every address begins with a word that only the user's browser was told."""
+def make_application(
+    desk: Desk, pool: ThreadPoolExecutor, token: str, hosts: set[str]
+) -> Application:
+    """The server's application: every address begins with a word that only the user's browser was
+    told.
+    """
     known = {"desk": desk, "pool": pool, "hosts": hosts}
     begin = rf"/{token}"
     steps = "robot_name|other_log|check|line|text|diagnose"
@@ -163,13 +187,19 @@ async def serve(desk: Desk, port: int, started: Callable[[str], None]) -> None:
     try:
         sockets = bind_sockets(port, LOOPBACK)
     except OSError as error:
-        raise InputError(f"--port {port}", f"can't be listened at ({error.strerror})", "choose another one") from None
+        raise InputError(
+            f"--port {port}", f"can't be listened at ({error.strerror})", "choose another one"
+        ) from None
     number = sockets[0].getsockname()[1]
     token = secrets.token_urlsafe(16)
     hosts = {f"{LOOPBACK}:{number}", f"localhost:{number}"}
     # Two: a diagnosis, and what is asked in the meantime.
     with ThreadPoolExecutor(2) as pool:
-        server = HTTPServer(make_application(desk, pool, token, hosts), max_body_size=LARGEST, max_buffer_size=LARGEST)
+        server = HTTPServer(
+            make_application(desk, pool, token, hosts),
+            max_body_size=LARGEST,
+            max_buffer_size=LARGEST,
+        )
         server.add_sockets(sockets)
         try:
             started(f"http://{LOOPBACK}:{number}/{token}/")
@@ -178,7 +208,9 @@ async def serve(desk: Desk, port: int, started: Callable[[str], None]) -> None:
             server.stop()
 
 
-def open_page(log: Path | None, robot: str | None, port: int, browser: bool, tell: Callable[[str], None]) -> None:
+def open_page(
+    log: Path | None, robot: str | None, port: int, browser: bool, tell: Callable[[str], None]
+) -> None:
     """Opens the page and serves it until Ctrl-C.
 
     Args:

@@ -37,7 +37,8 @@ def pseudo_inertia(link: Float[Array, "... 10"]) -> Float[Array, "... 4 4"]:
         link: m, m·c, and Ixx Ixy Iyy Ixz Iyz Izz about the joint frame [kg, kg m, kg m²], of one
             link or of many.
     """
-    mass, mx, my, mz, xx, xy, yy, xz, yz, zz = np.moveaxis(np.asarray(link, dtype=float), -1, 0)
+    numbers = np.moveaxis(np.asarray(link, dtype=float), -1, 0)
+    mass, mx, my, mz, xx, xy, yy, xz, yz, zz = numbers
     half = 0.5 * (xx + yy + zz)
     rows = [
         [half - xx, -xy, -xz, mx],
@@ -146,13 +147,16 @@ def solve_partly_non_negative(
     scale = np.sqrt(np.where(power > 0.0, power, 1.0))
     values, vectors = np.linalg.eigh(sums / (scale[:, None] * scale))
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T  # rootᵀ root: the scaled sums
-    triangle = np.asarray(np.linalg.qr(root[:, [*free, *positive, -1]], mode="r"))
+    columns = [*free, *positive, -1]
+    triangle = np.asarray(np.linalg.qr(root[:, columns], mode="r"))
     count = len(free)
     solution = np.zeros(len(sums) - 1)
     remaining = triangle[count:, count:-1]
     # SciPy's routine spoils memory where there is nothing to solve.
     if remaining.size:
         solution[positive], _ = nnls(remaining, triangle[count:, -1])
-    left = triangle[:count, -1] - triangle[:count, count:-1] @ solution[positive]
-    solution[free] = np.linalg.lstsq(triangle[:count, :count], left, rcond=None)[0]
+    of_positive = triangle[:count, count:-1] @ solution[positive]
+    left = triangle[:count, -1] - of_positive
+    of_free = triangle[:count, :count]
+    solution[free] = np.linalg.lstsq(of_free, left, rcond=None)[0]
     return solution * scale[-1] / scale[:-1]

@@ -165,14 +165,16 @@ def place_edges(x: Float[Array, "T f"]) -> Float[Array, "f e"]:
     places = np.arange(1, BINS) / BINS * (len(x) - 1)
     below = places.astype(int)
     above = np.minimum(below + 1, len(x) - 1)
-    quantiles = ordered[:, below] + (places - below) * (ordered[:, above] - ordered[:, below])
+    gap = ordered[:, above] - ordered[:, below]
+    quantiles = ordered[:, below] + (places - below) * gap
     edges = [_in_gaps(*values) for values in zip(ordered, quantiles, strict=True)]
     return np.array(edges)
 
 
 def _in_gaps(ordered: Float[Array, " T"], quantiles: Float[Array, " e"]) -> Float[Array, " e"]:
     """Quantiles of one input's values, in order, each moved to the middle of the next gap."""
-    wide = np.flatnonzero(np.diff(ordered) > ROUNDING * (ordered[-1] - ordered[0]))
+    span = ordered[-1] - ordered[0]
+    wide = np.flatnonzero(np.diff(ordered) > ROUNDING * span)
     if not len(wide):
         return np.full(len(quantiles), ordered[-1])
     above = ordered[wide + 1]
@@ -242,7 +244,9 @@ def _weigh(table: Array, gain: Array, unit: float, weight: Array) -> None:
             high_rows = high & (ROWS - 1)
             low_sum = unit * (low >> ROW_BITS)
             high_sum = unit * (high >> ROW_BITS)
-            gain[b] += low_sum**2 * weight[low_rows] + high_sum**2 * weight[high_rows]
+            of_low = low_sum**2 * weight[low_rows]
+            of_high = high_sum**2 * weight[high_rows]
+            gain[b] += of_low + of_high
 
 
 @compiled(error_model="numpy", nogil=True)

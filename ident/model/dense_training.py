@@ -38,8 +38,13 @@ class DenseNet(torch.nn.Module):
         super().__init__()
         modules: list[torch.nn.Module] = []
         for before, after in pairwise([inputs, *hidden]):
-            modules += [torch.nn.Linear(before, after), torch.nn.Tanh(), torch.nn.Dropout(dropout)]
-        self.stack = torch.nn.Sequential(*modules, torch.nn.Linear([inputs, *hidden][-1], outputs))
+            modules += [
+                torch.nn.Linear(before, after),
+                torch.nn.Tanh(),
+                torch.nn.Dropout(dropout),
+            ]
+        last = torch.nn.Linear([inputs, *hidden][-1], outputs)
+        self.stack = torch.nn.Sequential(*modules, last)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Outputs for a batch of inputs: (B, inputs) to (B, outputs), both scaled."""

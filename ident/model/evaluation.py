@@ -239,7 +239,8 @@ def _determination(traces: Sequence[RunTrace], rungs: Sequence[str]) -> Float[Ar
                 continue
             variance = np.var(measured[rows, j])
             if variance > 0.0:
-                r2[r, j] = 1.0 - np.mean(left[rows, j] ** 2) / variance
+                square = np.mean(left[rows, j] ** 2)
+                r2[r, j] = 1.0 - square / variance
     return r2
 
 

@@ -77,7 +77,8 @@ def base_parameters(arm: ArmModel) -> BaseParameters:
     The seed is fixed: the result is a property of the arm.
     """
     rng = np.random.default_rng(0)
-    q, dq, ddq = (rng.uniform(-np.pi, np.pi, (STATES_FOR_RANK, arm.n)) for _ in range(3))
+    shape = (STATES_FOR_RANK, arm.n)
+    q, dq, ddq = (rng.uniform(-np.pi, np.pi, shape) for _ in range(3))
     rows = arm.regressor(q, dq, ddq).reshape(-1, 10 * arm.n)
     factor, order = qr(rows, mode="r", pivoting=True)
     pivots = np.abs(np.diag(factor))
@@ -86,7 +87,9 @@ def base_parameters(arm: ArmModel) -> BaseParameters:
     others = order[rank:]
     mapping = np.zeros((rank, 10 * arm.n))
     mapping[:, columns] = np.eye(rank)
-    mapping[:, others] = np.linalg.solve(factor[:rank, :rank], factor[:rank, rank : 10 * arm.n])
+    of_rank = factor[:rank, :rank]
+    of_others = factor[:rank, rank : 10 * arm.n]
+    mapping[:, others] = np.linalg.solve(of_rank, of_others)
     names = tuple(f"{arm.links[k // 10]}.{PER_LINK[k % 10]}" for k in columns)
     return BaseParameters(tuple(columns.tolist()), freeze(mapping), names)
 
@@ -111,4 +114,5 @@ def compute_condition(information: Array) -> float:
     values = np.linalg.eigvalsh(information / np.outer(size, size))
     if values[-1] <= 0.0:
         return float("inf")
-    return float(np.sqrt(values[-1] / max(values[0], 1e-16 * values[-1])))
+    least = max(values[0], 1e-16 * values[-1])
+    return float(np.sqrt(values[-1] / least))

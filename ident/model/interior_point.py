@@ -153,7 +153,8 @@ def minimise(program: Program, free: Float[Array, " m"]) -> Float[Array, " m"]:
     reach = float(np.abs(free).max(initial=1e-12))
     x = program.bodies.start(free)
     x[program.positive] = np.maximum(x[program.positive], 1e-2 * reach)
-    size = abs(float(0.5 * free @ program.information @ free - program.score @ free))
+    curved = 0.5 * free @ program.information @ free
+    size = abs(float(curved - program.score @ free))
     above = program.value(x, 0.0) + size
     bounds = max(program.bodies.rows + len(program.positive), 1)
     if not np.isfinite(above):

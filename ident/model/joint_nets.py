@@ -30,7 +30,8 @@ def joint_features(
     dq, ddq, tanh(dq / v₁), tanh(dq / v₂), its rigid torque τ, √(τ² + ε²) tanh(dq / v₁).
     """
     near, far = (np.tanh(dq / scale) for scale in DIRECTION_SCALES)
-    return np.stack([dq, ddq, near, far, rigid, np.hypot(rigid, LOAD_ROUNDING) * near], axis=-1)
+    size = np.hypot(rigid, LOAD_ROUNDING)
+    return np.stack([dq, ddq, near, far, rigid, size * near], axis=-1)
 
 
 def width_of(inputs: int) -> int:
@@ -98,7 +99,8 @@ class JointNets:
             rows = x[start : start + ROWS].transpose(1, 0, 2)
             inputs = np.ascontiguousarray(rows, dtype=np.float32)
             hidden = silu(inputs @ self.weights[0] + self.biases[0])
-            out[start : start + ROWS] = (hidden @ self.weights[1] + self.biases[1])[..., 0].T
+            said = hidden @ self.weights[1] + self.biases[1]
+            out[start : start + ROWS] = said[..., 0].T
         return out
 
     def scaled(self, shares: Sequence[float]) -> JointNets:
@@ -111,4 +113,5 @@ class JointNets:
 
 def silu(z: Array) -> Array:
     """z / (1 + exp(-z)), without overflow."""
-    return np.asarray(z / (1.0 + np.exp(-np.clip(z, -LARGEST_EXPONENT, LARGEST_EXPONENT))))
+    exponent = np.clip(z, -LARGEST_EXPONENT, LARGEST_EXPONENT)
+    return np.asarray(z / (1.0 + np.exp(-exponent)))

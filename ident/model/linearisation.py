@@ -66,7 +66,8 @@ class Sliding:
         """Direction of sliding in [-1, 1] of each joint, unstressed at first."""
         slip = np.array(direction(motion.dq, self.speed))
         for j in np.flatnonzero(self.range > 0.0):
-            state = stop_operator(np.ascontiguousarray(motion.q[:, j]), float(self.range[j]))
+            angle = np.ascontiguousarray(motion.q[:, j])
+            state = stop_operator(angle, float(self.range[j]))
             slip[:, j] = state / self.range[j]
         return slip
 
@@ -149,7 +150,8 @@ def _sharpest(
     left = np.take_along_axis(misfit, best[None, None], axis=0)[0]
     variance = np.maximum(left.sum(axis=0) / count, 1e-300)
     alike = np.sum((left / variance - samples) ** 2, axis=0) / (2.0 * count)
-    worse = 0.5 * count * np.log(total / total.min(axis=0)) / np.maximum(alike, 1.0)
+    ratio = np.log(total / total.min(axis=0))
+    worse = 0.5 * count * ratio / np.maximum(alike, 1.0)
     return np.argmax(worse <= AS_LIKELY + np.log(len(misfit)), axis=0)
 
 
@@ -195,7 +197,8 @@ def _misfit(known: Sequence[_Known], trial: Sliding) -> Float[Array, "stretches 
         scale = np.sqrt(np.maximum(np.diag(sums), 1e-24))
         ridge = 1e-10 * np.eye(len(sums))
         root = np.linalg.cholesky(sums / np.outer(scale, scale) + ridge).T
-        weights = np.append(-nnls(root[:, :-1], root[:, -1])[0], 1.0) * scale[-1] / scale
+        solution, _ = nnls(root[:, :-1], root[:, -1])
+        weights = np.append(-solution, 1.0) * scale[-1] / scale
         left[:, j] = np.einsum("bac,a,c->b", grams[:, j], weights, weights)
     return left
 
@@ -205,7 +208,10 @@ def _trial_sums(run: _Known, trial: Sliding) -> Float[Array, "s n p p"]:
     motion = run.motion
     pace = np.abs(motion.dq)
     slip = trial.direction(motion)
-    falling = [slip * np.exp(-((pace / speed) ** power)) for speed, power in FALLS]
+    falling = []
+    for speed, power in FALLS:
+        fade = (pace / speed) ** power
+        falling.append(slip * np.exp(-fade))
     turning = motion.filtered(np.stack([slip, *falling], axis=-1))
     turning = np.moveaxis(np.where(run.moving[:, :, None], turning, 0.0), 0, 2)
     first = 1 + len(FALLS)

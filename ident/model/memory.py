@@ -243,7 +243,8 @@ def _read_trees(arrays: dict[str, Array], joint: int, joints: int) -> Trees | No
         or not np.isfinite(leaves).all()
     ):
         raise ValueError(f"a tree of joint {joint + 1} is damaged")
-    if inputs.min(initial=0) < 0 or inputs.max(initial=0) >= own_inputs() + SEVERAL * joints:
+    most = own_inputs() + SEVERAL * joints
+    if inputs.min(initial=0) < 0 or inputs.max(initial=0) >= most:
         raise ValueError(f"a tree of joint {joint + 1} asks for an input that there is not")
     return Trees(inputs.astype(np.int64), thresholds.astype(float), leaves.astype(float))
 
@@ -392,7 +393,9 @@ def _foretell(
     by_joint = _foretell_kind(rows, joint, folds, seed, OWN)
     by_all = _foretell_kind(rows, joint, folds, seed, ALL)
     said = np.stack([by_joint, by_all, 0.5 * (by_joint + by_all)])
-    errors = np.sum(((rows.left[:, joint] - said)[:, rows.moving[:, joint]]) ** 2, axis=1)
+    moving = rows.moving[:, joint]
+    residuals = (rows.left[:, joint] - said)[:, moving]
+    errors = np.sum(residuals**2, axis=1)
     best = int(np.argmin(errors))
     return said[best], best
 

@@ -40,9 +40,11 @@ class Nearness:
     def __post_init__(self) -> None:
         for name in ("poses", "reach"):
             object.__setattr__(self, name, freeze(getattr(self, name)))
-        if self.poses.ndim != 2 or not len(self.poses) or not np.isfinite(self.poses).all():
+        has_rows = self.poses.ndim == 2 and len(self.poses) > 0
+        if not has_rows or not np.isfinite(self.poses).all():
             raise ValueError("the poses that were seen are damaged")
-        if self.reach.shape != self.poses.shape[1:] or not np.all(self.reach > 0.0):
+        has_shape = self.reach.shape == self.poses.shape[1:]
+        if not has_shape or not np.all(self.reach > 0.0):
             raise ValueError("a reach is missing or not above zero")
 
     @property
@@ -76,7 +78,8 @@ def nearest_square(q: Float[Array, "T n"], poses: Float[Array, "k n"]) -> Float[
     for start in range(0, len(q), ROWS):
         rows = q[start : start + ROWS]
         across = size - 2.0 * rows @ poses.T
-        nearest[start : start + ROWS] = across.min(axis=1) + (rows**2).sum(axis=1)
+        squares = (rows**2).sum(axis=1)
+        nearest[start : start + ROWS] = across.min(axis=1) + squares
     return np.maximum(nearest, 0.0)
 
 

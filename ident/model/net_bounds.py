@@ -45,7 +45,8 @@ class NetBounds:
             object.__setattr__(self, "most", np.full(joints, UNBOUNDED))
         for name in ("low", "high", "least", "most"):
             object.__setattr__(self, name, freeze(getattr(self, name)))
-        if self.low.shape != self.high.shape or self.low.ndim != 2 or len(self.low) != 3:
+        is_table = self.low.ndim == 2 and len(self.low) == 3
+        if self.low.shape != self.high.shape or not is_table:
             raise ValueError("the net's bounds are not three pairs a joint")
         if not np.all(self.low <= self.high):
             raise ValueError("a bound of the net is missing, or the lower one is above the upper")
@@ -65,7 +66,8 @@ class NetBounds:
         low, high = np.empty((2, 3, joints))
         for j in range(joints):
             rows = counts[:, j] if counts[:, j].any() else slice(None)
-            low[:, j], high[:, j] = np.quantile(inputs[:, rows, j], [TAILS, 1.0 - TAILS], axis=1)
+            moving = inputs[:, rows, j]
+            low[:, j], high[:, j] = np.quantile(moving, [TAILS, 1.0 - TAILS], axis=1)
         return cls(low, high)
 
     def clip(
@@ -107,7 +109,12 @@ class NetBounds:
     def of_joints(self, joints: slice) -> NetBounds:
         """The bounds of some joints."""
         least, most = self.torques
-        return NetBounds(self.low[:, joints], self.high[:, joints], least[joints], most[joints])
+        return NetBounds(
+            self.low[:, joints],
+            self.high[:, joints],
+            least[joints],
+            most[joints],
+        )
 
     def to_dict(self) -> dict[str, object]:
         """Its part of the net's record.
@@ -133,12 +140,14 @@ class NetBounds:
         """
         low = np.array(record["low"], dtype=float)
         high = np.array(record["high"], dtype=float)
-        if low.shape != (3, n) or not (np.isfinite(low).all() and np.isfinite(high).all()):
+        is_finite = np.isfinite(low).all() and np.isfinite(high).all()
+        if low.shape != (3, n) or not is_finite:
             raise ValueError(f"the net's bounds are not three finite pairs for {n} joints")
         if "least_Nm" not in record:  # as it was written before there were any
             return cls(low, high)
         least = np.array(record["least_Nm"], dtype=float)
         most = np.array(record["most_Nm"], dtype=float)
-        if least.shape != (n,) or not (np.isfinite(least).all() and np.isfinite(most).all()):
+        is_finite = np.isfinite(least).all() and np.isfinite(most).all()
+        if least.shape != (n,) or not is_finite:
             raise ValueError(f"the net's torques are not two finite bounds for {n} joints")
         return cls(low, high, least, most)

@@ -73,10 +73,12 @@ def solve_net(
         strange: The inputs as a net takes them that has not seen their part; the same if None.
     """
     rng = np.random.default_rng(seed)
-    drawn = rng.standard_normal((x.shape[1], DRAWN)) / np.sqrt(x.shape[1])
+    inputs = x.shape[1]
+    drawn = rng.standard_normal((inputs, DRAWN)) / np.sqrt(inputs)
     bias = rng.uniform(-BIAS, BIAS, DRAWN)
     if counts.sum() < FEWEST_ROWS:
-        weights, biases = _layers(drawn, bias, np.zeros(DRAWN + x.shape[1] + 1))
+        nothing = np.zeros(DRAWN + inputs + 1)
+        weights, biases = _layers(drawn, bias, nothing)
         return SolvedNet(weights, biases, np.zeros(len(x)), 1.0)
     half = np.flatnonzero(counts)[::2]
     scales, ridge = _search(x[half], y[half], fold[half], drawn[:, :SEARCHED], bias[:SEARCHED])
@@ -103,7 +105,9 @@ def _search(
     scales = np.resize(FIRST_SCALES, x.shape[1]).astype(float)
 
     def leave_out(trial: Array, ridges: Array) -> Float[Array, " l"]:
-        return _Sums.of(_rows(x, drawn * trial[:, None], bias), y, fold).leave_out(ridges)[0]
+        rows = _rows(x, drawn * trial[:, None], bias)
+        errors, *_ = _Sums.of(rows, y, fold).leave_out(ridges)
+        return errors
 
     errors = leave_out(scales, RIDGES)
     best = int(np.argmin(errors))
@@ -129,8 +133,10 @@ def _rows(
     x: Float[Array, "T f"], drawn: Float[Array, "f h"], bias: Float[Array, " h"]
 ) -> Float[Array, "T p"]:
     """Columns of the linear problem: units, inputs, one; units in single precision, as in a net."""
-    units = x.astype(np.float32) @ drawn.astype(np.float32) + bias.astype(np.float32)
-    return np.concatenate([silu(units), STRAIGHT * x, np.ones((len(x), 1))], axis=1)
+    single = np.float32
+    units = x.astype(single) @ drawn.astype(single) + bias.astype(single)
+    constant = np.ones((len(x), 1))
+    return np.concatenate([silu(units), STRAIGHT * x, constant], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

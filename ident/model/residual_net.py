@@ -205,7 +205,8 @@ def _require_scales(
     """Raises ValueError where a scale overflows in single precision, in which nets reckon."""
     with np.errstate(over="ignore"):
         single = [np.asarray(values, dtype=np.float32) for values in (mean, std, scale)]
-    if not all(np.isfinite(values).all() for values in single) or not (single[1] > 0).all():
+    is_finite = all(np.isfinite(values).all() for values in single)
+    if not is_finite or not (single[1] > 0).all():
         raise ValueError("a scale is not finite and positive")
 
 

@@ -97,9 +97,12 @@ class EProcess:
         after = m - before
         length = before * after / m
         along = sums[-1] - sums[before - 1] - after * sums[-1] / m
-        explained = LIMIT.change_size**2 * along**2 / (1.0 + LIMIT.change_size**2 * length)
+        variance = LIMIT.change_size**2
+        explained = variance * along**2 / (1.0 + variance * length)
         left = np.maximum(spread - explained, LIMIT.rounding * spread)
-        return 0.5 * (m - 1) * np.log(spread / left) - 0.5 * np.log1p(LIMIT.change_size**2 * length)
+        ratio = np.log(spread / left)
+        price = np.log1p(LIMIT.change_size**2 * length)
+        return 0.5 * (m - 1) * ratio - 0.5 * price
 
 
 # Outliers: sessions in which one parameter is far from all its other days, as when a tool was left
@@ -148,10 +151,10 @@ def find_outliers(
             usual = float(others.mean())
             spread = float(others.std(ddof=1))
             # An estimate that is itself uncertain may lie as far off as its own error allows.
-            scale = float(
-                np.hypot(max(spread, 1e-300) * np.sqrt(1.0 + 1.0 / len(others)), point.std)
-            )
-            p = 2.0 * float(stdtr(len(others) - 1, -abs(point.value - usual) / scale))
+            of_others = max(spread, 1e-300) * np.sqrt(1.0 + 1.0 / len(others))
+            scale = float(np.hypot(of_others, point.std))
+            distance = abs(point.value - usual) / scale
+            p = 2.0 * float(stdtr(len(others) - 1, -distance))
             known = outliers.get(point.session)
             if p * tests < LIMIT.outlier_level and (known is None or p < known.p_value):
                 outliers[point.session] = Outlier(
@@ -246,8 +249,11 @@ def find_changes(
     streams = {key: _Stream() for key in history}
     # All that the joints could have: one that first appears later must not change what was reported
     # before.
-    count = max(len(streams), len({joint for joint, _ in history}) * len(UNITS))
-    by_session: dict[str, list[tuple[tuple[str, str], Point]]] = {name: [] for name in order}
+    joints = {joint for joint, _ in history}
+    count = max(len(streams), len(joints) * len(UNITS))
+    by_session: dict[str, list[tuple[tuple[str, str], Point]]] = {}
+    for name in order:
+        by_session[name] = []
     for key, points in history.items():
         for point in points:
             by_session[point.session].append((key, point))
@@ -264,7 +270,10 @@ def find_changes(
         # The parameter with most evidence, and every other that would have been enough alone.
         ranked = sorted(streams, key=lambda key: -streams[key].evidence)
         enough = count / level
-        named = [key for i, key in enumerate(ranked) if i == 0 or streams[key].evidence >= enough]
+        named = []
+        for i, key in enumerate(ranked):
+            if i == 0 or streams[key].evidence >= enough:
+                named.append(key)
         raised = [_describe(arm, key, streams, session, evidence) for key in named]
         alarms += raised
         # Where the torque's scale has changed, all parameters that follow it have.
@@ -296,10 +305,12 @@ def _describe(
     # 95 % interval of the difference of means, both with the same spread.
     free = len(values) - 2
     change = float(late.mean() - early.mean())
-    square = ((early - early.mean()) ** 2).sum() + ((late - late.mean()) ** 2).sum()
-    half = float(stdtrit(free, 0.975)) * float(
-        np.sqrt(square / free * (1 / len(early) + 1 / len(late)))
-    )
+    square_early = ((early - early.mean()) ** 2).sum()
+    square_late = ((late - late.mean()) ** 2).sum()
+    square = square_early + square_late
+    variance = square / free * (1 / len(early) + 1 / len(late))
+    quantile = float(stdtrit(free, 0.975))
+    half = quantile * float(np.sqrt(variance))
     past = {point.session for point in stream.points[: stream.bets.before]}
     before: dict[str, list[float]] = {}
     after: dict[str, list[float]] = {}
@@ -345,11 +356,17 @@ def gain_change(
     variances = []
     for name in SCALED:
         early, late = (np.array(values.get(name, ())) for values in (before, after))
-        if len(early) < 2 or len(late) < 2 or early.mean() <= 0.0 or late.mean() <= 0.0:
+        if len(early) < 2 or len(late) < 2:
+            continue
+        if early.mean() <= 0.0 or late.mean() <= 0.0:
             continue
         # Days differ as much after the change as before: both show the spread.
-        square = ((early - early.mean()) ** 2).sum() + ((late - late.mean()) ** 2).sum()
-        variance = square * (1 / len(early) / early.mean() ** 2 + 1 / len(late) / late.mean() ** 2)
+        square_early = ((early - early.mean()) ** 2).sum()
+        square_late = ((late - late.mean()) ** 2).sum()
+        square = square_early + square_late
+        of_early = 1 / len(early) / early.mean() ** 2
+        of_late = 1 / len(late) / late.mean() ** 2
+        variance = square * (of_early + of_late)
         ratios.append(np.log(late.mean() / early.mean()))
         variances.append(max(variance / (len(early) + len(late) - 2), 1e-12))
     if len(ratios) < LIMIT.least_changed:
@@ -358,9 +375,14 @@ def gain_change(
     v = np.array(variances)
     mean = float((r / v).sum() / (1 / v).sum())
     error = float((1 / v).sum() ** -0.5)
-    alike = chdtrc(len(r) - 1, float(((r - mean) ** 2 / v).sum())) > LIMIT.agree
-    several = int((np.sign(mean) * r / np.sqrt(v) > LIMIT.changed).sum()) >= LIMIT.least_changed
+    misfit = float(((r - mean) ** 2 / v).sum())
+    alike = chdtrc(len(r) - 1, misfit) > LIMIT.agree
+    in_errors = np.sign(mean) * r / np.sqrt(v)
+    changed = int((in_errors > LIMIT.changed).sum())
+    several = changed >= LIMIT.least_changed
     if not (alike and several):
         return None
     reach = float(ndtri(0.975)) * error
-    return float(np.exp(mean)), float(np.exp(mean - reach)), float(np.exp(mean + reach))
+    low = float(np.exp(mean - reach))
+    high = float(np.exp(mean + reach))
+    return float(np.exp(mean)), low, high

@@ -85,7 +85,8 @@ def gather_table(motions: Sequence[Motion], reference: ArmModel) -> SessionRows 
             losses = np.zeros((len(filtered), LOSSES * n))
             losses[:, LOSSES * j : LOSSES * j + 3] = filtered
             losses[:, LOSSES * j + 3] = 1.0
-            whole = np.column_stack([motion.filtered(bodies[:, j]), late[:, j], losses])
+            of_bodies = motion.filtered(bodies[:, j])
+            whole = np.column_stack([of_bodies, late[:, j], losses])
             tables[j].append(whole[rows])
             torques[j].append(error[rows, j])
             pieces[j].append(first + number[rows])
@@ -144,7 +145,9 @@ def solve(
     names, index = np.unique(table.piece, return_inverse=True)
     scores = np.zeros((len(names), x.shape[1]))
     np.add.at(scores, index, x * left[:, None])
-    meat = scores.T @ scores * len(names) / max(1, len(names) - 1) + precision
+    count = len(names)
+    squares = scores.T @ scores * count / max(1, count - 1)
+    meat = squares + precision
     return beta * unit, bread @ meat @ bread * np.outer(unit, unit)
 
 
@@ -182,9 +185,9 @@ def _flange_and_delay(table: SessionRows, reference: ArmModel) -> Estimated:
     chosen = np.concatenate([body, np.arange(10 * n, table.columns.shape[1])])
     values, covariance = solve(table, chosen, np.full(len(chosen), np.inf))
     names = ("payload_kg", *(f"payload_moment_{name}_kgm" for name in AXES))
-    estimates: Estimated = {
-        (FLANGE, name): _estimate(values[k], covariance[k, k]) for k, name in enumerate(names)
-    }
+    estimates: Estimated = {}
+    for k, name in enumerate(names):
+        estimates[FLANGE, name] = _estimate(values[k], covariance[k, k])
     estimates[ARM, "delay_s"] = _estimate(values[4], covariance[4, 4])
     return estimates
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.checks.filtered_run import USUAL_EFFORT
+from ident.checks.settings import USUAL_EFFORT
 from ident.monitor.parameters import TERMS
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
@@ -68,7 +68,8 @@ class _JointRows:
 
     def with_known_gain(self) -> _JointRows:
         """The same with a gain of one taken off, so that it needs no estimate."""
-        return _JointRows(self.columns[:, 1:], self.torque - self.columns[:, 0], self.piece)
+        rest = self.torque - self.columns[:, 0]
+        return _JointRows(self.columns[:, 1:], rest, self.piece)
 
 
 def estimate_session(
@@ -168,7 +169,8 @@ def term_columns(motion: Motion, rigid: Float[Array, "t n"], j: int) -> Float[Ar
         Rigid torque, acceleration, speed, sign of the speed, and ones.
     """
     speed = motion.dq[:, j]
-    filtered = motion.filtered(np.column_stack([motion.ddq[:, j], speed, np.sign(speed)]))
+    states = np.column_stack([motion.ddq[:, j], speed, np.sign(speed)])
+    filtered = motion.filtered(states)
     return np.column_stack([rigid[:, j], filtered, np.ones(len(filtered))])
 
 

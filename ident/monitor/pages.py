@@ -135,7 +135,10 @@ def arm_verdict(arm: ArmHistory, level: float) -> Section:
 
 def fleet_verdict(watch: Watch) -> Section:
     """What has changed in all arms, the last first."""
-    dates = {(arm.arm, row["session"]): row["date"] for arm in watch.arms for row in arm.sessions}
+    dates = {}
+    for arm in watch.arms:
+        for row in arm.sessions:
+            dates[arm.arm, row["session"]] = row["date"]
     alarms = sorted(watch.alarms, key=lambda alarm: dates[alarm.arm, alarm.session], reverse=True)
     if alarms:
         changed = {alarm.arm for alarm in alarms}
@@ -193,11 +196,13 @@ def lay_out(points: Sequence[Point]) -> JsonRecord:
 
     def y(value: float) -> float:
         inside = min(max(value, low), high)
-        return HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (inside - low) / max(high - low, 1e-12)
+        share = (inside - low) / max(high - low, 1e-12)
+        return HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * share
 
     marks = []
     for time, point in zip(times, points, strict=True):
-        x = LEFT + (WIDTH - LEFT - RIGHT) * ((time - times[0]) / span if len(times) > 1 else 0.5)
+        share = (time - times[0]) / span if len(times) > 1 else 0.5
+        x = LEFT + (WIDTH - LEFT - RIGHT) * share
         marks.append(
             (
                 point,

@@ -232,7 +232,8 @@ def _check_day(
             columns = term_columns(motion, rigid, j)[rows]
             distance = np.abs(motion.tau_filtered[rows, j] - columns @ centre)
             width = np.abs(columns) @ half
-            inside[j] += np.sum(distance <= width + reach * noise.get(joints[j], 0.0))
+            of_noise = reach * noise.get(joints[j], 0.0)
+            inside[j] += np.sum(distance <= width + of_noise)
             total[j] += len(columns)
             widths[j] += np.sum(width)
             habit[j] += np.sum(np.abs(columns) @ usual)

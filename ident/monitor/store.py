@@ -157,7 +157,8 @@ def _look_at(arm: str, path: Path, folder: Path) -> FoundSession:
     settings = next(
         (file for file in (path / NAME, path.parent / NAME, folder / NAME) if file.is_file()), None
     )
-    files = sorted(file for file in path.rglob("*") if file.is_file() and file.name != MARKER)
+    below = [file for file in path.rglob("*") if file.is_file()]
+    files = sorted(file for file in below if file.name != MARKER)
     digest = hashlib.sha256()
     newest = 0.0
     for file in [*files, *([settings] if settings is not None and settings.parent != path else [])]:
@@ -190,9 +191,8 @@ def date_of(session: FoundSession, first: float | None) -> str:
             ) from None
     for match in DATES.finditer(session.name):
         try:
-            return date(
-                int(match[1] or 2000 + int(match[2])), int(match[4]), int(match[5])
-            ).isoformat()
+            year = int(match[1] or 2000 + int(match[2]))
+            return date(year, int(match[4]), int(match[5])).isoformat()
         except ValueError:
             continue
     seconds = (

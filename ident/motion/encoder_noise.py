@@ -47,7 +47,8 @@ def mean_spectrum(
     starts = range(0, len(values) - length + 1, step)
     total = np.zeros((length // 2 + 1, values.shape[1]))
     for start in starts:
-        spectrum = np.fft.rfft(window[:, None] * values[start : start + length], axis=0)
+        piece = values[start : start + length]
+        spectrum = np.fft.rfft(window[:, None] * piece, axis=0)
         total += np.abs(spectrum) ** 2
     total /= len(starts) * rate * np.sum(window**2)
     # All frequencies but the first, and the last of an even length, stand for two.

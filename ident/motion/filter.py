@@ -106,9 +106,11 @@ def filter_together(
     signals = np.concatenate([np.reshape(signal, (length, -1)).T for signal in parts])
     columns = np.empty((length + 2 * padding, len(signals)))
     # At both ends extended by what turns a signal about its first and last value.
-    columns[:padding] = 2.0 * signals[:, 0] - signals[:, padding:0:-1].T
+    before = signals[:, padding:0:-1]
+    columns[:padding] = 2.0 * signals[:, 0] - before.T
     columns[padding : padding + length] = signals.T
-    columns[padding + length :] = 2.0 * signals[:, -1] - signals[:, -2 : -padding - 2 : -1].T
+    after = signals[:, -2 : -padding - 2 : -1]
+    columns[padding + length :] = 2.0 * signals[:, -1] - after.T
     _filter(columns, sections, resting_states(sections))
     return columns[padding : padding + length]
 
@@ -184,6 +186,7 @@ class Lowpass:
         Returns:
             All of their columns side by side, every `factor`-th sample.
         """
-        padding = min(len(parts[0]) - 1, int(3 * self.rate / self.cutoff))
+        settling = int(3 * self.rate / self.cutoff)
+        padding = min(len(parts[0]) - 1, settling)
         sections = design_lowpass(FILTER_ORDER, self.cutoff, self.rate)
         return filter_together(sections, parts, padding)[:: self.factor]

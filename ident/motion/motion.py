@@ -156,7 +156,12 @@ class Motion:
         if self.state_noise is None:
             return self
         q, dq, ddq = np.moveaxis(self.state_noise, -1, 0)
-        return replace(self, q=self.q + q, dq=self.dq + dq, ddq=self.ddq + ddq)
+        return replace(
+            self,
+            q=self.q + q,
+            dq=self.dq + dq,
+            ddq=self.ddq + ddq,
+        )
 
     def below(self, corner: float) -> Motion:
         """The run with a common filter of at most this corner [Hz]; itself where it has one
@@ -194,7 +199,8 @@ def last_turns(heading: Float[Array, "t n"]) -> Int[Array, "t n"]:
         heading: Sign of each joint's motion: 1, 0 or -1.
     """
     turned = np.diff(heading, axis=0, prepend=heading[:1]) != 0.0
-    return np.asarray(np.maximum.accumulate(turned * np.arange(len(heading))[:, None]))
+    rows = np.arange(len(heading))[:, None]
+    return np.asarray(np.maximum.accumulate(turned * rows))
 
 
 def torque_band(motion: Motion, inertia: Float[Array, " n"], corner: float) -> float:
@@ -261,7 +267,9 @@ def prepare_run(
     rate = 1.0 / run.sample_interval
     steps = int(np.floor(run.duration * rate + 1e-6))
     grid = run.time[0] + np.arange(steps + 1) / rate
-    even = len(grid) == len(run) and bool(np.max(np.abs(grid - run.time)) < 1e-3 / rate)
+    even = False
+    if len(grid) == len(run):
+        even = bool(np.max(np.abs(grid - run.time)) < 1e-3 / rate)
     new_times = None if even else grid
     lowpass = Lowpass.design(rate, cutoff, settings)
     highest = 2 * lowpass.cutoff

@@ -103,5 +103,6 @@ def spread_arrays(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         if values.ndim == 1 or values.shape[1] == 1:
             columns[name] = values.reshape(-1)
         elif values.shape[1] <= MOST_PLACES:
-            columns.update({f"{name}.{i}": values[:, i] for i in range(values.shape[1])})
+            for i in range(values.shape[1]):
+                columns[f"{name}.{i}"] = values[:, i]
     return columns

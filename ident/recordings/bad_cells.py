@@ -72,16 +72,20 @@ class Cells:
         lost = cut | (bad[:, watched].mean(axis=1) >= MOST_CELLS if watched.any() else False)
         if lost.all():
             raise RecordingError(self.source, "no row can be read", "give a table with numbers")
-        unreadable = np.sort([*self.misshapen, *numbers[lost & ~cut & text.any(axis=1)]]).astype(
-            int
-        )
+        without_number = numbers[lost & ~cut & text.any(axis=1)]
+        unreadable = np.sort([*self.misshapen, *without_number]).astype(int)
         empty = numbers[lost & ~cut & ~text.any(axis=1)]
+        no_numbers = np.argwhere(text & ~lost[:, None])
+        no_values = np.argwhere(missing & ~lost[:, None])
+        rest_is_cut = None
+        if self.truncated is not None:
+            rest_is_cut = cut_short(self.source, self.place, self.truncated)
         issues = [
             self._dropped("garbage_cells", unreadable, "unreadable", len(finite)),
             self._dropped("nan_cells", empty, "empty or NaN", len(finite)),
-            None if self.truncated is None else cut_short(self.source, self.place, self.truncated),
-            self._bad("garbage_cells", np.argwhere(text & ~lost[:, None]), numbers),
-            self._bad("nan_cells", np.argwhere(missing & ~lost[:, None]), numbers),
+            rest_is_cut,
+            self._bad("garbage_cells", no_numbers, numbers),
+            self._bad("nan_cells", no_values, numbers),
         ]
         # Infinite cells become NaN: one mark for "no number here".
         sound = {
@@ -156,11 +160,14 @@ class Cells:
             return None
         (row, column) = cells[0]
         natives = list(self.columns)
-        joints = dict.fromkeys(joint_of(natives[index]) for index in sorted(set(cells[:, 1])))
+        columns = sorted(set(cells[:, 1]))
+        joints = dict.fromkeys(joint_of(natives[index]) for index in columns)
         seen = "NaN or no number" if issue == "nan_cells" else repr(self.raw(row, column))
         count = "" if len(cells) == 1 else f", and {len(cells) - 1} more such cells"
         name = (self.names or natives)[column]
-        evidence = f"{self.source.name}, {self.place} {numbers[row]}, column {name}: {seen}{count}"
+        row_in_file = numbers[row]
+        where = f"{self.source.name}, {self.place} {row_in_file}"
+        evidence = f"{where}, column {name}: {seen}{count}"
         return TelemetryIssue(
             issue, tuple(joint for joint in joints if joint), "fatal", evidence, MEND
         )

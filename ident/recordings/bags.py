@@ -68,9 +68,9 @@ def open_bag(path: Path, settings: SessionFile | None, topic: str) -> NamedColum
         for name, field in fields.items()
         if field.endswith(("/effort", "/current"))
     }
-    held = held_columns(
-        merge([*topics.values()], [not torque or name in torque for name in topics], path)[0], path
-    )
+    wanted = [not torque or name in torque for name in topics]
+    merged, *_ = merge([*topics.values()], wanted, path)
+    held = held_columns(merged, path)
     clock = held.names.index(TIME) if TIME in held.names else -1
 
     def read(chosen: Mapping[int, str]) -> Table:
@@ -129,7 +129,9 @@ class Stream:
         """
         header = message.get("header")
         stamp = header.get("stamp", {}) if isinstance(header, dict) else {}
-        self.stamps.append(int(stamp.get("sec", 0)) * 1_000_000_000 + int(stamp.get("nanosec", 0)))
+        seconds = int(stamp.get("sec", 0))
+        nanoseconds = int(stamp.get("nanosec", 0))
+        self.stamps.append(seconds * 1_000_000_000 + nanoseconds)
         self.receipts.append(receipt)
         self.rows.append(row)
 
@@ -233,7 +235,11 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
         evidence = f"{path.name}: {', '.join(apart)} come in messages of their own, interpolated"
         issues.append(TelemetryIssue("jitter", apart, "note", evidence, "none needed"))
     joints = [joint_of(name) for name in columns if name.endswith("/position")]
-    silent = [j for j in joints if np.isnan(columns.get(f"{j}/effort", np.nan)).all()]
+    silent = []
+    for joint in joints:
+        effort = columns.get(f"{joint}/effort", np.nan)
+        if np.isnan(effort).all():
+            silent.append(joint)
     if len(silent) == len(joints):
         what = f"the messages on {topic} have no {'effort' if joints else 'position'}"
         raise RecordingError(path, what, "let the driver publish position and effort")
@@ -341,7 +347,8 @@ def _flat(value: Any, name: str, labels: Sequence[str]) -> Iterator[tuple[str, f
     elif isinstance(value, dict):
         yield from _numbers(value, f"{name}.", labels)
     elif isinstance(value, np.ndarray | list) and len(value) <= MOST_PLACES:
-        names = labels if len(set(labels)) == len(value) else [str(i) for i in range(len(value))]
+        are_unique = len(set(labels)) == len(value)
+        names = labels if are_unique else [str(i) for i in range(len(value))]
         for label, entry in zip(names, value, strict=True):
             yield from _flat(entry, f"{name}.{label}", ())
 
@@ -380,7 +387,8 @@ def merge(
             merged.update({name: stream[name] for name in names})
             continue
         order = np.argsort(time, kind="stable")
-        merged.update({name: np.interp(clock, time[order], stream[name][order]) for name in names})
+        for name in names:
+            merged[name] = np.interp(clock, time[order], stream[name][order])
         inside &= (clock >= time.min()) & (clock <= time.max())
         others.append(names)
     if not inside.any():

@@ -198,6 +198,5 @@ def cut_before(run: Recording, rows: Int[Array, " k"]) -> tuple[Recording, ...]:
     …
     """
     edges = [0, *(int(row) for row in rows), len(run)]
-    return tuple(
-        run.at(slice(a, b), f"{run.name}[{index}]") for index, (a, b) in enumerate(pairwise(edges))
-    )
+    numbered = enumerate(pairwise(edges))
+    return tuple(run.at(slice(a, b), f"{run.name}[{index}]") for index, (a, b) in numbered)

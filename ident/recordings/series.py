@@ -72,10 +72,10 @@ class Series:
             return None
         low, high = np.quantile(table, (0.1, 0.9), axis=0)
         # Powers of two: of one arm's runs most have the same scale, and are looked for together.
-        scale = np.exp2(np.round(np.log2(np.maximum(high - low, ROUNDING / NEAR))))
-        bends = np.abs(np.diff(table[:, len(joints) :] / scale[len(joints) :], 2, axis=0)).sum(
-            axis=1
-        )
+        reach = np.maximum(high - low, ROUNDING / NEAR)
+        scale = np.exp2(np.round(np.log2(reach)))
+        scaled = table[:, len(joints) :] / scale[len(joints) :]
+        bends = np.abs(np.diff(scaled, 2, axis=0)).sum(axis=1)
         rough = np.concatenate([[0.0], bends, [0.0]])
         count = int(np.clip(run.duration / MOMENT_S, FEWEST, MOST))
         stretches = np.array_split(np.arange(len(table)), count)
@@ -95,7 +95,8 @@ class Series:
 
     def is_in(self, run: SearchedRun) -> bool:
         """Whether a run holds so many of the moments that it is this one again, or a part of it."""
-        return self.found_in(run) >= max(LEAST, len(self.moments) / (SHARE * len(self.joints)))
+        share = len(self.moments) / (SHARE * len(self.joints))
+        return self.found_in(run) >= max(LEAST, share)
 
     def to_dict(self) -> JsonRecord:
         """Its entry in a model's record.

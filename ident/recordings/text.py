@@ -83,10 +83,10 @@ def read_damaged(
         ) from None
     raw = [column.combine_chunks() for column in cells]
     values, masks = zip(*(_to_numbers(column, layout.decimal) for column in raw), strict=True)
-    bad = [
-        mask[-1] or not (np.isfinite(column[-1]) or native.endswith("/temperature"))
-        for native, column, mask in zip(chosen.values(), values, masks, strict=True)
-    ]
+    bad = []
+    for native, column, mask in zip(chosen.values(), values, masks, strict=True):
+        may_be_missing = native.endswith("/temperature")
+        bad.append(mask[-1] or not (np.isfinite(column[-1]) or may_be_missing))
     if int(good[-1]) == len(lines) - 1 and any(bad):  # its line lacks an end
         truncated = int(good[-1]) + 1
     labels = [(layout.names[index], native) for index, native in chosen.items()]
@@ -255,7 +255,10 @@ def ends_within_cell(path: Path, layout: TextLayout) -> bool:
         split_cells(line, layout.separator)[-1:]
         for line in tail.decode(errors="replace").splitlines()[-20:]
     ] or [[]]
-    decimals = {len(cell[0].partition(layout.decimal)[2]) for cell in before[1:] if cell}
+    decimals = set()
+    for cell in before[1:]:
+        if cell:
+            decimals.add(len(cell[0].partition(layout.decimal)[2]))
     cut = len(last[0].partition(layout.decimal)[2]) if last else 0
     return len(before) > 5 and len(decimals) == 1 and cut < decimals.pop()
 
@@ -284,7 +287,8 @@ def open_text(path: Path) -> NamedColumns:
             cells = [row[i] for row in rows if row[i]]  # another topic's row leaves a cell empty
             if cells and sum(map(is_number, cells)) > len(cells) / 2:
                 filled.append(i)
-            if cells and sum(bool(ISO.match(cell)) for cell in cells) > len(cells) / 2:
+            dates = sum(bool(ISO.match(cell)) for cell in cells)
+            if cells and dates > len(cells) / 2:
                 stamps.append(i)
         if not filled:
             raise RecordingError(path, "has no column of numbers", "give a table of samples")

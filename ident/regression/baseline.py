@@ -192,7 +192,8 @@ def _solve_joints(
     for j in range(n):
         losses = rank + LOSSES * j + np.arange(LOSSES)
         unknowns = np.array([*range(rank), *losses, -1])
-        columns = np.array([*range(rank), rank, rank + 1, rank + LOSSES + widths[j], -1])
+        width = rank + LOSSES + widths[j]
+        columns = np.array([*range(rank), rank, rank + 1, width, -1])
         of_joint = sums[j][np.ix_(columns, columns)] / noise[j] ** 2
         whole[np.ix_(unknowns, unknowns)] += of_joint
     solution = solve_partly_non_negative(whole, range(rank, unknown))

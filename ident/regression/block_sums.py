@@ -11,7 +11,7 @@ sums.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -53,10 +53,10 @@ class SymmetricSums:
             room: Where large ones wait on disk; in memory if None.
         """
         nonzero = np.flatnonzero(whole.any(axis=(0, 1)))
-        halves = (pack(sums[np.ix_(nonzero, nonzero)]) for sums in whole)
-        return cls(
-            stored(halves, len(whole) * half_size(len(nonzero)), room), nonzero, whole.shape[1]
-        )
+        square = np.ix_(nonzero, nonzero)
+        halves = (pack(sums[square]) for sums in whole)
+        numbers = len(whole) * half_size(len(nonzero))
+        return cls(stored(halves, numbers, room), nonzero, whole.shape[1])
 
     def __len__(self) -> int:
         return len(self.half)
@@ -73,14 +73,20 @@ class SymmetricSums:
         """
         rows = rows / np.sqrt(self.factor)
         numbers = len(self) * half_size(len(self.nonzero))
-        if rows.size <= numbers or np.delete(rows, self.nonzero, axis=1).any():
+        other_columns = np.delete(rows, self.nonzero, axis=1)
+        if rows.size <= numbers or other_columns.any():
             return replace(self, rows=rows, place=place)
-        of_block = (rows[place == block][:, self.nonzero] for block in range(len(self)))
-        halves = (
-            half + pack(some.T @ some) for half, some in zip(self.half, of_block, strict=True)
-        )
         room = self.half if isinstance(self.half, SpooledArrays) else None
+        halves = self._halves_with(rows[:, self.nonzero], place)
         return replace(self, half=stored(halves, numbers, room))
+
+    def _halves_with(
+        self, rows: Float[Array, "k a"], place: Int[Array, " k"]
+    ) -> Iterator[Float[Array, " h"]]:
+        """Packed sums of each block with further rows of its nonzero columns."""
+        for block, half in enumerate(self.half):
+            further = rows[place == block]
+            yield half + pack(further.T @ further)
 
     def divided(self, factor: float) -> SymmetricSums:
         """Sums of columns that count in units so much larger that the sums shrink by a factor.
@@ -91,27 +97,27 @@ class SymmetricSums:
 
     def weighted(self, weights: Float[Array, " K"]) -> SymmetricSums:
         """A copy with each block's sums times a weight; of sums that have no further rows."""
-        return replace(
-            self, half=[weight * half for weight, half in zip(weights, self.half, strict=True)]
-        )
+        pairs = zip(weights, self.half, strict=True)
+        return replace(self, half=[weight * half for weight, half in pairs])
 
     def part(self, columns: Int[Array, " c"]) -> Float[Array, "K c c"]:
         """Sums of some columns, block by block."""
-        spots_of_columns = self._spot[columns]
-        seen = np.flatnonzero(spots_of_columns >= 0)
-        high = np.maximum(spots_of_columns[seen, None], spots_of_columns[seen])
-        low = np.minimum(spots_of_columns[seen, None], spots_of_columns[seen])
-        spots = high * (high + 1) // 2 + low
-        sums = np.array([half[spots] for half in self.half]).reshape(
-            len(self), len(seen), len(seen)
-        )
+        every_spot = self._spot[columns]
+        seen = np.flatnonzero(every_spot >= 0)
+        spots = every_spot[seen]
+        high = np.maximum(spots[:, None], spots)
+        low = np.minimum(spots[:, None], spots)
+        in_half = high * (high + 1) // 2 + low
+        packed = np.array([half[in_half] for half in self.half])
+        sums = packed.reshape(len(self), len(seen), len(seen))
         if len(seen) < len(columns):
             shown = sums
             sums = np.zeros((len(self), len(columns), len(columns)))
             sums[:, seen[:, None], seen] = shown
         if len(self.rows):
             of_rows = self.rows[:, columns]
-            np.add.at(sums, self.place, of_rows[:, :, None] * of_rows[:, None, :])
+            products = of_rows[:, :, None] * of_rows[:, None, :]
+            np.add.at(sums, self.place, products)
         return np.asarray(self.factor * sums)
 
     def over(self, blocks: Sequence[int] | Int[Array, " b"] | None = None) -> Float[Array, "p p"]:
@@ -121,34 +127,39 @@ class SymmetricSums:
         for block in members:  # none of them is copied
             half += self.half[block]
         sums = np.zeros((self.size, self.size))
-        upper = dtpttr(len(self.nonzero), half, uplo="U")[0]
-        sums[np.ix_(self.nonzero, self.nonzero)] = np.triu(upper) + np.triu(upper, 1).T
+        upper, *_ = dtpttr(len(self.nonzero), half, uplo="U")
+        square = np.ix_(self.nonzero, self.nonzero)
+        sums[square] = np.triu(upper) + np.triu(upper, 1).T
         if len(self.rows):
-            members_rows = self.rows[np.isin(self.place, np.asarray(members))]
-            sums += members_rows.T @ members_rows
+            inside = np.isin(self.place, np.asarray(members))
+            rows = self.rows[inside]
+            sums += rows.T @ rows
         return np.asarray(self.factor * sums)
 
     def diagonal(self) -> Float[Array, " p"]:
         """Sum of each column's squares over all blocks."""
         index = np.arange(len(self.nonzero))
+        on_diagonal = index * (index + 3) // 2
+        packed = np.zeros(len(index))
+        for half in self.half:
+            packed = packed + half[on_diagonal]
         diagonal = np.zeros(self.size)
-        diagonal[self.nonzero] = sum(
-            (half[index * (index + 3) // 2] for half in self.half), np.zeros(len(index))
-        )
-        return np.asarray(
-            self.factor * (diagonal + ((self.rows**2).sum(axis=0) if len(self.rows) else 0.0))
-        )
+        diagonal[self.nonzero] = packed
+        if len(self.rows):
+            diagonal = diagonal + (self.rows**2).sum(axis=0)
+        return np.asarray(self.factor * diagonal)
 
     def times(self, weights: Float[Array, " p"]) -> Float[Array, "K p"]:
         """Each block's sums times a vector of weights of the columns."""
         packed_weights = weights[self.nonzero]
+        width = len(packed_weights)
         products = np.zeros((len(self), self.size))
-        if len(packed_weights):
-            products[:, self.nonzero] = [
-                dspmv(len(packed_weights), 1.0, half, packed_weights) for half in self.half
-            ]
+        if width:
+            of_blocks = [dspmv(width, 1.0, half, packed_weights) for half in self.half]
+            products[:, self.nonzero] = of_blocks
         if len(self.rows):
-            np.add.at(products, self.place, (self.rows @ weights)[:, None] * self.rows)
+            of_rows = self.rows @ weights
+            np.add.at(products, self.place, of_rows[:, None] * self.rows)
         return np.asarray(self.factor * products)
 
     @cached_property
@@ -169,7 +180,9 @@ def stored(
         numbers: How many numbers they are together.
         room: Where many numbers go on disk; in memory if None.
     """
-    return list(halves) if room is None or numbers <= HELD_NUMBERS else SpooledArrays(halves, room)
+    if room is None or numbers <= HELD_NUMBERS:
+        return list(halves)
+    return SpooledArrays(halves, room)
 
 
 def half_size(columns: int) -> int:
@@ -211,9 +224,9 @@ def add_products(sums: Float[Array, "p p"], table: Float[Array, "t p"], sign: fl
         table: The rows.
         sign: Of the summands.
     """
-    if len(table):
-        # BLAS counts columns first: our lower half is its upper one.
-        result = dsyrk(
-            sign, np.ascontiguousarray(table).T, beta=1.0, c=sums.T, lower=0, overwrite_c=1
-        )
-        assert np.shares_memory(result, sums)
+    if not len(table):
+        return
+    # BLAS counts columns first: our lower half is its upper one.
+    rows = np.ascontiguousarray(table).T
+    result = dsyrk(sign, rows, beta=1.0, c=sums.T, lower=0, overwrite_c=1)
+    assert np.shares_memory(result, sums)

@@ -10,8 +10,9 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.regression.design import Group
+from ident.regression.factors import factorise_signed
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Prior, factorise_signed, signs_of
+from ident.regression.least_squares import Prior, signs_of
 
 # Models whose sums at a joint are kept.
 MODELS_KEPT = 3
@@ -30,8 +31,9 @@ class HeldOutScore:
     def rms(self) -> Float[Array, " n"]:
         """Root mean square over all folds, joint by joint [N m]."""
         # of a joint of which holds alone count they may be far below one
-        weights = self.weights.sum(axis=0)
-        return np.sqrt(self.squares.sum(axis=0) / np.where(weights > 0.0, weights, 1.0))
+        samples = self.weights.sum(axis=0)
+        samples = np.where(samples > 0.0, samples, 1.0)
+        return np.sqrt(self.squares.sum(axis=0) / samples)
 
     def fall_from(self, other: HeldOutScore) -> Float[Array, " n"]:
         """Share by which each joint's root mean square falls from another model's.
@@ -39,7 +41,8 @@ class HeldOutScore:
         At most 1, negative where it rises, 0 of a joint without samples.
         """
         old = other.rms
-        return np.where(old > 0.0, 1.0 - self.rms / np.maximum(old, 1e-12), 0.0)
+        ratio = self.rms / np.maximum(old, 1e-12)
+        return np.where(old > 0.0, 1.0 - ratio, 0.0)
 
     def gain_over(
         self, other: HeldOutScore, joints: Sequence[int] | None = None
@@ -55,7 +58,8 @@ class HeldOutScore:
             Both in nats.
         """
         chosen = slice(None) if joints is None else list(joints)
-        return _over_folds(0.5 * (other.misfit - self.misfit)[:, chosen].sum(axis=1))
+        gains = 0.5 * (other.misfit - self.misfit)
+        return _over_folds(gains[:, chosen].sum(axis=1))
 
     def closed_over(self, other: HeldOutScore, joints: Sequence[int]) -> tuple[float, float]:
         """Fall of the squared torque error from another model's, and its standard error over the
@@ -72,12 +76,14 @@ class HeldOutScore:
         """
         chosen = list(joints)
         unit = np.maximum(other.squares[:, chosen].sum(axis=0), 1e-300)
-        return _over_folds(((other.squares - self.squares)[:, chosen] / unit).sum(axis=1))
+        falls = (other.squares - self.squares)[:, chosen]
+        return _over_folds((falls / unit).sum(axis=1))
 
 
 def _over_folds(gains: Float[Array, " F"]) -> tuple[float, float]:
     """Sum over the folds and its standard error."""
-    return float(gains.sum()), float(np.std(gains, ddof=1) * np.sqrt(len(gains)))
+    deviation = np.std(gains, ddof=1)
+    return float(gains.sum()), float(deviation * np.sqrt(len(gains)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +115,12 @@ class ColumnSums:
             places: Where the columns stand in its rows.
         """
         without, of_fold = evidence.fold_sums(joint, places)
-        return cls(places, without, of_fold, evidence.plain[joint].part(places))
+        return cls(
+            places=places,
+            without=without,
+            of_fold=of_fold,
+            plain=evidence.plain[joint].part(places),
+        )
 
     def at(self, places: Int[Array, " d"]) -> ColumnSums:
         """The sums of some of these columns.
@@ -117,14 +128,13 @@ class ColumnSums:
         Args:
             places: Where they stand in the joint's rows; all are among `self.places`, which rise.
         """
-        spots = np.searchsorted(self.places, places)
-        rows = spots[:, None]
-        columns = spots
+        columns = np.searchsorted(self.places, places)
+        rows = columns[:, None]
         return ColumnSums(
-            places,
-            self.without[:, rows, columns],
-            self.of_fold[:, rows, columns],
-            self.plain[:, rows, columns],
+            places=places,
+            without=self.without[:, rows, columns],
+            of_fold=self.of_fold[:, rows, columns],
+            plain=self.plain[:, rows, columns],
         )
 
 
@@ -133,7 +143,8 @@ def _spots(
 ) -> tuple[Int[Array, " k"], Int[Array, " k"]]:
     """Where the used columns stand in a joint's rows, and where those stand among the used."""
     order = np.argsort(local)
-    near = order[np.minimum(np.searchsorted(local, used, sorter=order), len(local) - 1)]
+    sorted_places = np.searchsorted(local, used, sorter=order)
+    near = order[np.minimum(sorted_places, len(local) - 1)]
     there = np.flatnonzero(local[near] == used)
     return near[there], there
 
@@ -169,14 +180,18 @@ class FoldColumns:
 
         The last few are kept: most models differ at one joint from the one before.
         """
-        joints = range(self.evidence.layout.n)
-        return tuple(lru_cache(MODELS_KEPT)(partial(self._read, joint)) for joint in joints)
+        readers = []
+        for joint in range(self.evidence.layout.n):
+            read = partial(self._read, joint)
+            readers.append(lru_cache(MODELS_KEPT)(read))
+        return tuple(readers)
 
     def _read(self, joint: int, packed: bytes) -> ColumnSums:
         places = np.frombuffer(packed, dtype=int)
         known = self._known[joint]
         if not np.isin(places, known.places).all():
-            known = ColumnSums.of(self.evidence, joint, np.union1d(known.places, places))
+            wanted = np.union1d(known.places, places)
+            known = ColumnSums.of(self.evidence, joint, wanted)
             self._known[joint] = known
         return known.at(places)
 
@@ -209,10 +224,10 @@ class HeldOut:
     def _columns_of(self, groups: Sequence[Group]) -> Int[Array, " z"]:
         """Columns of the baseline, some groups, and the torque."""
         layout = self.evidence.layout
-        of_groups = (group.columns for group in groups)
-        return np.concatenate(
-            [np.arange(layout.tuned), *of_groups, np.array([layout.size])]
-        ).astype(int)
+        tuned = np.arange(layout.tuned)
+        of_groups = [group.columns for group in groups]
+        torque = np.array([layout.size])
+        return np.concatenate([tuned, *of_groups, torque]).astype(int)
 
     @cached_property
     def _scored(self) -> dict[tuple[Group, ...], tuple[FoldWeights, HeldOutScore]]:
@@ -224,11 +239,13 @@ class HeldOut:
 
         A residual is the product of a row, the torque last, with them.
         """
-        return self._of(groups)[0]
+        weights, _ = self._of(groups)
+        return weights
 
     def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
         """What the baseline and some groups leave of each fold, solved without it."""
-        return self._of(groups)[1]
+        _, score = self._of(groups)
+        return score
 
     def power(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:
         """Whitened squares of some columns over all folds."""
@@ -239,7 +256,8 @@ class HeldOut:
         whole = np.zeros((len(columns), len(columns)))
         for joint, local in enumerate(self.evidence.layout.local):
             places, into = _spots(local, columns)
-            whole[np.ix_(into, into)] += self._columns.at(joint, places).of_fold.sum(axis=0)
+            of_fold = self._columns.at(joint, places).of_fold
+            whole[np.ix_(into, into)] += of_fold.sum(axis=0)
         return whole
 
     def _of(self, groups: Sequence[Group]) -> tuple[FoldWeights, HeldOutScore]:
@@ -250,6 +268,7 @@ class HeldOut:
         return self._scored[key]
 
     def _solved(self, groups: Sequence[Group]) -> FoldWeights:
+        """The model of some groups, solved without each fold in turn."""
         layout = self.evidence.layout
         used = self._columns_of(groups)
         folds = len(self.evidence.weights)
@@ -259,23 +278,29 @@ class HeldOut:
             grams[:, into[:, None], into] += self._columns.at(joint, places).without
         signed = signs_of(layout.tuned, groups)
         values = np.array([self._solve(gram, used, signed) for gram in grams])
-        once = np.isin(
-            used, [column for group in groups if group.effect.event for column in group.columns]
-        )
+        columns_of_events: list[int] = []
+        for group in groups:
+            if group.effect.event:
+                columns_of_events += group.columns.tolist()
+        once = np.isin(used, columns_of_events)
         if once.any():  # what happened once can't be learnt from other runs
-            values[:, once] = self._solve(self._over_all_folds(used), used, signed)[once]
+            of_all = self._solve(self._over_all_folds(used), used, signed)
+            values[:, once] = of_all[once]
         return FoldWeights(used, values)
 
     def _score_of(self, weights: FoldWeights) -> HeldOutScore:
+        """What a model leaves of each fold."""
         layout = self.evidence.layout
-        misfit, squares = np.zeros((2, len(weights.values), layout.n))
+        folds = len(weights.values)
+        misfit = np.zeros((folds, layout.n))
+        squares = np.zeros((folds, layout.n))
         for j, local in enumerate(layout.local):
             places, into = _spots(local, weights.columns)
-            w = weights.values[:, into]
+            of_joint = weights.values[:, into]
+            known = self._columns.at(j, places)
             with np.errstate(over="ignore"):  # what a fold knows nothing of may run away
-                known = self._columns.at(j, places)
-                for sums, squared in ((known.of_fold, misfit), (known.plain, squares)):
-                    squared[:, j] = np.einsum("fk,fk->f", w, (sums @ w[:, :, None])[:, :, 0])
+                misfit[:, j] = _squares(of_joint, known.of_fold)
+                squares[:, j] = _squares(of_joint, known.plain)
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 
     def _solve(
@@ -283,9 +308,18 @@ class HeldOut:
     ) -> Float[Array, " z"]:
         """Residual weights (−coefficients, 1) of a model trained on some sums."""
         information = gram[:-1, :-1].copy()
+        target = gram[:-1, -1]
         self.prior.add_to(information, self.evidence.layout)
         power = np.diag(information).copy()
         noise = self.evidence.settings.noise_ridge * self.evidence.noise_power[used[:-1]]
-        information[np.diag_indices(len(information))] += 1e-8 * power + noise + 1e-9
-        estimate = factorise_signed(information, gram[:-1, -1], signed).solve(gram[:-1, -1])
+        ridge = 1e-8 * power + noise + 1e-9
+        information[np.diag_indices(len(information))] += ridge
+        factor = factorise_signed(information, target, signed)
+        estimate = factor.solve(target)
         return np.concatenate([-estimate, [1.0]])
+
+
+def _squares(weights: Float[Array, "F k"], sums: Float[Array, "F k k"]) -> Float[Array, " F"]:
+    """wᵀ S w of each fold's weights and sums."""
+    products = sums @ weights[:, :, None]
+    return np.einsum("fk,fk->f", weights, products[:, :, 0])

@@ -44,10 +44,13 @@ class Discrepancy(Effect):
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         """The one variant, which holds centres and scales of the whole session's inputs."""
         inputs = np.concatenate([_inputs(run, joint) for run in session.runs])
-        shape = {"start": session.runs[0].motion.time[0], "end": session.runs[-1].motion.time[-1]}
-        for k in range(inputs.shape[1]):
-            shape[f"centre_{k}"] = float(inputs[:, k].mean())
-            shape[f"scale_{k}"] = float(inputs[:, k].std() + 1e-9)
+        shape = {
+            "start": session.runs[0].motion.time[0],
+            "end": session.runs[-1].motion.time[-1],
+        }
+        for k, values in enumerate(inputs.T):
+            shape[f"centre_{k}"] = float(values.mean())
+            shape[f"scale_{k}"] = float(values.std() + 1e-9)
         return (Variant({}, None, shape),)
 
     def columns(
@@ -93,27 +96,40 @@ class Discrepancy(Effect):
         centre = np.array([shape[f"centre_{k}"] for k in range(width)])
         scale = np.array([shape[f"scale_{k}"] for k in range(width)])
         x = (_inputs(run, joint) - centre) / scale
-        coarse = run.motion.coarse
-        direction = run.direction[coarse, joint : joint + 1]
+        direction = run.direction[run.motion.coarse, joint : joint + 1]
         if self.block == "state":
             return _features(x[:, :5], direction, SHAPE.state_columns, 3, 100 + joint)
         if self.block == "coupling":
             return _features(x[:, 5:], direction, SHAPE.coupling_columns, 2, 200 + joint)
         if self.block == "memory":
-            motion = run.motion
-            age, moved = since_reversal(motion.time, motion.q[:, joint], motion.dq[:, joint])
-            fade = [np.exp(-np.abs(moved) / travel) for travel in SHAPE.travels_rad]
-            fade += [np.exp(-age / age_scale) for age_scale in SHAPE.ages_s]
-            fading = np.stack(fade, axis=1)[coarse]
-            turned = fading * direction
-            return np.concatenate([fading, turned, turned * x[:, 2:3]], axis=1)
+            return _of_memory(run, joint, direction, x[:, 2:3])
         duration = max(shape["end"] - shape["start"], 1e-9)
-        instant = (run.motion.time[coarse] - shape["start"]) / duration
+        instant = (run.motion.time[run.motion.coarse] - shape["start"]) / duration
         waves = np.cos(np.pi * instant[:, None] * np.arange(1, SHAPE.waves + 1))
         return np.concatenate([waves, waves * direction, waves * x[:, 1:2]], axis=1)
 
 
 KINDS = tuple(Discrepancy(block) for block in BLOCKS)
+
+
+def _of_memory(
+    run: RunContext, joint: int, direction: Float[Array, "t 1"], load: Float[Array, "t 1"]
+) -> Float[Array, "t k"]:
+    """Columns that fade with the travel and the time since the joint last turned.
+
+    Args:
+        run: The run.
+        joint: Index of the joint.
+        direction: In which it moves.
+        load: Its scaled load.
+    """
+    motion = run.motion
+    age, moved = since_reversal(motion.time, motion.q[:, joint], motion.dq[:, joint])
+    fade = [np.exp(-np.abs(moved) / travel) for travel in SHAPE.travels_rad]
+    fade += [np.exp(-age / age_scale) for age_scale in SHAPE.ages_s]
+    fading = np.stack(fade, axis=1)[motion.coarse]
+    turned = fading * direction
+    return np.concatenate([fading, turned, turned * load], axis=1)
 
 
 def _inputs(run: RunContext, joint: int) -> Float[Array, "t k"]:
@@ -126,7 +142,8 @@ def _inputs(run: RunContext, joint: int) -> Float[Array, "t k"]:
     q = run.motion.q[coarse]
     dq = run.motion.dq[coarse]
     direction = run.direction[coarse]
-    usual = 0.05 + 0.05 * np.sqrt(np.mean(run.motion.dq[:, joint] ** 2))
+    mean_square = np.mean(run.motion.dq[:, joint] ** 2)
+    usual = 0.05 + 0.05 * np.sqrt(mean_square)
     of_joint = [
         q[:, joint],
         dq[:, joint],
@@ -207,6 +224,22 @@ def unusual_torque(
     Returns:
         For each run, of the shape of its leftover torque [N m].
     """
+    piece = _pieces_of(session, leftover)
+    every = np.concatenate(leftover)
+    settled = np.concatenate([run.motion.settled for run in session.runs])
+    known = settled & ~np.isnan(every)
+    by_joint = []
+    for joint in range(session.n):
+        unusual = _of_joint(session, joint, every[:, joint], known[:, joint], piece)
+        by_joint.append(unusual)
+    ends = np.cumsum([len(values) for values in leftover])[:-1]
+    return np.split(np.stack(by_joint, axis=1), ends)
+
+
+def _pieces_of(
+    session: SessionContext, leftover: Sequence[Float[Array, "t n"]]
+) -> Int[Array, " t"]:
+    """Number of the piece of time that each sample of all runs lies in."""
     steps = []
     for run, values in zip(session.runs, leftover, strict=True):
         step = run.motion.interval * run.motion.lowpass.factor
@@ -215,16 +248,8 @@ def unusual_torque(
     duration = clock[-1]
     wanted = duration / UNUSUAL.shortest_piece
     pieces = int(np.clip(wanted, UNUSUAL.fewest_pieces, UNUSUAL.most_pieces))
-    piece = np.minimum((clock / duration * pieces).astype(int), pieces - 1)
-    every = np.concatenate(leftover)
-    settled = np.concatenate([run.motion.settled for run in session.runs])
-    known = settled & ~np.isnan(every)
-    by_joint = [
-        _of_joint(session, joint, every[:, joint], known[:, joint], piece)
-        for joint in range(session.n)
-    ]
-    ends = np.cumsum([len(values) for values in leftover])[:-1]
-    return np.split(np.stack(by_joint, axis=1), ends)
+    piece = (clock / duration * pieces).astype(int)
+    return np.minimum(piece, pieces - 1)
 
 
 def _of_joint(
@@ -242,31 +267,36 @@ def _of_joint(
         return left
     features = _state_features(session, joint)
     values = np.nan_to_num(left)
-    weight = known * np.minimum(1.0, UNUSUAL.far_out * usual / np.maximum(np.abs(values), usual))
+    far = np.maximum(np.abs(values), usual)
+    weight = known * np.minimum(1.0, UNUSUAL.far_out * usual / far)
     pieces = int(piece[-1]) + 1
-    starts = np.searchsorted(piece, np.arange(pieces + 1))
-    rows = [slice(*ends) for ends in itertools.pairwise(starts.tolist())]
+    starts = np.searchsorted(piece, np.arange(pieces + 1)).tolist()
+    rows = [slice(start, end) for start, end in itertools.pairwise(starts)]
     grams = []
     scores = []
     for where in rows:
-        weighted = (features[where] * weight[where, None].astype(np.float32)).T
-        grams.append(weighted @ features[where])
+        of_piece = features[where]
+        weighted = (of_piece * weight[where, None].astype(np.float32)).T
+        grams.append(weighted @ of_piece)
         scores.append(weighted @ values[where])
     gram_of_piece = np.stack(grams).astype(float)
     # Each piece from all others but its neighbours.
-    distance = np.abs(np.subtract.outer(np.arange(pieces), np.arange(pieces)))
+    number = np.arange(pieces)
+    distance = np.abs(np.subtract.outer(number, number))
     others = distance > 1
     gram = np.tensordot(others, gram_of_piece, 1)
     score = others @ np.stack(scores)
     width = features.shape[1]
-    ridge = float(np.trace(gram_of_piece.sum(axis=0))) / width * np.eye(width)
+    trace = float(np.trace(gram_of_piece.sum(axis=0)))
+    ridge = trace / width * np.eye(width)
     best = left
     least = UNUSUAL.most_left * usual
     for share in UNUSUAL.ridges:
         slopes = np.linalg.solve(gram + share * ridge, score[:, :, None])[:, :, 0]
         by_piece = [features[where] @ slope for where, slope in zip(rows, slopes, strict=True)]
         predicted = np.concatenate(by_piece)
-        unusual = float(np.median(np.abs((values - predicted)[known])))
+        residual = (values - predicted)[known]
+        unusual = float(np.median(np.abs(residual)))
         if unusual < least:
             best = np.where(known, left - predicted, left)
             least = unusual

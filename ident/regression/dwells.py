@@ -149,7 +149,8 @@ def find_turns(motion: Motion) -> tuple[tuple[Hold, ...], ...]:
 
 def _stretches(mask: Bool[Array, " t"]) -> list[tuple[int, int]]:
     """First sample, and the one after the last, of each stretch where a mask is true."""
-    bounds = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    framed = np.concatenate([[False], mask, [False]])
+    bounds = np.flatnonzero(np.diff(framed.astype(int)))
     return [(int(a), int(b)) for a, b in bounds.reshape(-1, 2)]
 
 
@@ -199,7 +200,8 @@ def dwell_rows(
     for j, (holds, turns) in enumerate(zip(find_holds(motion), find_turns(motion), strict=True)):
         q = motion.q[motion.coarse, j]
         jump = LIMIT.jump_levels * friction[j] + LIMIT.jump_noise * noise[j]
-        parted = _parted((*holds, *turns), tables[j][:, -1], q, jump, motion)
+        torque = tables[j][:, -1]
+        parted = _parted((*holds, *turns), torque, q, jump, motion)
         pieces = _pieces_by_block(parted, changes)
         start, stop, sign, hold = np.array(pieces, dtype=float).reshape(-1, 4).T
         first = start.astype(int)

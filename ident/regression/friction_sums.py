@@ -108,9 +108,12 @@ class FrictionSums:
             spread: Relative standard deviation of its friction level from stretch to stretch.
         """
         pieces = self.sums[joint]
-        responses = self._responses(joint, spread)[self._stretch_of_piece]
+        of_stretches = self._responses(joint, spread)
+        responses = of_stretches[self._stretch_of_piece]
         size = pieces.shape[-1]
-        half = pieces.reshape(-1, size).T @ responses.reshape(-1, size)
+        flat_pieces = pieces.reshape(-1, size)
+        flat_responses = responses.reshape(-1, size)
+        half = flat_pieces.T @ flat_responses
         return np.asarray(0.5 * (half + half.T))
 
     def walking(self, joint: int, spread: float, walk: float) -> WalkingLevels:
@@ -155,12 +158,14 @@ class FrictionSums:
             weights: w, one for each column of the joint's rows.
             count: Number of blocks, B.
         """
+        stretch = self._stretch_of_piece
         pieces = self.sums[joint]
-        whole = self.by_stretch[joint][self._stretch_of_piece]
-        root = self._root(joint, spread)[self._stretch_of_piece]
+        whole = self.by_stretch[joint][stretch]
+        root = self._root(joint, spread)[stretch]
         of_piece = _times(root, pieces @ weights)
         of_stretch = _times(root, whole @ weights)
-        twice = _times(root, _times(pieces[:, :, self.columns], of_stretch))
+        friction = pieces[:, :, self.columns]
+        twice = _times(root, _times(friction, of_stretch))
         products = np.einsum("kap,ka->kp", pieces, of_stretch)
         products = products + np.einsum("kap,ka->kp", whole, of_piece - twice)
         number = len(products)
@@ -205,7 +210,8 @@ class FrictionSums:
         inside = fold_sums.copy()
         if not self.crosses_folds(folds):
             pieces = _select(self.sums[joint], places)
-            responses = self._responses(joint, spread, places)[self._stretch_of_piece]
+            of_stretches = self._responses(joint, spread, places)
+            responses = of_stretches[self._stretch_of_piece]
             for fold in range(len(fold_sums)):
                 members = fold_of_piece == fold
                 half = _sum_of_products(pieces[members], responses[members])
@@ -240,15 +246,18 @@ class FrictionSums:
         information = level[:, None] * whole[:, :, self.columns] * level
         total = np.trace(information, axis1=1, axis2=2)
         information += RIDGE * total[:, None, None] * np.eye(2)
-        moved = np.linalg.eigvalsh(information)[:, 0] > LEAST_INFORMATION
+        least = np.linalg.eigvalsh(information)[:, 0]
+        moved = least > LEAST_INFORMATION
         inverse = np.linalg.inv(information[moved])
-        shares = inverse @ (level[:, None] * whole[moved])
+        scaled = level[:, None] * whole[moved]
+        shares = inverse @ scaled
         return shares.reshape(-1, whole.shape[2]), misfit * inverse
 
     @cached_property
     def _stretch_of_piece(self) -> Int[Array, " K"]:
         """Index of each piece's stretch, counted from 0 without gaps."""
-        return np.unique(self.stretch, return_inverse=True)[1]
+        _, stretch_of_piece = np.unique(self.stretch, return_inverse=True)
+        return stretch_of_piece
 
     def _add_pieces(self, joint: int, members: Bool[Array, " K"]) -> Float[Array, "R 2 p"]:
         """FᵀX of every stretch by some of its pieces alone."""
@@ -270,7 +279,8 @@ class FrictionSums:
         whole = self._add_pieces(joint, members)
         covariance = self._covariance(whole, joint, spread)
         selected = _select(whole, places)
-        return _sum_of_products(selected, np.einsum("rab,rbp->rap", covariance, selected))
+        responses = np.einsum("rab,rbp->rap", covariance, selected)
+        return _sum_of_products(selected, responses)
 
     def _responses(
         self, joint: int, spread: float, places: Int[Array, " c"] | None = None
@@ -278,7 +288,8 @@ class FrictionSums:
         """C FᵀX of every stretch: how its two friction coefficients follow the columns."""
         whole = self.by_stretch[joint]
         covariance = self._covariance(whole, joint, spread)
-        return np.asarray(np.einsum("rab,rbp->rap", covariance, _select(whole, places)))
+        selected = _select(whole, places)
+        return np.asarray(np.einsum("rab,rbp->rap", covariance, selected))
 
     def _covariance(
         self, whole: Float[Array, "R 2 p"], joint: int, spread: float
@@ -291,8 +302,9 @@ class FrictionSums:
             spread: Relative standard deviation of its friction level from stretch to stretch.
         """
         deviation = spread * self.level[joint]
-        inner = np.eye(2) + deviation[:, None] * whole[:, :, self.columns] * deviation
-        return np.asarray(deviation[:, None] * np.linalg.inv(inner) * deviation)
+        information = deviation[:, None] * whole[:, :, self.columns] * deviation
+        inverse = np.linalg.inv(np.eye(2) + information)
+        return np.asarray(deviation[:, None] * inverse * deviation)
 
     def _root(self, joint: int, spread: float) -> Float[Array, "R 2 2"]:
         """D of every stretch, with (I − F D Fᵀ)² = I − F C Fᵀ.
@@ -302,17 +314,21 @@ class FrictionSums:
         """
         whole = self.by_stretch[joint]
         inner = whole[:, :, self.columns]
-        squares, axes = np.linalg.eigh(0.5 * (inner + np.swapaxes(inner, 1, 2)))
-        least = LEAST_SQUARE * np.maximum(squares[:, -1:], 1e-300)
-        sizes = np.sqrt(np.maximum(squares, least))
+        symmetric = 0.5 * (inner + np.swapaxes(inner, 1, 2))
+        squares, axes = np.linalg.eigh(symmetric)
+        largest = np.maximum(squares[:, -1:], 1e-300)
+        sizes = np.sqrt(np.maximum(squares, LEAST_SQUARE * largest))
+        inverse_sizes = 1.0 / sizes
         transposed = np.swapaxes(axes, 1, 2)
         root = (axes * sizes[:, None, :]) @ transposed
-        inverse_root = (axes * (1.0 / sizes)[:, None, :]) @ transposed
+        inverse_root = (axes * inverse_sizes[:, None, :]) @ transposed
         covariance = self._covariance(whole, joint, spread)
         values, vectors = np.linalg.eigh(root @ covariance @ root)
-        lost = 1.0 - np.sqrt(1.0 - np.clip(values, 0.0, 1.0))
+        explained = np.clip(values, 0.0, 1.0)
+        lost = 1.0 - np.sqrt(1.0 - explained)
         turned = inverse_root @ vectors
-        return np.asarray((turned * lost[:, None, :]) @ np.swapaxes(turned, 1, 2))
+        scaled = turned * lost[:, None, :]
+        return np.asarray(scaled @ np.swapaxes(turned, 1, 2))
 
 
 def _select(sums: Float[Array, "K 2 p"], places: Int[Array, " c"] | None) -> Float[Array, "K 2 c"]:
@@ -327,9 +343,12 @@ def _sum_of_products(
 
     Piece by piece, so that rounding does not depend on which other columns are asked for.
     """
-    total = np.zeros((sums.shape[2], sums.shape[2]))
+    size = sums.shape[2]
+    total = np.zeros((size, size))
     for first, second in zip(sums, responses, strict=True):
-        total += first[0, :, None] * second[0] + first[1, :, None] * second[1]
+        viscous = first[0, :, None] * second[0]
+        coulomb = first[1, :, None] * second[1]
+        total += viscous + coulomb
     return total
 
 

@@ -147,7 +147,8 @@ class Evidence:
             power_of_column = np.abs(self.free[j].diagonal())
             power[local] += power_of_column
             weighted[local] += power_of_column / factor[j]
-        sums = tuple(sums.divided(float(factor[j])) for j, sums in enumerate(self.free))
+        divisors = factor.tolist()
+        sums = tuple(sums.divided(divisors[j]) for j, sums in enumerate(self.free))
         flexible = tuple(sums / factor[j] for j, sums in enumerate(self.flexible))
         tied = tuple(sums / factor[j] for j, sums in enumerate(self.friction.sums))
         return replace(

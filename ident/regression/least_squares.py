@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.regression.baseline import Baseline, UrdfError
 from ident.regression.design import Group, Layout
+from ident.regression.factors import Factor, factorise, factorise_signed, solve_signed
 from ident.regression.gram import Evidence
 from ident.regression.settings import RegressionSettings
 
@@ -27,17 +26,10 @@ RIDGE = 1e-9
 # Ridge, in multiples of its encoder noise, of an unknown whose column is nothing else: it stays at
 # zero.
 FIXED = 1e3
-# Ridge, in multiples of its power, of an unknown that its sign holds at zero.
-OFF = 1e6
-# Times that all wrong signs are exchanged together (two are mostly enough), and exchanges for each
-# unknown in all.
-MOST_EXCHANGES = 10
-# Whitened squares of a column below which it is zero but for rounding.
-LEAST_POWER = 1e-100
-# Least eigenvalue of a normalised matrix that counts as positive.
-LEAST_EIGENVALUE = 1e-9
 # A URDF as it is mostly believed.
 USUAL_URDF = UrdfError()
+# Whitened squares of a column below which it is zero but for rounding.
+LEAST_POWER = 1e-100
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +55,13 @@ class Prior:
             error: How far the URDF was believed to be off for it.
         """
         layout = evidence.layout
-        scale = evidence.scale[: evidence.layout.rank]
-        sizes = evidence.scale[layout.tuned - layout.further : layout.tuned] * np.array(
-            layout.further_std or np.nan
-        )
-        return cls(
-            base / np.outer(scale, scale), error, sizes**-2.0 if layout.further_std else None
-        )
+        scale = evidence.scale[: layout.rank]
+        further = None
+        if layout.further_std:
+            columns = slice(layout.tuned - layout.further, layout.tuned)
+            sizes = evidence.scale[columns] * np.array(layout.further_std)
+            further = sizes**-2.0
+        return cls(base / np.outer(scale, scale), error, further)
 
     @classmethod
     def believing(cls, evidence: Evidence, baseline: Baseline, error: UrdfError) -> Prior:
@@ -96,6 +88,27 @@ class Prior:
         if self.further is not None:
             further = np.arange(layout.tuned - layout.further, layout.tuned)
             information[further, further] += self.further
+
+
+def ridge_of(
+    gram: Float[Array, "P P"], evidence: Evidence, columns: Int[Array, " z"]
+) -> Float[Array, " z"]:
+    """What keeps a solve well-posed: information on the scaled coefficients of some columns that
+    they be zero.
+
+    Encoder noise was taken off the sums. A column of which nothing is left was nothing else: its
+    coefficient, which may come out as anything, is fixed at zero.
+
+    Args:
+        gram: Whitened sums.
+        evidence: Where they come from.
+        columns: Indices of the columns.
+    """
+    power = np.diag(gram)[columns]
+    noise = evidence.noise_power[columns]
+    settings = evidence.settings
+    share = np.where(power <= 0.0, FIXED, settings.noise_ridge)
+    return np.asarray(RIDGE * np.abs(power) + share * noise + 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,15 +142,15 @@ class Projection:
         A part of the Schur complement.
         """
         places = self._at(columns)
-        return np.asarray(
-            self.total[places[:, None], places] - self.across[:, places].T @ self.slopes[:, places]
-        )
+        total = self.total[places[:, None], places]
+        absorbed = self.across[:, places].T @ self.slopes[:, places]
+        return np.asarray(total - absorbed)
 
     def _at(self, columns: Int[Array, " k"]) -> Int[Array, " k"]:
         """Where some columns stand among those that are seen."""
-        return (
-            columns if self.columns is None else np.argmax(self.columns == columns[:, None], axis=1)
-        )
+        if self.columns is None:
+            return columns
+        return np.argmax(self.columns == columns[:, None], axis=1)
 
     def places(self, columns: Int[Array, " k"]) -> Int[Array, " k"]:
         """Where some of the model's columns stand in it."""
@@ -162,7 +175,8 @@ class Projection:
         """Weights that leave of the torque what the model can't explain: a row's product with
         them.
         """
-        return self.left_of(np.array([len(self.total) - 1]))[:, 0]
+        torque = len(self.total) - 1
+        return self.left_of(np.array([torque]))[:, 0]
 
     @cached_property
     def _target(self) -> Float[Array, " P"]:
@@ -175,7 +189,9 @@ class Projection:
 
     @cached_property
     def _left(self) -> Float[Array, " P"]:
-        return np.asarray(self._power - np.einsum("zp,zp->p", self.across, self.slopes))
+        """Power of every column that the model leaves."""
+        absorbed = np.einsum("zp,zp->p", self.across, self.slopes)
+        return np.asarray(self._power - absorbed)
 
     def visibility(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:
         """Share, from 0 to 1, of each column's power that the model can't absorb; 0 without
@@ -192,13 +208,16 @@ class Projection:
 
     @cached_property
     def _every_seen(self) -> Bool[Array, " P"]:
-        power = self._power
-        left = self._left
-        return (left > self.settings.least_visible * power) & (power > 0) & ~self._every_buried
+        """Which of all columns can be seen."""
+        has_power = self._power > 0
+        is_visible = self._left > self.settings.least_visible * self._power
+        return is_visible & has_power & ~self._every_buried
 
     @cached_property
     def _every_buried(self) -> Bool[Array, " P"]:
-        return np.asarray(self._left <= self.settings.least_over_noise * self.noise)
+        """Which of all columns are lost in noise."""
+        least = self.settings.least_over_noise * self.noise
+        return np.asarray(self._left <= least)
 
     def seen(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
         """Which columns can be seen: the model and their encoder noise leave anything of them."""
@@ -220,7 +239,9 @@ class Projection:
         Returns:
             Those that can't be seen are zero.
         """
-        return self._fall(columns, np.flatnonzero(signed).tolist())[1]
+        nonnegative = np.flatnonzero(signed).tolist()
+        _, coefficients = self._fall(columns, nonnegative)
+        return coefficients
 
     def _fall(
         self, columns: Int[Array, " k"], nonnegative: Sequence[int]
@@ -228,57 +249,42 @@ class Projection:
         """Fall of the misfit by further columns, and their coefficients: zero of those that can't
         be seen.
         """
-        places = self._at(columns)
-        power = self._power[places]
-        seen = self._every_seen[places]
-        target = self._target[places]
         signed = np.zeros(len(columns), dtype=bool)
         # an effect may have fewer columns here than it can
         signed[[k for k in nonnegative if k < len(columns)]] = True
-        beta = np.zeros(len(columns))
+        places = self._at(columns)
         if len(columns) == 1:  # most candidates: no matrix is needed
-            left = float(self._left[places[0]])
-            if seen[0]:
-                value = float(target[0]) / (left + RIDGE * float(power[0]))
-                beta[0] = max(value, 0.0) if signed[0] else value
-            return max((2.0 * target[0] - beta[0] * left) * beta[0], 0.0), beta
+            return self._fall_by_one(int(places[0]), bool(signed[0]))
+        power = self._power[places]
+        target = self._target[places]
+        beta = np.zeros(len(columns))
         rest = self.rest(columns)
-        visible = np.flatnonzero(seen)
+        visible = np.flatnonzero(self._every_seen[places])
         if len(visible):
-            matrix = rest[visible[:, None], visible] + np.diag(RIDGE * power[visible])
+            ridge = np.diag(RIDGE * power[visible])
+            matrix = rest[visible[:, None], visible] + ridge
             beta[visible] = solve_signed(matrix, target[visible], signed[visible])
-        return float(max(2.0 * target @ beta - beta @ rest @ beta, 0.0)), beta
+        fall = 2.0 * target @ beta - beta @ rest @ beta
+        return float(max(fall, 0.0)), beta
 
+    def _fall_by_one(self, place: int, signed: bool) -> tuple[float, Float[Array, " 1"]]:
+        """Fall of the misfit by one further column, and its coefficient.
 
-def solve_signed(
-    matrix: Float[Array, "k k"], target: Float[Array, " k"], signed: Bool[Array, " k"]
-) -> Float[Array, " k"]:
-    """Least squares from normal equations; unknowns marked `signed` are not negative.
-
-    Unknowns of the wrong sign are fixed at zero, and those let go of which the squares would fall
-    with more of them: all together at first, then the last one alone, which ends.
-
-    Source: Kim and Park 2011 (block principal pivoting); Murty 1974 (the last one alone).
-
-    Args:
-        matrix, target: Sums of the columns, and of these times the torque.
-        signed: Which unknowns are not negative.
-    """
-    free = np.ones(len(target), dtype=bool)
-    solution = factorise(matrix).solve(target)
-    if not signed.any():
-        return solution
-    for k in range(MOST_EXCHANGES * len(target)):
-        wrong = signed & np.where(
-            free, solution < 0.0, target - matrix @ solution > 1e-12 * np.abs(target)
-        )
-        if not wrong.any():
-            break
-        free ^= wrong if k < MOST_EXCHANGES else np.arange(len(target)) == np.flatnonzero(wrong)[-1]
-        solution = np.zeros(len(target))
-        if free.any():
-            solution[free] = factorise(matrix[np.ix_(free, free)]).solve(target[free])
-    return np.where(signed, np.maximum(solution, 0.0), solution)
+        Args:
+            place: Where the column stands among those that are seen.
+            signed: Whether its coefficient is not negative.
+        """
+        left = float(self._left[place])
+        target = self._target[place]
+        value = 0.0
+        if self._every_seen[place]:
+            ridge = RIDGE * float(self._power[place])
+            value = float(target) / (left + ridge)
+            if signed:
+                value = max(value, 0.0)
+        beta = np.array([value])
+        fall = (2.0 * target - beta[0] * left) * beta[0]
+        return max(fall, 0.0), beta
 
 
 def project(
@@ -327,17 +333,17 @@ def _factorise(
 ) -> tuple[Int[Array, " z"], Factor]:
     """A model's columns and the factor of its information."""
     layout = evidence.layout
-    inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups)]).astype(
-        int
-    )
+    tuned = np.arange(layout.tuned)
+    of_groups = [group.columns for group in groups]
+    inside = np.concatenate([tuned, *of_groups]).astype(int)
     information = gram[np.ix_(inside, inside)].copy()
     prior.add_to(information, layout)
     information[np.diag_indices(len(inside))] += ridge_of(gram, evidence, inside)
-    if signed:
-        return inside, factorise_signed(
-            information, gram[inside, -1], signs_of(layout.tuned, groups)
-        )
-    return inside, factorise(information)
+    if not signed:
+        return inside, factorise(information)
+    target = gram[inside, -1]
+    nonnegative = signs_of(layout.tuned, groups)
+    return inside, factorise_signed(information, target, nonnegative)
 
 
 def signs_of(tuned: int, groups: Sequence[Group]) -> Int[Array, " s"]:
@@ -347,107 +353,24 @@ def signs_of(tuned: int, groups: Sequence[Group]) -> Int[Array, " s"]:
         tuned: Number of columns of the baseline, which come first.
         groups: The groups, in the model's order.
     """
-    starts = np.cumsum([tuned, *(len(group.columns) for group in groups)])
-    pairs = zip(starts[:-1].tolist(), groups, strict=True)
-    return np.array(
-        [start + k for start, group in pairs for k in group.signed if k < len(group.columns)],
-        dtype=int,
-    )
-
-
-def factorise_signed(
-    information: Float[Array, "z z"], target: Float[Array, " z"], signed: Int[Array, " s"]
-) -> Factor:
-    """The factor of a model's information; signed unknowns that would come out negative are kept at
-    zero, in place.
-
-    Else a model would have what no law has: friction by load that is negative one way is a gain of
-    the torque.
-    """
-    factor = factorise(information)
-    if len(signed) == 0:
-        return factor
-    units = np.zeros((len(target), 1 + len(signed)))
-    units[:, 0] = target
-    units[signed, 1 + np.arange(len(signed))] = 1.0
-    free = factor.solve(units)[signed]
-    if not (free[:, 0] < 0.0).any():
-        return factor
-    rest = np.linalg.inv(free[:, 1:])  # what the other unknowns leave of the signed ones
-    off = signed[solve_signed(rest, rest @ free[:, 0], np.ones(len(signed), dtype=bool)) <= 0.0]
-    information[off, off] += OFF * np.abs(information[off, off])
-    return factorise(information)
+    places = []
+    start = tuned
+    for group in groups:
+        width = len(group.columns)
+        places += [start + k for k in group.signed if k < width]
+        start += width
+    return np.array(places, dtype=int)
 
 
 def carried_noise(
-    evidence: Evidence, columns: Any, inside: Int[Array, " z"], slopes: Float[Array, "z k"]
+    evidence: Evidence,
+    columns: Int[Array, " k"] | slice,
+    inside: Int[Array, " z"],
+    slopes: Float[Array, "z k"],
 ) -> Array:
     """Power of the encoder noise, taken off, in what a model leaves of some columns: theirs, and
     its own columns'.
     """
-    return np.asarray(evidence.noise_power[columns] + evidence.noise_power[inside] @ slopes**2)
-
-
-def ridge_of(
-    gram: Float[Array, "P P"], evidence: Evidence, columns: Int[Array, " z"]
-) -> Float[Array, " z"]:
-    """What keeps a solve well-posed: information on the scaled coefficients of some columns that
-    they be zero.
-
-    Encoder noise was taken off the sums. A column of which nothing is left was nothing else: its
-    coefficient, which may come out as anything, is fixed at zero.
-
-    Args:
-        gram: Whitened sums.
-        evidence: Where they come from.
-        columns: Indices of the columns.
-    """
-    power = np.diag(gram)[columns]
-    noise = evidence.noise_power[columns]
-    settings = evidence.settings
-    share = np.where(power <= 0.0, FIXED, settings.noise_ridge)
-    return np.asarray(RIDGE * np.abs(power) + share * noise + 1e-9)
-
-
-def positive(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
-    """A symmetric matrix that is positive definite: itself, or one that holds what can't be seen at
-    rest.
-
-    Sums that encoder noise was taken off are estimates: along a direction that the motion hardly
-    shows, even of one column alone, they may come out below zero. Such a direction is given the
-    curvature of a well-seen one, so that solutions stay small along it.
-    """
-    root = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(matrix / np.outer(root, root))
-        return np.asarray(
-            (vectors * np.where(values > LEAST_EIGENVALUE, values, 1.0))
-            @ vectors.T
-            * np.outer(root, root)
-        )
-    return matrix
-
-
-@dataclass(frozen=True, eq=False)
-class Factor:
-    """Cholesky's factor of a positive matrix; by LAPACK itself, as most of these systems are small,
-    and many.
-    """
-
-    lower: Float[Array, "k k"]  # what stands above the diagonal is none of it
-
-    def solve(self, target: Float[Array, "k ..."]) -> Float[Array, "k ..."]:
-        """Solution of the linear system with one right-hand side, or several."""
-        return np.asarray(dpotrs(self.lower, target, lower=1)[0])
-
-
-def factorise(matrix: Float[Array, "k k"]) -> Factor:
-    """The factor of a symmetric matrix, or of what `positive` makes of it.
-
-    Raises:
-        LinAlgError: It holds what is no number.
-    """
-    lower, failed = dpotrf(matrix, lower=1, clean=0)
-    return Factor(np.linalg.cholesky(positive(matrix)) if failed else lower)
+    of_columns = evidence.noise_power[columns]
+    of_model = evidence.noise_power[inside] @ slopes**2
+    return np.asarray(of_columns + of_model)

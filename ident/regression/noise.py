@@ -63,7 +63,9 @@ def whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Floa
         table: Columns over time.
         coefficients: The filter (1, −a₁, …, −a_p).
     """
-    return np.asarray(_whiten(np.ascontiguousarray(table), np.ascontiguousarray(coefficients)))
+    columns = np.ascontiguousarray(table)
+    filtering = np.ascontiguousarray(coefficients)
+    return np.asarray(_whiten(columns, filtering))
 
 
 @compiled(error_model="numpy", nogil=True)
@@ -105,7 +107,8 @@ def shorter_filters(
         if order and reflection:
             unpredicted = 1.0 - reflection**2
             reversed_filter = np.append(filtering[order::-1], filtering[order + 1 :])
-            filtering = (filtering - reflection * reversed_filter) / unpredicted
+            filtering = filtering - reflection * reversed_filter
+            filtering = filtering / unpredicted
             variance /= unpredicted
     return filters[::-1]
 
@@ -122,7 +125,8 @@ def whiten_after_gaps(
     """
     left = whiten(table, filters[-1])
     row = np.arange(len(counts))
-    last_gap = np.maximum.accumulate(np.where(counts, -1, row))
+    gaps = np.where(counts, -1, row)
+    last_gap = np.maximum.accumulate(gaps)
     since = row - last_gap
     for order, filtering in enumerate(filters[:-1]):
         rows = np.flatnonzero(counts & (since == order + 1))
@@ -142,9 +146,19 @@ def estimate_noise(
         held: Some runs' tables.
         settings: Order of the noise's autoregression, and what counts as noise.
     """
-    fits = [_noise_of_joint(j, held, settings) for j in range(layout.n)]
-    coefficients, innovations, levels = zip(*fits, strict=True)
-    return Whitening(np.array(coefficients), np.array(innovations), np.array(levels))
+    coefficients = []
+    innovations = []
+    levels = []
+    for joint in range(layout.n):
+        filtering, innovation, level = _noise_of_joint(joint, held, settings)
+        coefficients.append(filtering)
+        innovations.append(innovation)
+        levels.append(level)
+    return Whitening(
+        coefficients=np.array(coefficients),
+        innovation=np.array(innovations),
+        level=np.array(levels),
+    )
 
 
 def _noise_of_joint(
@@ -157,15 +171,19 @@ def _noise_of_joint(
         held: Rows of the first runs.
         settings: Order of the filter, and limits.
     """
-    x = np.concatenate([rows.tables[j][rows.counts[:, j]] for rows in held])
+    counted = [rows.counts[:, j] for rows in held]
+    tables = [rows.tables[j] for rows in held]
+    pairs = zip(tables, counted, strict=True)
+    x = np.concatenate([table[counts] for table, counts in pairs])
     order = min(settings.noise_order, len(x) // LEAST_ROWS)
     if not order:
-        level = _level_of_differences([rows.tables[j][:, -1] for rows in held])
+        level = _level_of_differences([table[:, -1] for table in tables])
         return np.eye(1, settings.noise_order + 1)[0], level, level
     weights, inflate = _residual_weights(x, j, held, settings)
     left = [_left_of_run(rows, j, weights) for rows in held]
-    quiet = _without_bursts(left, [rows.counts[:, j] for rows in held], settings)
-    covariance = inflate * _autocovariance(list(zip(left, quiet, strict=True)), order)
+    quiet = _without_bursts(left, counted, settings)
+    of_residual = list(zip(left, quiet, strict=True))
+    covariance = inflate * _autocovariance(of_residual, order)
     encoder = []
     for rows, where in zip(held, quiet, strict=True):
         if rows.noise is not None:
@@ -176,8 +194,8 @@ def _noise_of_joint(
     filtering, innovation = prediction_error(covariance)
     filtering = np.pad(filtering, (0, settings.noise_order - order))
     innovation = max(innovation, 1e-3 * covariance[0], 1e-18)
-    own_variance = max(variance, settings.least_own_noise * covariance[0])
-    return filtering, float(np.sqrt(innovation)), float(np.sqrt(own_variance))
+    variance = max(variance, settings.least_own_noise * covariance[0])
+    return filtering, float(np.sqrt(innovation)), float(np.sqrt(variance))
 
 
 def _level_of_differences(torques: Sequence[Float[Array, " t"]]) -> float:
@@ -190,7 +208,9 @@ def _level_of_differences(torques: Sequence[Float[Array, " t"]]) -> float:
     second = np.concatenate([np.diff(torque, 2) for torque in torques])
     if len(second) == 0:
         return 1.0
-    return max(float(np.median(np.abs(second))) / (0.6745 * np.sqrt(6.0)), 1e-9)
+    median = float(np.median(np.abs(second)))
+    level = median / (0.6745 * np.sqrt(6.0))
+    return max(level, 1e-9)
 
 
 def _residual_weights(
@@ -210,14 +230,18 @@ def _residual_weights(
         takes a share of the noise with it.
     """
     gram = x.T @ x
+    of_columns = gram[:-1, :-1]
     power = np.diag(gram)[:-1]
+    rank = held[0].rank
     silent = _mostly_noise(j, held, settings.mostly_noise * power)
-    losses = slice(held[0].rank, held[0].rank + LOSS_PARAMETERS)
-    shares = np.where(silent, HELD_AT_ZERO, _ridge(gram, len(x), losses, silent))
-    inverse = np.linalg.inv(gram[:-1, :-1] + np.diag(power * shares + 1e-9))
+    losses = slice(rank, rank + LOSS_PARAMETERS)
+    ridge = _ridge(gram, len(x), losses, silent)
+    shares = np.where(silent, HELD_AT_ZERO, ridge)
+    inverse = np.linalg.inv(of_columns + np.diag(power * shares + 1e-9))
     estimate = inverse @ gram[:-1, -1]
-    freedom = float(np.trace(inverse @ gram[:-1, :-1]))
-    inflate = len(x) / max(len(x) - freedom, 0.2 * len(x))
+    freedom = float(np.trace(inverse @ of_columns))
+    rows = len(x)
+    inflate = rows / max(rows - freedom, 0.2 * rows)
     return np.concatenate([-estimate, [1.0]]), inflate
 
 
@@ -253,10 +277,12 @@ def _ridge(
     places = np.append(drawn, len(gram) - 1)
     of_free = gram[free, free]
     of_free = of_free + NOISE_RIDGE * np.diag(np.diag(of_free) + 1e-9)
-    explained = gram[places, free] @ np.linalg.solve(of_free, gram[free, places])
+    slopes = np.linalg.solve(of_free, gram[free, places])
+    explained = gram[places, free] @ slopes
     rest = gram[np.ix_(places, places)] - explained
     scale = 1.0 / np.sqrt(power[drawn])
-    values, vectors = np.linalg.eigh(scale[:, None] * rest[:-1, :-1] * scale)
+    scaled = scale[:, None] * rest[:-1, :-1] * scale
+    values, vectors = np.linalg.eigh(scaled)
     values = np.maximum(values, 0.0)
     along = (vectors.T @ (scale * rest[:-1, -1])) ** 2
     torque_square = rest[-1, -1]
@@ -264,9 +290,11 @@ def _ridge(
 
     def likelihood(v: float) -> float:
         """Restricted log likelihood of a variance."""
-        square = float(torque_square - np.sum(v * along / (1.0 + v * values)))
+        explained_square = np.sum(v * along / (1.0 + v * values))
+        square = float(torque_square - explained_square)
         variance = max(square / left, 1e-300)
-        return -0.5 * float(left * np.log(variance) + np.sum(np.log1p(v * values)))
+        log_determinant = np.sum(np.log1p(v * values))
+        return -0.5 * float(left * np.log(variance) + log_determinant)
 
     ridge[drawn] = 1.0 / max(VARIANCES, key=likelihood)
     return ridge
@@ -286,7 +314,8 @@ def prediction_error(covariance: Float[Array, " k"]) -> tuple[Float[Array, " k"]
     innovation = float(covariance[0])
     filtering[0] = 1.0
     for lag in range(1, len(covariance)):
-        reflection = -float(filtering[:lag] @ covariance[lag:0:-1]) / innovation
+        backwards = covariance[lag:0:-1]
+        reflection = -float(filtering[:lag] @ backwards) / innovation
         if not abs(reflection) < 1.0:
             break
         filtering[: lag + 1] += reflection * filtering[lag::-1]
@@ -313,12 +342,15 @@ def _left_of_run(rows: Rows, j: int, weights: Float[Array, " p"]) -> Float[Array
     """What is left of a run, its own level of friction taken out: how that varies is estimated
     separately.
     """
-    left: Array = rows.tables[j] @ weights
+    table = rows.tables[j]
+    left: Array = table @ weights
     where = rows.counts[:, j]
     if not where.any():
         return left
-    friction = rows.tables[j][:, rows.rank + FRICTION.start : rows.rank + FRICTION.stop]
-    level = np.linalg.lstsq(friction[where], left[where], rcond=1e-9)[0]
+    first = rows.rank + FRICTION.start
+    last = rows.rank + FRICTION.stop
+    friction = table[:, first:last]
+    level, *_ = np.linalg.lstsq(friction[where], left[where], rcond=1e-9)
     return np.asarray(left - friction @ level)
 
 
@@ -349,16 +381,22 @@ def _without_bursts(
             if len(samples):
                 square = float(np.sum(samples**2)) / len(samples)
                 pieces.append(_Piece(run, where, square, len(samples)))
-    squares = np.array([piece.square for piece in pieces])
-    samples_of_piece = np.array([piece.samples for piece in pieces])
-    order = np.argsort(squares)
-    half = 0.5 * samples_of_piece.sum()
-    middle = squares[order][np.searchsorted(np.cumsum(samples_of_piece[order]), half)]
+    most = settings.burst_power * _middle_square(pieces)
     quiet = [counted.copy() for counted in counts]
     for piece in pieces:
-        if piece.square > settings.burst_power * middle:
+        if piece.square > most:
             quiet[piece.run][piece.where] = False
     return quiet
+
+
+def _middle_square(pieces: Sequence[_Piece]) -> float:
+    """The mean square below and above which lies half of all samples."""
+    squares = np.array([piece.square for piece in pieces])
+    samples = np.array([piece.samples for piece in pieces])
+    order = np.argsort(squares)
+    so_far = np.cumsum(samples[order])
+    middle = np.searchsorted(so_far, 0.5 * samples.sum())
+    return float(squares[order][middle])
 
 
 def _autocovariance(
@@ -370,7 +408,9 @@ def _autocovariance(
     for values, where in series:
         mask = where.astype(float)
         left = values * mask
+        length = len(left)
         for lag in range(order + 1):
-            products[lag] += left[lag:] @ left[: len(left) - lag]
-            counts[lag] += mask[lag:] @ mask[: len(left) - lag]
+            earlier = slice(0, length - lag)
+            products[lag] += left[lag:] @ left[earlier]
+            counts[lag] += mask[lag:] @ mask[earlier]
     return np.asarray(products / np.maximum(counts, 1.0))

@@ -111,7 +111,8 @@ def partition_motions(
     lengths = np.array([motion.filtered_length for motion in motions])
     steps = np.array([motion.interval * motion.lowpass.factor for motion in motions])
     continues = np.array([motion.continues for motion in motions])
-    travel = np.array([motion.interval * np.abs(motion.dq).sum(axis=0) for motion in motions])
+    travels = [motion.interval * np.abs(motion.dq).sum(axis=0) for motion in motions]
+    travel = np.array(travels)
     recorded = np.cumsum(~continues) - 1
     few = _few(travel, recorded, settings.fewest_runs)
     folds = settings.folds
@@ -198,7 +199,8 @@ def _share_blocks(
         return recorded * most // len(pieces), np.arange(most)
     counts = np.maximum(1, np.round(pieces * most / len(recorded)).astype(int))
     within = np.arange(len(recorded)) - (np.cumsum(pieces) - pieces)[recorded]
-    block = (np.cumsum(counts) - counts)[recorded] + within * counts[recorded] // pieces[recorded]
+    first = (np.cumsum(counts) - counts)[recorded]
+    block = first + within * counts[recorded] // pieces[recorded]
     return block, np.repeat(np.arange(len(pieces)), counts)
 
 

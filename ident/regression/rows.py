@@ -200,11 +200,12 @@ def baseline_columns(baseline: Baseline, run: RunContext) -> BaselineColumns:
     # Inertias don't enter the regressor: that of the tuned arm is that of the nominal one.
     numbers = np.array(baseline.base.columns)
     felt = tuple(np.flatnonzero(numbers >= PER_LINK * j) for j in range(run.n))
-    flat = np.concatenate(
-        [run.regressor.shape[2] * j + numbers[columns] for j, columns in enumerate(felt)]
-    )
+    width = run.regressor.shape[2]
+    in_joint = [width * j + numbers[columns] for j, columns in enumerate(felt)]
+    flat = np.concatenate(in_joint)
     rows = motion.filtered(run.regressor.reshape(len(run.regressor), -1)[:, flat])
-    base = np.split(rows, np.cumsum([len(columns) for columns in felt])[:-1], axis=1)
+    ends = np.cumsum([len(columns) for columns in felt])[:-1]
+    base = np.split(rows, ends, axis=1)
     losses = motion.filtered(np.stack([motion.ddq, motion.dq, run.direction], axis=-1))
     nominal = baseline.nominal.with_payload(motion.payload).inertial_parameters
     target = motion.tau_filtered - motion.filtered(run.regressor @ nominal)
@@ -230,7 +231,8 @@ def _kept_columns(
         noisier: Whether that is with one more draw of the encoder noise.
     """
     held = session.runs if isinstance(session.runs, tuple) else ()
-    if not 0 < sum(run.motion.filtered_length for run in held) * session.n**2 <= KEPT_SIZE:
+    samples = sum(run.motion.filtered_length for run in held)
+    if not 0 < samples * session.n**2 <= KEPT_SIZE:
         return [baseline_columns(baseline, run) for run in runs]
     columns = []
     for i, run in zip(chunk, runs, strict=True):
@@ -269,7 +271,8 @@ class _Batch:
         start = 0
         for group, columns in self.waiting:
             end = start + columns[0].size
-            self._write(group, filtered[:, start:end].reshape(-1, *columns.shape[1:]))
+            piece = filtered[:, start:end]
+            self._write(group, piece.reshape(-1, *columns.shape[1:]))
             start = end
         self.waiting = []
         self.width = 0

@@ -32,10 +32,6 @@ from ident.regression.settings import RegressionSettings
 GUESS = 4.0
 # Spreads of friction that are tried: least and greatest share, and how many (chosen: steps of 4 %).
 SPREADS = (1e-3, 0.5, 160)
-# Shares of that variance that gather as a random walk: all that are tried.
-WALKING = (0.0, 0.3, 0.6, 0.9, 1.0)
-# Variance of a level before anything is seen of it.
-DIFFUSE = 1e4
 # Below this share of the model's variance the variance between blocks is numerically zero.
 LEAST_BLOCK_VARIANCE = 1e-9
 # Columns of a joint that carry less than this share of its largest carry nothing: their scores are
@@ -70,11 +66,13 @@ def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array
     """Covariance of a model's coefficients by the block sandwich, with variances not below the
     model's own.
     """
-    left = block_sums_left(evidence, projection)[:, projection.inside]
+    every = block_sums_left(evidence, projection)
+    left = every[:, projection.inside]
     blocks = len(left)
     meat = left.T @ left * blocks / max(blocks - 1, 1)
     spread = projection.spread
-    return floor_at_model_variance(spread @ meat @ spread, spread)
+    sandwich = spread @ meat @ spread
+    return floor_at_model_variance(sandwich, spread)
 
 
 def floor_at_model_variance(
@@ -109,10 +107,13 @@ def measure_inflation(
         evidence, projection: Block sums and the solved model.
         known: Sandwich covariance of its coefficients, if it was computed before.
     """
+    if known is None:
+        known = robust_covariance(evidence, projection)
     tuned = slice(evidence.layout.tuned)
     model = np.diag(projection.spread)[tuned]
-    robust = np.diag(robust_covariance(evidence, projection) if known is None else known)[tuned]
-    return float(max(1.0, np.median(robust / np.maximum(model, 1e-300))))
+    robust = np.diag(known)[tuned]
+    ratios = robust / np.maximum(model, 1e-300)
+    return float(max(1.0, np.median(ratios)))
 
 
 def worth_of_rows(evidence: Evidence, projection: Projection) -> Float[Array, " n"]:
@@ -128,14 +129,15 @@ def worth_of_rows(evidence: Evidence, projection: Projection) -> Float[Array, " 
     """
     worths = np.ones(evidence.layout.n)
     for j, local in enumerate(evidence.layout.local):
+        dispersion = evidence.dispersion[j]
         weights = projection.weights[local]
         squares = weights @ evidence.total[j].over() @ weights
         mean_square = squares / max(float(evidence.samples[j]), 1.0)
-        ratios = [1.0 / evidence.dispersion[j], mean_square]
+        ratios = [1.0 / dispersion, mean_square]
         score_ratios = _score_ratios(evidence, projection, j)
         if len(score_ratios) > 0:
             ratios.append(np.median(score_ratios))
-        worths[j] = evidence.dispersion[j] * max(ratios)
+        worths[j] = dispersion * max(ratios)
     return worths
 
 
@@ -165,8 +167,10 @@ def _score_ratios(evidence: Evidence, projection: Projection, joint: int) -> Flo
     used = carries & (expected > LEAST_LEFT * power)
     if not used.any():
         return np.zeros(0)
-    scores = evidence.times(joint, projection.weights[local])[:, in_rows[used]]
-    return np.asarray((scores**2).sum(axis=0) / expected[used])
+    every = evidence.times(joint, projection.weights[local])
+    scores = every[:, in_rows[used]]
+    squares = (scores**2).sum(axis=0)
+    return np.asarray(squares / expected[used])
 
 
 def estimate_run_spread(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:
@@ -189,14 +193,32 @@ def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]
         weights: As in `estimate_run_spread`.
     """
     settings = evidence.settings
-    misfit = evidence.misfit(joint, weights)
-    of_weights, noise = evidence.friction.estimate_levels(joint, misfit)
-    levels = (of_weights @ weights[evidence.layout.local[joint]]).reshape(-1, 2)
+    levels, noise = levels_left(evidence, joint, weights)
     if len(levels) < 2:
         return settings.usual_spread
     tried = np.geomspace(*SPREADS)
     likelihoods = _likelihood(levels, noise, tried, settings)
     return float(tried[np.argmax(likelihoods)])
+
+
+def levels_left(
+    evidence: Evidence, joint: int, weights: Float[Array, " P"]
+) -> tuple[Float[Array, "R 2"], Float[Array, "R 2 2"]]:
+    """Friction levels of the stretches in which a joint moves, by what a model leaves of its rows.
+
+    Args:
+        evidence: Sums of the session.
+        joint: Index of the joint.
+        weights: As in `estimate_run_spread`.
+
+    Returns:
+        Each stretch's viscous and Coulomb level as shares of the model's, and the covariance of
+        both by noise.
+    """
+    misfit = evidence.misfit(joint, weights)
+    of_weights, noise = evidence.friction.estimate_levels(joint, misfit)
+    of_joint = weights[evidence.layout.local[joint]]
+    return (of_weights @ of_joint).reshape(-1, 2), noise
 
 
 def _likelihood(
@@ -220,9 +242,9 @@ def _likelihood(
     mean = np.linalg.solve(total, weighted[..., None])[..., 0]
     off = levels - mean[:, None]
     squares = np.einsum("kra,krab,krb->k", off, information, off)
-    log_information = np.linalg.slogdet(information)[1].sum(axis=1)
-    log_total = np.linalg.slogdet(total)[1]
-    weight = log_information - log_total
+    _, log_information = np.linalg.slogdet(information)
+    _, log_total = np.linalg.slogdet(total)
+    weight = log_information.sum(axis=1) - log_total
     return np.asarray(0.5 * (weight - squares) + spread_prior(spreads, settings))
 
 
@@ -233,80 +255,8 @@ def spread_prior(spread: Any, settings: RegressionSettings) -> Any:
         spread: τ.
         settings: τ_0 and ν, `usual_spread` and `usual_runs`.
     """
-    usual = 2.0 * np.log(spread) + (settings.usual_spread / spread) ** 2
-    return -0.5 * settings.usual_runs * usual
-
-
-def estimate_walk(
-    evidence: Evidence, joint: int, weights: Float[Array, " P"]
-) -> tuple[float, float]:
-    """By how much a joint's friction varies, and which share of that gathers as a random walk.
-
-    Args:
-        evidence: Sums of the session.
-        joint: Index of the joint.
-        weights: As in `estimate_run_spread`.
-
-    Returns:
-        The relative standard deviation, the usual one where a single stretch says nothing of it;
-        and the share of the variance, between 0 and 1.
-    """
-    settings = evidence.settings
-    misfit = evidence.misfit(joint, weights)
-    of_weights, noise = evidence.friction.estimate_levels(joint, misfit)
-    levels = (of_weights @ weights[evidence.layout.local[joint]]).reshape(-1, 2)
-    if len(levels) < 2:
-        return settings.usual_spread, 0.0
-    tried = np.geomspace(*SPREADS)
-    tables = [walk_likelihood(levels, noise, tried, share) for share in WALKING]
-    table = np.array(tables) + spread_prior(tried, settings)
-    best, at = np.unravel_index(int(np.argmax(table)), table.shape)
-    return float(tried[at]), WALKING[best]
-
-
-def walk_likelihood(
-    levels: Float[Array, "R 2"],
-    noise: Float[Array, "R 2 2"],
-    spreads: Float[Array, " k"],
-    walk: float,
-) -> Float[Array, " k"]:
-    """Log likelihoods of friction levels that vary by so much, a share of it as a random walk.
-
-    A Kalman filter over the stretches, both levels' first values unknown [nats]; up to a constant.
-
-    Args:
-        levels: s_r, the stretches' viscous and Coulomb levels as shares of the model's.
-        noise: V_r, their covariances by noise.
-        spreads: Values of τ that are tried.
-        walk: The share.
-    """
-    step = walk * 6.0 / (len(levels) + 1.0) * spreads**2
-    lone = (1.0 - walk) * spreads**2
-    # Covariance of the walk's two levels: variances a and c, covariance b.
-    a = np.full(len(spreads), DIFFUSE)
-    b = np.zeros(len(spreads))
-    c = np.full(len(spreads), DIFFUSE)
-    viscous = np.zeros(len(spreads))
-    coulomb = np.zeros(len(spreads))
-    nats = np.zeros(len(spreads))
-    for (seen_viscous, seen_coulomb), ((v, w), (_, u)) in zip(levels, noise, strict=True):
-        sa = a + lone + v
-        sb = b + w
-        sc = c + lone + u
-        determinant = sa * sc - sb**2
-        off_viscous = seen_viscous - viscous
-        off_coulomb = seen_coulomb - coulomb
-        pulled_viscous = (sc * off_viscous - sb * off_coulomb) / determinant
-        pulled_coulomb = (sa * off_coulomb - sb * off_viscous) / determinant
-        squares = off_viscous * pulled_viscous + off_coulomb * pulled_coulomb
-        nats -= 0.5 * (np.log(determinant) + squares)
-        viscous = viscous + a * pulled_viscous + b * pulled_coulomb
-        coulomb = coulomb + b * pulled_viscous + c * pulled_coulomb
-        # What is left of the covariance: P − P S⁻¹ P.
-        ka, kb = (a * sc - b * sb) / determinant, (b * sa - a * sb) / determinant
-        kc, kd = (b * sc - c * sb) / determinant, (c * sa - b * sb) / determinant
-        a, b, c = a - ka * a - kb * b + step, b - ka * b - kb * c, c - kc * b - kd * c + step
-    return nats
+    ratio = settings.usual_spread / spread
+    return -0.5 * settings.usual_runs * (2.0 * np.log(spread) + ratio**2)
 
 
 def estimate_held(
@@ -327,8 +277,11 @@ def estimate_held(
     for held, local in zip(dwells, evidence.layout.local, strict=True):
         rows = held.weighted
         used = np.flatnonzero(np.isin(local, model.inside))
-        taken = float(np.sum((rows[:, used] @ root[model.places(local[used])]) ** 2))
-        left = float(np.sum((rows @ model.weights[local]) ** 2))
+        places = model.places(local[used])
+        of_model = rows[:, used] @ root[places]
+        residual = rows @ model.weights[local]
+        taken = float(np.sum(of_model**2))
+        left = float(np.sum(residual**2))
         holds = len(np.unique(held.hold))
         factor = (GUESS + left) / (GUESS + max(holds - taken, 0.0))
         levels.append(held.friction * float(np.sqrt(factor)))

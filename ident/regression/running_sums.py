@@ -125,7 +125,8 @@ class RunningSums:
         smooth = table.smooth
         local = self.layout.local[j]
         bent = _where(table.bent, table.counts)
-        self.flexible[j][:, columns] += bent.T @ _where(table.signals[0], table.counts)
+        signal = _where(table.signals[0], table.counts)
+        self.flexible[j][:, columns] += bent.T @ signal
         self.flexible[j][:, smooth] += bent.T @ bent
         power = np.zeros(len(columns))
         sums = np.zeros((len(columns), len(columns)))
@@ -138,7 +139,8 @@ class RunningSums:
             tied = np.zeros((first, len(local)))
             friction = seen[:, :first].T
             tied[:, columns] = friction @ seen
-            tied[:, smooth] = friction @ _where(table.bent[stretch], table.counts[stretch])
+            of_stretch = _where(table.bent[stretch], table.counts[stretch])
+            tied[:, smooth] = friction @ of_stretch
             for drawn in noise:
                 add_products(sums, drawn, -table.weight)
                 tied[:, columns] -= table.weight * (drawn[:, :first].T @ drawn)
@@ -215,6 +217,8 @@ def _where(table: Float[Array, "t p"], counts: Bool[Array, " t"]) -> Float[Array
 
 def _stretches(labels: Int[Array, " t"]) -> Iterator[tuple[int, slice]]:
     """Each stretch of equal labels, and where it is."""
-    bounds = np.flatnonzero(np.diff(labels, prepend=labels[:1] - 1, append=labels[-1:] - 1))
+    before = labels[:1] - 1
+    after = labels[-1:] - 1
+    bounds = np.flatnonzero(np.diff(labels, prepend=before, append=after))
     for start, end in pairwise(bounds):
         yield int(labels[start]), slice(int(start), int(end))

@@ -62,11 +62,14 @@ def compute_joint_poses(
     poses = {0: (turn, origin)} if 0 in wanted else {}
     for i in range(max(wanted, default=0)):
         placed, sine, cosine = chain.rotations[i]
-        angle = np.zeros((len(q), 1, 1)) if chain.sliding[i] else q[:, i, None, None]
+        still = np.zeros((len(q), 1, 1))
+        angle = still if chain.sliding[i] else q[:, i, None, None]
         origin = origin + turn @ chain.offsets[i]
-        turn = turn @ (placed + np.sin(angle) * sine + (1.0 - np.cos(angle)) * cosine)
+        turned = placed + np.sin(angle) * sine + (1.0 - np.cos(angle)) * cosine
+        turn = turn @ turned
         if chain.sliding[i]:
-            origin = origin + q[:, i : i + 1] * (turn @ chain.axes[i])
+            travel = q[:, i : i + 1]
+            origin = origin + travel * (turn @ chain.axes[i])
         if i + 1 in wanted:
             poses[i + 1] = turn, origin
     return poses
@@ -87,7 +90,8 @@ def compute_regressor(
     place = np.full(PER_LINK * n, -1.0)
     place[list(chosen)] = np.arange(len(chosen))
     out = np.zeros((samples, n, len(chosen)))
-    given = [np.ascontiguousarray(values, dtype=float) for values in (*chain[:5], q, dq, ddq)]
+    parts = (*chain[:5], q, dq, ddq)
+    given = [np.ascontiguousarray(values, dtype=float) for values in parts]
     _fill_regressor(*given, place, out)
     return out
 

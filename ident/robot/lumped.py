@@ -71,7 +71,9 @@ def lumped_parameters(arm: ArmModel) -> LumpedParameters:
     axes = [pose.rotation @ axis for pose, axis in zip(poses, arm.joint_axes, strict=True)]
     vertical = np.array([0.0, 0.0, 1.0])
     horizontal = axes[1]
-    parallel = abs(axes[0] @ vertical) > 0.999 and abs(axes[2] @ horizontal) > 0.999
+    is_upright = abs(axes[0] @ vertical) > 0.999
+    is_level = abs(axes[2] @ horizontal) > 0.999
+    parallel = is_upright and is_level
     if not parallel or abs(horizontal @ vertical) >= 1e-3 or np.any(arm.sliding_joints[:3]):
         what = "the first three joints are not vertical, horizontal, parallel"
         raise RobotError(where, what, "use --links 6, or lock joints for the exact reduction")
@@ -83,7 +85,8 @@ def _planar_figures(arm: ArmModel, poses: list[pin.SE3], axes: list[Array]) -> L
     up = np.array([0.0, 0.0, 1.0])
     out = np.cross(axes[1], up)  # a positive turn about J2 leans an upright arm this way
     across = np.eye(3) - np.outer(axes[1], axes[1])
-    upper, fore = (across @ (poses[k + 1].translation - poses[k].translation) for k in (1, 2))
+    steps = [poses[k + 1].translation - poses[k].translation for k in (1, 2)]
+    upper, fore = (across @ step for step in steps)
     a2 = float(np.linalg.norm(upper))
     a3 = float(np.linalg.norm(fore))
     turn2 = float(np.arctan2(upper @ out, upper @ up))
@@ -133,7 +136,8 @@ def build_lumped_arm(arm: ArmModel) -> ArmModel:
     m34 = p.m3 + p.m4
     com34 = (p.m3 * p.l3 + p.m4 * p.a3) / m34
     # Link 3 and the point mass as one body: parallel axes about the common centre of mass.
-    extra = p.m3 * (p.l3 - com34) ** 2 + p.m4 * (p.a3 - com34) ** 2
+    of_elbow = p.m3 * (p.l3 - com34) ** 2
+    extra = of_elbow + p.m4 * (p.a3 - com34) ** 2
     links = [
         (1.0, 0.0, (1e-9, 1e-9, p.I1y)),
         (p.m2, p.l2, (p.I2x, p.I2y, p.I2z)),
@@ -148,7 +152,8 @@ def build_lumped_arm(arm: ArmModel) -> ArmModel:
         (f"{p.a2!r} 0 0", (0.0, 0.0, p.offset[2])),
     ]
     elements = ['<robot name="' + arm.name + '_lumped">', '  <link name="base"/>']
-    for i, ((mass, com, moments), (xyz, rpy)) in enumerate(zip(links, origins, strict=True)):
+    pairs = enumerate(zip(links, origins, strict=True))
+    for i, ((mass, com, moments), (xyz, rpy)) in pairs:
         ixx, iyy, izz = (repr(float(value)) for value in moments)
         turn = " ".join(repr(float(value)) for value in rpy)
         parent = "base" if i == 0 else f"lumped_{i}"

@@ -150,7 +150,8 @@ def require_sound_ply(data: bytes, where: str | Path, place: str, error: type[In
     except Exception as failed:
         what = f"{place}is no whole .ply ({first_line(failed)})"
         raise error(where, what, "mend or replace the mesh") from None
-    if not np.isfinite(numbers).all() or numbers.min() < 0 or numbers.max() >= max(corners, 1):
+    is_finite = np.isfinite(numbers).all()
+    if not is_finite or numbers.min() < 0 or numbers.max() >= max(corners, 1):
         what = f"{place}has triangles of corners that are not there"
         raise error(where, what, "mend or replace the mesh")
 

@@ -107,13 +107,13 @@ def stated_friction(arm: ArmModel) -> dict[str, dict[str, float]]:
     Returns:
         By joint: `viscous_Nms_rad` and `coulomb_Nm`, each where it is stated.
     """
-    found: dict[str, dict[str, float]] = {joint: {} for joint in arm.joint_names}
+    stated: dict[str, dict[str, float]] = {joint: {} for joint in arm.joint_names}
     for element in ET.fromstring(arm.urdf).iter("joint"):
         dynamics = element.find("dynamics")
         name = element.get("name", "")
-        if dynamics is None or name not in found:
+        if dynamics is None or name not in stated:
             continue
         for key, attribute in STATED.items():
             if dynamics.get(attribute) is not None:
-                found[name][key] = float(dynamics.get(attribute, "nan"))
-    return found
+                stated[name][key] = float(dynamics.get(attribute, "nan"))
+    return stated

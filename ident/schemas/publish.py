@@ -30,25 +30,30 @@ def read_records(package: str) -> dict[str, Any]:
         files(f"{package}.schemas").joinpath("records.toml").read_text(encoding="utf-8")
     )
     homes = tables.pop("classes")
-    found: dict[str, Any] = {
+    schema: dict[str, Any] = {
         **TYPING,
         **{name: getattr(import_module(home), name) for name, home in homes.items()},
     }
-    for name, own in tables.items():
+    for name, keys in tables.items():
         rows = _rows(name, tables).items()
         types = {
             key.removesuffix("?"): f"NotRequired[{kind}]" if key.endswith("?") else kind
             for key, kind in rows
         }
-        found[name] = TypedDict(name, types)  # type: ignore[operator]
-        found[name].__doc__ = own.get("about")
-    return found
+        schema[name] = TypedDict(name, types)  # type: ignore[operator]
+        schema[name].__doc__ = keys.get("about")
+    return schema
 
 
 def _rows(name: str, tables: dict[str, dict[str, str]]) -> dict[str, str]:
     """A record's keys, those of its base first."""
-    own = {key: kind for key, kind in tables[name].items() if key not in ("about", "base")}
-    return {**_rows(tables[name]["base"], tables), **own} if "base" in tables[name] else own
+    rows: dict[str, str] = {}
+    for key, kind in tables[name].items():
+        if key == "base":
+            rows = {**_rows(kind, tables), **rows}
+        elif key != "about":
+            rows[key] = kind
+    return rows
 
 
 @cache
@@ -57,16 +62,14 @@ def list_kinds(package: str) -> dict[str, str]:
 
     Those that say which `schema` they hold to.
     """
-    own = {
-        name: getattr(record, "__annotations__", {})
-        for name, record in read_records(package).items()
-    }
-    marks = {
-        name: str(getattr(rows["schema"], "__forward_arg__", ""))
-        for name, rows in own.items()
-        if "schema" in rows
-    }
-    return {mark.partition(".")[2].partition("/")[0]: name for name, mark in sorted(marks.items())}
+    kinds = {}
+    for name, record in sorted(read_records(package).items()):
+        rows = getattr(record, "__annotations__", {})
+        if "schema" in rows:
+            mark = str(getattr(rows["schema"], "__forward_arg__", ""))
+            _, _, kind = mark.partition(".")
+            kinds[kind.partition("/")[0]] = name
+    return kinds
 
 
 def make_schema(name: str, package: str = "ident") -> dict[str, Any]:

@@ -72,7 +72,8 @@ def roll_out(text: str, joint: str, offset: float, drive: Drive) -> Float[Array,
         model.actuator_biasprm[0] = bias * drive.driven[t - 1]
         while data.time < drive.time[t] - begin - 0.5 * STEP_S:
             angle = data.qpos[0]
-            data.qfrc_applied[0] = -drive.cosine[t] * np.cos(angle) - drive.sine[t] * np.sin(angle)
+            of_cosine = drive.cosine[t] * np.cos(angle)
+            data.qfrc_applied[0] = -of_cosine - drive.sine[t] * np.sin(angle)
             mujoco.mj_step(model, data)
         positions[t] = data.qpos[0]
     return positions

@@ -101,8 +101,8 @@ class ServoModel:
 
     def error(self, drives: Sequence[Drive]) -> float:
         """Mean absolute error of free roll-outs, run by run alike [rad]."""
-        found = [float(np.mean(np.abs(self.roll_out(drive) - drive.position))) for drive in drives]
-        return float(np.mean(found))
+        errors = [float(np.mean(np.abs(self.roll_out(drive) - drive.position))) for drive in drives]
+        return float(np.mean(errors))
 
 
 @compiled(error_model="numpy", nogil=True)
@@ -198,14 +198,14 @@ def fit_servo(
         return ServoModel(shared, tuple(map(float, numbers[len(SHARED) :])), float(x[-1]))
 
     def error(x: Array) -> float:
-        found = model(x).error(drives) + PRIOR * float(np.mean((x[:-1] - start) ** 2))
-        return found if np.isfinite(found) else 1e6
+        stray = PRIOR * float(np.mean((x[:-1] - start) ** 2))
+        cost = model(x).error(drives) + stray
+        return cost if np.isfinite(cost) else 1e6
 
     best = np.append(start, 0.0)
     for _ in range(rounds):
-        simplex = np.stack(
-            [best, *(best + step for step in np.diag(np.append(np.full(len(start), 0.5), 0.02)))]
-        )
+        steps = np.diag(np.append(np.full(len(start), 0.5), 0.02))
+        simplex = np.stack([best, *(best + step for step in steps)])
         options = {
             "maxfev": EVALUATIONS,
             "initial_simplex": simplex,

@@ -61,7 +61,7 @@ def drives_of(sessions: Sequence[Session], arm: ArmModel | None, joint: int) -> 
         arm: What the joints carry, with the recordings' joints; nobody knows if None.
         joint: Its number.
     """
-    found = []
+    told = []
     for number, session in enumerate(sessions):
         for run in session.runs:
             assert run.position_command is not None
@@ -71,8 +71,8 @@ def drives_of(sessions: Sequence[Session], arm: ArmModel | None, joint: int) -> 
             driven = np.ones(len(goal), dtype=bool)
             time = np.array(run.time, dtype=float)
             name = f"{session.name}/{run.name}"
-            found.append(Drive(name, number, time, goal, position, driven, inertia, cosine, sine))
-    return found
+            told.append(Drive(name, number, time, goal, position, driven, inertia, cosine, sine))
+    return told
 
 
 def _carried(arm: ArmModel | None, run: Recording, joint: int) -> tuple[Array, Array, float]:
@@ -88,7 +88,8 @@ def _carried(arm: ArmModel | None, run: Recording, joint: int) -> tuple[Array, A
     still = np.zeros_like(q)
     unit = np.zeros_like(q)
     unit[:, joint] = 1.0
-    inertia = arm.inverse_dynamics(q, still, unit)[:, joint] - arm.gravity(q)[:, joint]
+    gravity = arm.gravity(q)[:, joint]
+    inertia = arm.inverse_dynamics(q, still, unit)[:, joint] - gravity
     return parts[0], parts[1], float(np.median(inertia))
 
 
@@ -98,21 +99,21 @@ def _parted(drives: Sequence[Drive]) -> tuple[list[Drive], list[Drive]]:
     train = []
     held = []
     for session in sessions:
-        own = [drive for drive in drives if drive.session == session]
-        if len(own) > 1:
-            count = max(1, round(HELD_SHARE * len(own)))
-            train += own[:-count]
-            held += own[-count:]
+        of_session = [drive for drive in drives if drive.session == session]
+        if len(of_session) > 1:
+            count = max(1, round(HELD_SHARE * len(of_session)))
+            train += of_session[:-count]
+            held += of_session[-count:]
             continue
-        cut = round((1.0 - HELD_SHARE) * len(own[0].time))
-        train.append(_slice(own[0], slice(0, cut), "first"))
-        held.append(_slice(own[0], slice(cut, None), "last"))
+        cut = round((1.0 - HELD_SHARE) * len(of_session[0].time))
+        train.append(_slice(of_session[0], slice(0, cut), "first"))
+        held.append(_slice(of_session[0], slice(cut, None), "last"))
     return train, held
 
 
-def _slice(drive: Drive, part: slice, name: str) -> Drive:
+def _slice(drive: Drive, rows: slice, name: str) -> Drive:
     channels = ("time", "goal", "position", "driven", "cosine", "sine")
-    cut = {channel: np.ascontiguousarray(getattr(drive, channel)[part]) for channel in channels}
+    cut = {channel: np.ascontiguousarray(getattr(drive, channel)[rows]) for channel in channels}
     return Drive(f"{drive.name} ({name} part)", drive.session, inertia=drive.inertia, **cut)
 
 
@@ -122,7 +123,7 @@ def roll_out_servos(sessions: Sequence[Session], arm: ArmModel | None) -> tuple[
     Raises:
         RecordingError: A run is too short to be rolled out.
     """
-    found = []
+    pieces = []
     for joint, name in enumerate(sessions[0].joints):
         drives = drives_of(sessions, arm, joint)
         for drive in drives:
@@ -138,5 +139,5 @@ def roll_out_servos(sessions: Sequence[Session], arm: ArmModel | None) -> tuple[
         goal_error = float(np.mean(follows))
         in_mujoco = mujoco_error(name, trained, held)
         error = trained.error(held)
-        found.append(RolledOut(name, model, error, names, arm is not None, goal_error, in_mujoco))
-    return tuple(found)
+        pieces.append(RolledOut(name, model, error, names, arm is not None, goal_error, in_mujoco))
+    return tuple(pieces)

@@ -26,15 +26,21 @@ from ident.motion.motion import Motion, prepare_run, session_noise
 from ident.motion.settings import USUAL_MOTION
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session, TelemetryIssue
-from ident.records import read_group
 from ident.results import Result
 from ident.robot.arm import ArmModel
+from ident.servos.settings import SERVO as LIMIT
 
 if TYPE_CHECKING:
     from ident.servos.rolled_out import RolledOut
     from ident.servos.told_runs import ToldRun
 
-LIMIT = read_group(__file__, "servo")
+# What is reported, by figure: its unit, its words, and the reason where it is not.
+TEXT = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+FIGURES: dict[str, dict[str, Any]] = TEXT["figures"]
+COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
+SCHEMA = "ident.servo/1"
+# Figures that say how late a joint is after its goals.
+LATE = {"delay_s", "total_lag_s"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +87,8 @@ def load_goals(path: str | Path | Session) -> Session:
             raise RecordingError(where, what, remedy)
         # A goal that is the position itself was written by a logger that had none.
         travel = np.ptp(run.position, axis=0)
-        same = np.abs(run.position_command - run.position).max(axis=0) <= LIMIT.same * np.maximum(
-            travel, 1e-9
-        )
+        apart = np.abs(run.position_command - run.position).max(axis=0)
+        same = apart <= LIMIT.same * np.maximum(travel, 1e-9)
         if (same & (travel > 0.0)).any():
             joint = run.joints[int(np.argmax(same & (travel > 0.0)))]
             what = f"{run.name}: the goal of {joint} is its position, sample for sample"
@@ -136,12 +141,6 @@ def runs_of(sessions: Sequence[Session], cutoff: float | None = None) -> tuple[G
     return tuple(goal_runs)
 
 
-# What is reported, by figure: its unit, its words, and the reason where it is not.
-TEXT = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
-FIGURES: dict[str, dict[str, Any]] = TEXT["figures"]
-COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
-
-
 Figures = dict[str, tuple[float, float, float]]
 """Figures of a joint by name: the value, and both ends of its 95 % interval."""
 Rows = tuple[Float[Array, " R"], Float[Array, "R k"], Int[Array, " R"]]
@@ -173,7 +172,8 @@ def fit_servos(runs: Sequence[GoalRun], arm: ArmModel | None) -> tuple[ServoJoin
 def _fit_joint(
     runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, joint: str, tests: int
 ) -> ServoJoint:
-    travel = max(float(np.ptp(run.motion.q[:, j])) for run in runs)
+    travels = [float(np.ptp(run.motion.q[:, j])) for run in runs]
+    travel = max(travels)
     if travel < LIMIT.least_travel:
         return _silent(joint, f"it moves by {travel:.3f} rad only: move it farther")
     delays = np.arange(0.0, LIMIT.longest_delay, LIMIT.delay_step)
@@ -185,8 +185,10 @@ def _fit_joint(
     losses = np.stack([_held_out(rows) for rows in table])
     best = int(np.argmin(losses.sum(axis=1)))
     reach = float(stdtrit(pieces - 1, 1.0 - 0.5 * LIMIT.false / tests))
-    near = np.array([no_worse(losses[k], losses[best]) for k in range(len(delays))])
-    low, high = float(delays[near].min()), float(delays[near].max())
+    is_near = [no_worse(loss, losses[best]) for loss in losses]
+    near = np.array(is_near)
+    low = float(delays[near].min())
+    high = float(delays[near].max())
     sure = not no_worse(losses[0], losses[best], reach)
     rows = table[best if sure else 0]
     # The grid's neighbours too: the truth lies between its points.
@@ -194,12 +196,12 @@ def _fit_joint(
     figures, untold = _linear(rows, [table[k] for k in open_], reach)
     if sure:
         value = float(delays[best])
-        if (
-            0 < best < len(delays) - 1
-        ):  # the lowest point of the parabola through the best delay and its neighbours
-            before, at, after = losses.sum(axis=1)[best - 1 : best + 2]
-            bend = before - 2.0 * at + after
-            value += float(0.5 * LIMIT.delay_step * (before - after) / bend) if bend > 0.0 else 0.0
+        # the lowest point of the parabola through the best delay and its neighbours
+        if 0 < best < len(delays) - 1:
+            before, lowest, after = losses.sum(axis=1)[best - 1 : best + 2]
+            bend = before - 2.0 * lowest + after
+            if bend > 0.0:
+                value += float(0.5 * LIMIT.delay_step * (before - after) / bend)
         figures["delay_s"] = value, max(low - LIMIT.delay_step, 0.0), high + LIMIT.delay_step
     else:
         untold["delay_s"] = (
@@ -222,20 +224,24 @@ def _silent(joint: str, reason: str) -> ServoJoint:
 
 def _rows(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, delay: float) -> Rows:
     """Everything goes through the run's filter, the error as the columns."""
-    errors, tables, pieces, first = [], [], [], 0
+    errors = []
+    tables = []
+    pieces = []
+    first = 0
     for run, load in zip(runs, gravity, strict=True):
         motion = run.motion
         rows: Bool[Array, " t"] = motion.settled[:, j]
-        motions = motion.filtered(
-            np.column_stack([motion.ddq[:, j], motion.dq[:, j], np.sign(motion.dq[:, j])])
-        )
+        ddq = motion.ddq[:, j]
+        dq = motion.dq[:, j]
+        motions = motion.filtered(np.column_stack([ddq, dq, np.sign(dq)]))
         columns = [motions, np.ones((len(motions), 1))]
         if load is not None:
             columns.append(load[:, j : j + 1])
         goal = motion.filtered(run.goal_at(j, delay))
         errors.append((goal - motion.tau_filtered[:, j])[rows])
         tables.append(np.concatenate(columns, axis=1)[rows])
-        number = ((motion.time[motion.coarse] - motion.time[0]) // LIMIT.piece_s).astype(int)
+        since = motion.time[motion.coarse] - motion.time[0]
+        number = (since // LIMIT.piece_s).astype(int)
         pieces.append(first + number[rows])
         first += int(number[-1]) + 1
     return np.concatenate(errors), np.concatenate(tables), np.concatenate(pieces)
@@ -261,7 +267,9 @@ def _held_out(rows: Rows, without: int | None = None) -> Float[Array, " P"]:
     for k in range(LIMIT.parts):
         out = fold == k
         unseen = x[out]
-        beta = least_squares(whole - unseen.T @ unseen, target - unseen.T @ error[out], 1e-10)
+        normal = whole - unseen.T @ unseen
+        right = target - unseen.T @ error[out]
+        beta = least_squares(normal, right, 1e-10)
         left[out] = error[out] - unseen @ beta
     return np.bincount(index, left**2, minlength=len(names))
 
@@ -278,10 +286,11 @@ def no_worse(
     """
     apart = tried - best
     count = len(apart)
-    reach = float(stdtrit(count - 1, 0.5 + 0.5 * LIMIT.level)) if reach is None else reach
-    return bool(
-        apart.sum() <= reach * np.sqrt(count * np.sum((apart - apart.mean()) ** 2) / (count - 1))
-    )
+    if reach is None:
+        reach = float(stdtrit(count - 1, 0.5 + 0.5 * LIMIT.level))
+    squares = np.sum((apart - apart.mean()) ** 2)
+    error = np.sqrt(count * squares / (count - 1))
+    return bool(apart.sum() <= reach * error)
 
 
 def _linear(rows: Rows, near: Sequence[Rows], reach: float) -> tuple[Figures, dict[str, str]]:
@@ -294,15 +303,21 @@ def _linear(rows: Rows, near: Sequence[Rows], reach: float) -> tuple[Figures, di
     whole = _held_out(rows)
     usual = float(stdtrit(count - 1, 0.5 + 0.5 * LIMIT.level))
     others = [_solve(at_delay)[:2] for at_delay in near]
-    low = np.min([beta - usual * std, *(b - usual * s for b, s in others)], axis=0)
-    high = np.max([beta + usual * std, *(b + usual * s for b, s in others)], axis=0)
+    lows = [b - usual * s for b, s in others]
+    low = np.min([beta - usual * std, *lows], axis=0)
+    highs = [b + usual * s for b, s in others]
+    high = np.max([beta + usual * std, *highs], axis=0)
     figures: Figures = {}
     untold: dict[str, str] = {}
     for k, name in enumerate(COLUMNS[: len(beta)]):
         needed = not no_worse(_held_out(rows, k), whole, reach)
         positive = name == "zero_rad" or beta[k] > 0.0
         if needed and positive and abs(beta[k]) > reach * std[k] and low[k] * high[k] > 0.0:
-            figures[name] = float(beta[k]), float(low[k]), float(high[k])
+            figures[name] = (
+                float(beta[k]),
+                float(low[k]),
+                float(high[k]),
+            )
         else:
             untold[name] = FIGURES[name]["reason"]
     if len(beta) < len(COLUMNS):
@@ -330,7 +345,9 @@ def _solve(rows: Rows) -> tuple[Float[Array, " k"], Float[Array, " k"], int]:
     names, index = np.unique(piece, return_inverse=True)
     scores = np.zeros((len(names), x.shape[1]))
     np.add.at(scores, index, x * left[:, None])
-    covariance = bread @ (scores.T @ scores) @ bread * len(names) / max(1, len(names) - x.shape[1])
+    count = len(names)
+    meat = scores.T @ scores
+    covariance = bread @ meat @ bread * count / max(1, count - x.shape[1])
     return beta / scale, np.sqrt(np.diag(covariance)) / scale, len(names)
 
 
@@ -341,15 +358,11 @@ def _total_lag(table: Sequence[Rows], near: Bool[Array, " D"], best: int) -> Fig
         beta, std, count = _solve(table[k])
         reach = float(stdtrit(count - 1, 0.5 + 0.5 * LIMIT.level))
         middle = float(beta[1]) + k * LIMIT.delay_step
-        totals[k] = (middle, middle - reach * float(std[1]), middle + reach * float(std[1]))
+        half = reach * float(std[1])
+        totals[k] = (middle, middle - half, middle + half)
     low = min(total[1] for total in totals.values())
     high = max(total[2] for total in totals.values())
     return {"total_lag_s": (totals[best][0], low, high)} if low > 0.0 else {}
-
-
-SCHEMA = "ident.servo/1"
-# Figures that say how late a joint is after its goals.
-LATE = {"delay_s", "total_lag_s"}
 
 
 @dataclass(frozen=True, eq=False)

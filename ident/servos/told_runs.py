@@ -61,8 +61,12 @@ def _told_joint(
     motion = run.motion
     figures = {name: value for name, (value, _, _) in joint.figures.items()}
     speed = motion.dq[:, index]
-    gravity = np.zeros(len(speed)) if arm is None else arm.gravity(motion.q)[:, index]
-    columns = (motion.ddq[:, index], speed, np.sign(speed), np.ones(len(speed)), gravity)
+    gravity = np.zeros(len(speed))
+    if arm is not None:
+        gravity = arm.gravity(motion.q)[:, index]
+    acceleration = motion.ddq[:, index]
+    constant = np.ones(len(speed))
+    columns = (acceleration, speed, np.sign(speed), constant, gravity)
     behind = np.zeros(len(speed))
     for name, column in zip(COLUMNS, columns, strict=True):
         behind += figures.get(name, 0.0) * column

@@ -1,4 +1,6 @@
-"""What the commands print, tables, progress and plain lines, and where: names from files give a terminal no orders."""
+"""What the commands print, tables, progress and plain lines, and where: names from files give a
+terminal no orders.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,24 @@ if TYPE_CHECKING:  # a help text needs none of them
 
 # Where output is no terminal there is no edge: lines are this long [columns].
 WIDE = 160
+# In a log lines are so far apart [s]; from so long on, time is given in minutes [s].
+BETWEEN_LINES = 5.0
+LONG = 120.0
+COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
+# Sentences are not longer than this, however wide a terminal is: longer lines are hard to read
+# [columns].
+TEXT_WIDTH = 80
+# What is not broken over lines: commands in backquotes, and a number with its unit.
+UNBROKEN = re.compile(
+    r"`[^`]*`|(?<=\d) (?=N m|kg|rad|J|s\b|%|Hz|±)|(?<=±) (?=\d)|(?<=N) (?=m\b|s/)|(?<=m) (?=s/rad)"
+)
+GLUE = "\x00"
 
 
 class PlainConsole(Console):
-    """A console without markup: `[x]`, `:x:` and control characters in a text are part of it. Style by `styled`."""
+    """A console without markup: `[x]`, `:x:` and control characters in a text are part of it. Style
+    by `styled`.
+    """
 
     def render_str(self, text: str, **options: Any) -> Text:
         return super().render_str(visible(text, lines=True), **options)
@@ -40,58 +56,75 @@ def make_console() -> PlainConsole:
 
 def styled(*parts: str | tuple[str, str]) -> Text:
     """A text of plain parts and (part, style) pairs."""
-    shown = (visible(part, lines=True) if isinstance(part, str) else (visible(part[0]), part[1]) for part in parts)
+    shown = (
+        visible(words, lines=True) if isinstance(words, str) else (visible(words[0]), words[1])
+        for words in parts
+    )
     return Text.assemble(*shown)
-
-
-# In a log lines are so far apart [s]; from so long on, time is given in minutes [s].
-BETWEEN_LINES, LONG = 5.0, 120.0
-COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
 
 
 def ladder_table(score: SessionScore) -> Table:
     """Energy and torque error of every rung, a joint a line."""
-    payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
     from ident.show.report.words import fixed, pair  # a help text needs none of them
 
+    payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
+    several = len(score.runs) > 1
     title = f"{score.name}: {plural(len(score.runs), 'run')}{payload}"
     table = Table("model", title=title, title_justify="left")
     table.add_column("joint", overflow="fold")  # names that begin alike stay apart
     for column in ("energy error [J]", "torque RMSE [N m]"):
         table.add_column(column, justify="right")
-    for name, *rows in zip(score.rungs, score.energy_mean, score.energy_std, score.rmse_mean, strict=True):
+    for k, name in enumerate(score.rungs):
         rung = rung_name(name)
-        for joint, mean, std, rmse in zip([*score.joints, "total"], *rows, strict=True):
-            energy = pair(mean, std if len(score.runs) > 1 else None, 2)
-            table.add_row(rung, joint, energy, fixed(rmse), end_section=joint == "total")
+        for j, joint in enumerate([*score.joints, "total"]):
+            spread = score.energy_std[k, j] if several else None
+            energy = pair(score.energy_mean[k, j], spread, 2)
+            torque = fixed(score.rmse_mean[k, j])
+            table.add_row(rung, joint, energy, torque, end_section=joint == "total")
             rung = ""
     return table
 
 
-def print_issues(console: Console, issues: Sequence[Mapping[str, Any]], least: str = "note") -> None:
-    """Records of telemetry issues, the worst first and none below a severity, a line each and the remedy below."""
+def print_issues(
+    console: Console, issues: Sequence[Mapping[str, Any]], least: str = "note"
+) -> None:
+    """Records of telemetry issues, the worst first and none below a severity, a line each and the
+    remedy below.
+    """
     order = list(COLOURS)
-    for issue in sorted(issues, key=lambda found: order.index(found["severity"])):
+    for issue in sorted(issues, key=lambda record: order.index(record["severity"])):
         kind = issue["severity"]
-        if order.index(kind) <= order.index(least):
-            text = visible(f"{kind} {issue['issue']}: {issue['evidence']}")
-            head = Text(wrap(text, text_width(console), "", "    "))
-            head.stylize(COLOURS[kind], 0, len(kind))
-            head.stylize("bold", len(kind) + 1, len(kind) + 1 + len(issue["issue"]))
-            console.print(head, soft_wrap=True, highlight=False)
-            if kind != "note":
-                say_remedy(console, f"remedy: {issue['remedy']}", "    ")
+        if order.index(kind) > order.index(least):
+            continue
+        name = issue["issue"]
+        text = visible(f"{kind} {name}: {issue['evidence']}")
+        head = Text(wrap(text, text_width(console), "", "    "))
+        head.stylize(COLOURS[kind], 0, len(kind))
+        begin = len(kind) + 1
+        head.stylize("bold", begin, begin + len(name))
+        console.print(head, soft_wrap=True, highlight=False)
+        if kind != "note":
+            say_remedy(console, f"remedy: {issue['remedy']}", "    ")
 
 
 @contextmanager
-def progress_line(console: Console, job: str, clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
-    """Shows how far a job has come: one line, rewritten, on a terminal; elsewhere now and then a line."""
-    shown, last = clock(), ""
+def progress_line(
+    console: Console, job: str, clock: Callable[[], float] = time.monotonic
+) -> Iterator[None]:
+    """Shows how far a job has come: one line, rewritten, on a terminal; elsewhere now and then a
+    line.
+    """
+    shown = clock()
+    last = ""
 
     def log(stage: str, share: float, left: float | None) -> None:
         nonlocal shown, last
-        if clock() - shown >= BETWEEN_LINES and (words := progress_words(job, stage, share, left)) != last:
-            shown, last = clock(), words
+        if clock() - shown < BETWEEN_LINES:
+            return
+        words = progress_words(job, stage, share, left)
+        if words != last:
+            shown = clock()
+            last = words
             console.print(words, soft_wrap=True)
 
     if not console.is_terminal:
@@ -119,15 +152,14 @@ def progress_words(job: str, stage: str, share: float, left: float | None) -> st
         share: Done of it, 0 to 1.
         left: Time that is left [s]; None says nothing of it.
     """
-    ends = "" if left is None else f", {left:.0f} s left" if left < LONG else f", {left / 60.0:.0f} min left"
-    return f"{job}: {100.0 * share:.0f} %{', ' if stage else ''}{stage}{ends}"
-
-
-# Sentences are not longer than this, however wide a terminal is: longer lines are hard to read [columns].
-TEXT_WIDTH = 80
-# What is not broken over lines: commands in backquotes, and a number with its unit.
-UNBROKEN = re.compile(r"`[^`]*`|(?<=\d) (?=N m|kg|rad|J|s\b|%|Hz|±)|(?<=±) (?=\d)|(?<=N) (?=m\b|s/)|(?<=m) (?=s/rad)")
-GLUE = "\x00"
+    words = f"{job}: {100.0 * share:.0f} %"
+    if stage:
+        words += f", {stage}"
+    if left is None:
+        return words
+    if left < LONG:
+        return f"{words}, {left:.0f} s left"
+    return f"{words}, {left / 60.0:.0f} min left"
 
 
 def wrap(text: str, width: int, indent: str = "", hanging: str | None = None) -> str:
@@ -139,7 +171,7 @@ def wrap(text: str, width: int, indent: str = "", hanging: str | None = None) ->
         indent: What stands before the first line.
         hanging: What stands before the others; as `indent` if None.
     """
-    glued = UNBROKEN.sub(lambda found: found[0].replace(" ", GLUE), text)
+    glued = UNBROKEN.sub(lambda unbroken: unbroken[0].replace(" ", GLUE), text)
     lines = textwrap.fill(
         glued,
         width,
@@ -156,20 +188,24 @@ def text_width(console: Console) -> int:
     return min(console.width, TEXT_WIDTH)
 
 
-def say(console: Console, text: str, indent: str = "", hanging: str | None = None, style: str = "") -> None:
+def say(
+    console: Console, text: str, indent: str = "", hanging: str | None = None, style: str = ""
+) -> None:
     """Prints a paragraph, wrapped."""
     lines = wrap(visible(text), text_width(console), indent, hanging)
     console.print(Text(lines, style=style), soft_wrap=True, highlight=False)
 
 
 def say_remedy(console: Console, text: str, indent: str = "") -> None:
-    """Prints a paragraph; lines of a settings file stand in it by themselves, unbroken, to be pasted."""
+    """Prints a paragraph; lines of a settings file stand in it by themselves, unbroken, to be
+    pasted.
+    """
     hanging = f"{indent}  "
-    for number, part in enumerate(LINE_TO_WRITE.split(text)):
+    for number, words in enumerate(LINE_TO_WRITE.split(text)):
         if number % 2:
-            console.print(f"{hanging}{visible(part)}", soft_wrap=True, highlight=False)
-        elif part.strip():
-            say(console, part.strip(), indent if number == 0 else hanging, hanging)
+            console.print(f"{hanging}{visible(words)}", soft_wrap=True, highlight=False)
+        elif words.strip():
+            say(console, words.strip(), indent if number == 0 else hanging, hanging)
 
 
 def columns(table: Sequence[Sequence[str]], sides: str, longest: float = math.inf) -> list[str]:
@@ -196,11 +232,12 @@ def columns(table: Sequence[Sequence[str]], sides: str, longest: float = math.in
 
 def _aligned(table: Sequence[Sequence[str]], sides: str, indent: str) -> list[str]:
     """Lines of a table whose columns are as wide as their longest cell."""
-    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     lines = []
     for row in table:
-        cells = zip(row, widths, sides, strict=True)
-        padded = [cell.rjust(width) if side == "r" else cell.ljust(width) for cell, width, side in cells]
+        padded = []
+        for cell, width, side in zip(row, widths, sides, strict=True):
+            padded.append(cell.rjust(width) if side == "r" else cell.ljust(width))
         lines.append((indent + "   ".join(padded)).rstrip())
     return lines
 

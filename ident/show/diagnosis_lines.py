@@ -1,4 +1,6 @@
-"""A diagnosis on a terminal: what explains most, what to do, the arm's numbers; the rest where it is asked for."""
+"""A diagnosis on a terminal: what explains most, what to do, the arm's numbers; the rest where it
+is asked for.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,12 @@ from ident.show.report.diagnosis_actions import (
     second_action,
 )
 from ident.show.report.diagnosis_doubts import describe_reservations, describe_unnamed
-from ident.show.report.diagnosis_gap import describe_findings, describe_noise, energy_pair, noise_is_left
+from ident.show.report.diagnosis_gap import (
+    describe_findings,
+    describe_noise,
+    energy_pair,
+    noise_is_left,
+)
 from ident.show.report.diagnosis_verdict import diagnosis_headline
 from ident.show.report.finding_words import in_units_of, units_of
 from ident.show.report.leading_joint import in_order_of_joints
@@ -44,14 +51,23 @@ from ident.show.terminal import REST, describe_limits, describe_name, group_sile
 from ident.units import TORQUE
 
 # What a model is whose error has a column.
-MEANINGS = {"tuned": "tuned: with your arm's numbers above", "named": "named: with the named effects, too"}
+MEANINGS = {
+    "tuned": "tuned: with your arm's numbers above",
+    "named": "named: with the named effects, too",
+}
 
 
 def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool = False) -> None:
-    """The verdict and what to do about it, the arm's numbers and errors; all else where `details` are asked for."""
+    """The verdict and what to do about it, the arm's numbers and errors; all else where `details`
+    are asked for.
+    """
     runs = int(record["session"]["runs"])
     amount = f"{plural(runs, 'run')}, {record['session']['samples']} samples"
-    say(console, f"{record['robot']}: {amount}, {record['session']['duration_s']:.0f} s", style="dim")
+    say(
+        console,
+        f"{record['robot']}: {amount}, {record['session']['duration_s']:.0f} s",
+        style="dim",
+    )
     headline = diagnosis_headline(record)
     print_issues(console, untold_issues(record, headline), "warning")
     say(console, headline, style="bold")
@@ -78,7 +94,8 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
 
 
 def untold_issues(record: Mapping[str, Any], headline: str) -> list[Mapping[str, Any]]:
-    """Telemetry issues, without that of a factor which the headline begins with and the first action is about.
+    """Telemetry issues, without that of a factor which the headline begins with and the first
+    action is about.
 
     A factor of one joint is all said by the headline; of several the first action has each.
     """
@@ -103,7 +120,9 @@ def _print_findings(console: Console, record: Mapping[str, Any], details: bool) 
         lead = f"{number}. "
         say(console, describe_name(finding, record, unseen), lead, " " * len(lead))
         if details:
-            text = in_units_of(finding["joints"], record, describe_long(finding, runs), finding["effect"])
+            text = in_units_of(
+                finding["joints"], record, describe_long(finding, runs), finding["effect"]
+            )
             say(console, text, "   ")
         action = sentence(order_of(finding, record))
         if action and action not in told:
@@ -116,28 +135,39 @@ def describe_long(finding: Mapping[str, Any], runs: int) -> str:
     """Its parameters with intervals, and its energy error; of one run, energy has no spread."""
     heldout = finding["heldout"]
     before, after = (energy_pair(heldout, when, runs) for when in ("before", "after"))
-    shares = [f"{effect_name(name)} {percent(share)}" for name, share in finding["class_shares"].items()]
+    shares = [
+        f"{effect_name(name)} {percent(share)}" for name, share in finding["class_shares"].items()
+    ]
     tied = f"; of its class {', '.join(shares)}" if len(shares) > 1 else ""
+    parameters = parameters_in_words(finding["parameters"])
+    closed = percent(heldout["shrink"])
     return (
-        f"{parameters_in_words(finding['parameters'])}; {percent(heldout['shrink'])} of what can be closed at its "
-        f"joints; energy error {before} → {after} J{tied}"
+        f"{parameters}; {closed} of what can be closed at its joints; "
+        f"energy error {before} → {after} J{tied}"
     )
 
 
 def _print_numbers(console: Console, record: Mapping[str, Any]) -> None:
-    """The table of what the URDF says and what was found, then readings and links that are not as they should be."""
+    """The table of what the URDF says and what was found, then readings and links that are not as
+    they should be.
+    """
     print_numbers(console, record)
     for line in (*describe_readings(record), *describe_links(record)):
         say(console, f"{line}.", "  ", "    ")
 
 
 def _print_errors(console: Console, record: Mapping[str, Any]) -> None:
-    """Torque error of each joint: of the URDF as a simulator loads it, tuned, with the names; and noise."""
+    """Torque error of each joint: of the URDF as a simulator loads it, tuned, with the names; and
+    noise.
+    """
     if not record["gap"]:
         return
     keys = {"URDF": "urdf_rms_Nm", "tuned": "rms_Nm", "named": "", "noise": "noise_floor_Nm"}
     after = record["heldout"].get("rms_after_Nm", {}) if record["findings"] else {}
-    known = [name for name, key in keys.items() if any(key in gap for gap in record["gap"].values())]
+    shown = set()
+    for gap in record["gap"].values():
+        shown |= set(gap)
+    known = [name for name, key in keys.items() if key in shown]
     if after:
         known.insert(len(known) - 1, "named")
     if len(noise_is_left(record)) == len(record["gap"]):  # the column before says it
@@ -175,7 +205,9 @@ def describe_rest(record: Mapping[str, Any]) -> str:
 def _print_details(console: Console, record: Mapping[str, Any]) -> None:
     """All that a first screen leaves out, a paragraph each."""
     after = record["heldout"].get("rms_after_Nm", {}) if record["findings"] else {}
-    gaps = [describe_gap(joint, gap, after.get(joint)) for joint, gap in record["gap"].items()]
+    gaps = []
+    for joint, gap in record["gap"].items():
+        gaps.append(describe_gap(joint, gap, after.get(joint)))
     limits = describe_limits(record) if record["verdict"] == "no_gap" else ""
     lines = [describe_findings(record), *describe_reservations(record), describe_unnamed(record)]
     lines += [*gaps, limits, *group_silent(record["not_testable"])]
@@ -184,14 +216,19 @@ def _print_details(console: Console, record: Mapping[str, Any]) -> None:
 
 
 def describe_gap(joint: str, gap: Mapping[str, Any], after: float | None) -> str:
-    """What the error that is left at a joint depends on, beside the names; empty where nothing is known."""
+    """What the error that is left at a joint depends on, beside the names; empty where nothing is
+    known.
+    """
     left = f"{gap['rms_Nm'] if after is None else after:.3f}"
     ceiling = f"{gap['ceiling_rms_Nm']:.3f}"
     if not gap["unexplained"] or ceiling == left:
         return ""
     unit = gap.get("unit", TORQUE)
     follows = TABLES["follows"][gap["unexplained"]]
-    return f"What is left at {joint} depends on {follows}: a model of that would leave {ceiling} of {left} {unit}"
+    return (
+        f"What is left at {joint} depends on {follows}: "
+        f"a model of that would leave {ceiling} of {left} {unit}"
+    )
 
 
 def describe_looks(until: Mapping[str, Any]) -> str:

@@ -1,22 +1,19 @@
-"""What a fit errs by on parts of its recordings that it did not see, in words and as a table; what comes next."""
+"""What a fit errs by on parts of its recordings that it did not see, in words and as a table; what
+comes next.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ident.fitting.identification import describe
+from ident.fitting.in_words import describe
 from ident.model.carried import CarriedEffect
 from ident.model.hybrid import HybridModel
 from ident.model.net_gate import describe_gate
 from ident.show.console import TEXT_WIDTH, columns
 from ident.show.report.numbers import with_error
-from ident.show.report.words import (
-    effect_name,
-    parameter_name,
-    percent,
-    significant,
-)
+from ident.show.report.words import effect_name, parameter_name, percent, significant
 
 if TYPE_CHECKING:
     from ident.fitting.fit import FitResults
@@ -63,7 +60,7 @@ def foretold_of(model: HybridModel) -> list[Foretold]:
 
 
 def describe_foretold(model: HybridModel) -> str:
-    """The range over the joints and the worst of them, in a sentence; empty where nothing is known."""
+    """The range over the joints and the worst of them, in a sentence; empty where none is known."""
     joints = foretold_of(model)
     if not joints:
         return ""
@@ -111,7 +108,9 @@ def describe_choices(result: FitResults) -> list[str]:
     if model.net is not None and model.net.gate:
         lines.append(describe_gate(model.net.gate, model.joint_names))
         if model.memory is not None:
-            memory = describe_gate(model.memory.gate, model.joint_names, "memory of the last second")
+            memory = describe_gate(
+                model.memory.gate, model.joint_names, "memory of the last second"
+            )
             lines.append(memory)
     return lines
 

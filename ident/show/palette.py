@@ -1,5 +1,5 @@
-"""The one place of colours: of each rung of the ladder and each part of a gap, on pages, in `plot()`
-and in the timeline; and of the pages themselves, light, dark and printed.
+"""The one place of colours: of each rung of the ladder and each part of a gap, on pages, in
+`plot()` and in the timeline; and of the pages themselves, light, dark and printed.
 """
 
 from __future__ import annotations
@@ -9,11 +9,18 @@ from collections.abc import Mapping, Sequence
 # Okabe and Ito's colours: distinguished by colour-blind eyes, and of different grey on paper.
 MEASURED = "#111111"
 # Of pictures: text and axes, the grid, and what stretches that are not judged lie on.
-INK, GRID, REST = "#333333", "#dddddd", "#e4e4df"
-# Of a gap: left by the model before tuning, by the tuned one, after the named effects, by a flexible function beside
-# them, noise.
-UNTUNED, TUNED, NAMED, FLEXIBLE, NOISE = "#cc79a7", "#d55e00", "#009e73", "#0072b2", "#9a9a9a"
-SKY, ORANGE = "#56b4e9", "#e69f00"
+INK = "#333333"
+GRID = "#dddddd"
+REST = "#e4e4df"
+# Of a gap: left by the model before tuning, by the tuned one, after the named effects, by a
+# flexible function beside them, noise.
+UNTUNED = "#cc79a7"
+TUNED = "#d55e00"
+NAMED = "#009e73"
+FLEXIBLE = "#0072b2"
+NOISE = "#9a9a9a"
+SKY = "#56b4e9"
+ORANGE = "#e69f00"
 # Of our pages, by the names that style sheets know them by, where the reader prefers light ones.
 LIGHT = {
     "ink": "#1a1a1a",  # text

@@ -1,4 +1,5 @@
-"""Results in words and pictures, for Python and notebooks: the words are those that the commands print.
+"""Results in words and pictures, for Python and notebooks: the words are those that the commands
+print.
 
 Kinds of results are known by name, so that the words of a fit load no diagnosis.
 """
@@ -21,6 +22,8 @@ from ident.show.palette import FLEXIBLE, MEASURED, NAMED, NOISE, TUNED, rung_col
 from ident.show.report.words import TABLES, pair, significant, with_units
 from ident.units import DAMPING, INERTIA, TORQUE
 
+PANEL = (6.0, 3.0)  # [inch]
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -34,9 +37,9 @@ if TYPE_CHECKING:
 
 def write(console: Console, result: Result) -> None:
     """Prints a result; one that has no words of its own by its plain values."""
-    own = _of_kind(WORDS, result)
-    if own is not None:
-        own(console, result)
+    write_kind = _of_kind(WORDS, result)
+    if write_kind is not None:
+        write_kind(console, result)
     elif type(result).summary is not Result.summary:
         say_lines(console, result.summary())
     else:
@@ -54,7 +57,9 @@ def draw(result: Result) -> Figure:
 
 
 def as_html(result: Result) -> str:
-    """A result for a notebook: its page, where it has one, scrolled to its first screen; else its words and picture."""
+    """A result for a notebook: its page, where it has one, scrolled to its first screen; else its
+    words and picture.
+    """
     page = _of_kind(PAGES, result)
     if page is None:
         from ident.show.report.figures import to_svg
@@ -63,15 +68,19 @@ def as_html(result: Result) -> str:
         picture = to_svg(result.plot(), lines.strip().partition("\n")[0] or "result")
         return f'<div class="armgap"><pre>{escape(lines)}</pre>{picture}</div>'
     # A whole page within another, as high as a screen: its style and its links stay its own.
-    return f'<iframe srcdoc="{escape(page(result))}" style="width:100%;height:36rem;border:0" title="armgap"></iframe>'
+    style = "width:100%;height:36rem;border:0"
+    return f'<iframe srcdoc="{escape(page(result))}" style="{style}" title="armgap"></iframe>'
 
 
 def _of_kind(table: Mapping[str, Callable[..., Any]], result: Result) -> Callable[..., Any] | None:
-    return next((table[kind.__name__] for kind in type(result).__mro__ if kind.__name__ in table), None)
+    kinds = [kind.__name__ for kind in type(result).__mro__]
+    return next((table[kind] for kind in kinds if kind in table), None)
 
 
 def _of_record(place: str) -> Callable[..., Any]:
-    """What a function of another module, `module:name`, makes of a result's record; a console may stand before it."""
+    """What a function of another module, `module:name`, makes of a result's record; a console may
+    stand before it.
+    """
 
     def show(*given: Any) -> Any:
         module, _, name = place.partition(":")
@@ -88,13 +97,20 @@ def print_servos(console: Console, result: ServoArm) -> None:
 
 
 def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
-    """Of each joint what is left by the tuned model, after the names and by a flexible function, and what is noise."""
-    gap, after = record["gap"], record["heldout"].get("rms_after_Nm", {})
+    """Of each joint what is left by the tuned model, after the names and by a flexible function,
+    and what is noise.
+    """
+    gap = record["gap"]
+    after = record["heldout"].get("rms_after_Nm", {})
+    of_joints = list(gap.values())
     rows = {
-        "left by the tuned model": (TUNED, [one["rms_Nm"] for one in gap.values()]),
+        "left by the tuned model": (TUNED, [joint["rms_Nm"] for joint in of_joints]),
         "left after the named effects": (NAMED, [after.get(joint) for joint in gap]),
-        "left by a flexible function": (FLEXIBLE, [one.get("ceiling_rms_Nm") for one in gap.values()]),
-        "counted as noise": (NOISE, [one["noise_floor_Nm"] for one in gap.values()]),
+        "left by a flexible function": (
+            FLEXIBLE,
+            [joint.get("ceiling_rms_Nm") for joint in of_joints],
+        ),
+        "counted as noise": (NOISE, [joint["noise_floor_Nm"] for joint in of_joints]),
     }
     if not record["findings"]:
         del rows["left after the named effects"]
@@ -105,9 +121,11 @@ def print_evaluation(console: Console, result: Any) -> None:
     """The ladders of one evaluation, or of several."""
     for evaluation in getattr(result, "models", (result,)):
         say(console, describe_evaluation(evaluation), style="bold")
-        several = len(evaluation.sessions) > 1
-        for one in (*evaluation.sessions, evaluation.pooled) if several else evaluation.sessions:
-            console.print(ladder_table(one))
+        scores = list(evaluation.sessions)
+        if len(scores) > 1:
+            scores.append(evaluation.pooled)
+        for score in scores:
+            console.print(ladder_table(score))
 
 
 def describe_evaluation(evaluation: Evaluation) -> str:
@@ -126,7 +144,8 @@ def describe_fitted(evaluation: Evaluation) -> str:
     if not count:
         return ""
     was = "was" if count == 1 else "were"
-    return f"{plural(count, 'file')} of these {was} part of its fit: give others to see what it foretells."
+    files = plural(count, "file")
+    return f"{files} of these {was} part of its fit: give others to see what it foretells."
 
 
 def describe_error(score: SessionScore, rung: int) -> str:
@@ -140,12 +159,16 @@ def draw_evaluation(result: Evaluation) -> Figure:
     """Torque error of each rung at each joint."""
     score = result.pooled
     colours = rung_colours(score.rungs)
-    rows = {rung: (colours[rung], list(score.rmse_mean[k, :-1])) for k, rung in enumerate(score.rungs)}
+    rows = {}
+    for k, rung in enumerate(score.rungs):
+        rows[rung] = (colours[rung], list(score.rmse_mean[k, :-1]))
     return draw_bars(list(score.joints), rows, "torque RMSE [N m]", result.model)
 
 
 def print_fit(console: Console, result: FitResults) -> None:
-    """What the fit errs by on what it did not see, what was identified, what was left out, and what comes next."""
+    """What the fit errs by on what it did not see, what was identified, what was left out, and what
+    comes next.
+    """
     from ident.show.fit_lines import NEXT, describe_foretold, describe_offsets, foretold_lines
     from ident.show.number_lines import print_numbers
 
@@ -160,7 +183,9 @@ def print_fit(console: Console, result: FitResults) -> None:
 
 
 def describe_fit(result: FitResults) -> list[str]:
-    """What was identified beside the losses, chosen and carried, and what was left out, a line each."""
+    """What was identified beside the losses, chosen and carried, and what was left out, a line
+    each.
+    """
     from ident.show.fit_lines import describe_choices, describe_data, describe_laws
 
     return [*describe_data(result), *describe_choices(result), *describe_laws(result.model)]
@@ -174,20 +199,23 @@ def draw_fit(result: FitResults) -> Figure:
         f"viscous [{DAMPING}]": (TUNED, list(loss.viscous)),
         f"Coulomb [{TORQUE}]": (NOISE, list(loss.coulomb)),
     }
-    return draw_bars(list(result.model.joint_names), rows, "loss parameters", result.model.robot.name)
+    return draw_bars(
+        list(result.model.joint_names), rows, "loss parameters", result.model.robot.name
+    )
 
 
 def print_inspection(console: Console, result: Inspection) -> None:
     """Each session's amount, what its effort is, its issues and the verdict."""
     for report in result.reports:
         session = report.session
-        size = f"{plural(len(session.runs), 'run')}, {session.samples} samples, {session.duration:.1f} s"
+        runs = plural(len(session.runs), "run")
+        size = f"{runs}, {session.samples} samples, {session.duration:.1f} s"
         console.print(f"{session.name}: {size}")
         told = {issue.evidence for issue in report.issues}
-        for one in report.effort:
-            evidence = "see below" if one.evidence in told else one.evidence
-            kind = TABLES["efforts"][one.kind]
-            say(console, f"effort of {one.joint}: {kind} ({evidence})", hanging="  ")
+        for effort in report.effort:
+            evidence = "see below" if effort.evidence in told else effort.evidence
+            kind = TABLES["efforts"][effort.kind]
+            say(console, f"effort of {effort.joint}: {kind} ({evidence})", hanging="  ")
         print_issues(console, report.to_dict()["telemetry"])
         say(console, report.verdict, style="" if report.is_fit else "red")
 
@@ -200,7 +228,12 @@ def draw_inspection(result: Inspection) -> Figure:
             step = max(1, len(run) // 1000)
             time = np.asarray(run.time[::step]) - float(run.time[0])
             for j, joint in enumerate(run.joints):
-                axes.plot(time, run.effort[::step, j], linewidth=0.8, label=f"{report.session.name}: {joint}")
+                axes.plot(
+                    time,
+                    run.effort[::step, j],
+                    linewidth=0.8,
+                    label=f"{report.session.name}: {joint}",
+                )
     axes.legend(fontsize=6, ncols=2)
     return figure
 
@@ -212,13 +245,14 @@ def print_guesses(console: Console, result: NewSession) -> None:
     print_issues(console, result.to_dict()["telemetry"])
 
 
-PANEL = (6.0, 3.0)  # [inch]
-
-
 def as_text(write: Callable[[Console], None]) -> str:
     """What is printed, as text without colours."""
     stream = StringIO()
-    write(PlainConsole(file=stream, width=WIDE, color_system=None, markup=False, emoji=False, highlight=False))
+    write(
+        PlainConsole(
+            file=stream, width=WIDE, color_system=None, markup=False, emoji=False, highlight=False
+        )
+    )
     return "\n".join(line.rstrip() for line in stream.getvalue().splitlines())
 
 
@@ -236,7 +270,10 @@ def panel(x_label: str, y_label: str, title: str) -> tuple[Figure, Axes]:
 
 
 def draw_bars(
-    names: Sequence[str], rows: Mapping[str, tuple[str, Sequence[float | None]]], label: str, title: str
+    names: Sequence[str],
+    rows: Mapping[str, tuple[str, Sequence[float | None]]],
+    label: str,
+    title: str,
 ) -> Figure:
     """Bars side by side, a group a name; a value that is None has none."""
     figure, axes = panel("", label, title)
@@ -244,14 +281,17 @@ def draw_bars(
     places = np.arange(len(names))
     for k, (words, (colour, values)) in enumerate(rows.items()):
         heights = [0.0 if value is None else float(value) for value in values]
-        axes.bar(places + (k - (len(rows) - 1) / 2) * width, heights, width, color=colour, label=words)
+        axes.bar(
+            places + (k - (len(rows) - 1) / 2) * width, heights, width, color=colour, label=words
+        )
     axes.set_xticks(places, names, rotation=30 if len(names) > 4 else 0, fontsize=7)
     if rows:
         axes.legend(fontsize=7)
     return figure
 
 
-# Both kinds of diagnosis, the new one and that from a file, can be exported: by that name they are known here.
+# Both kinds of diagnosis, the new one and that from a file, can be exported: by that name they are
+# known here.
 WORDS: dict[str, Callable[[Console, Any], None]] = {
     "ArmComparison": _of_record("ident.show.terminal:print_comparison"),
     "Exportable": _of_record("ident.show.diagnosis_lines:print_diagnosis"),

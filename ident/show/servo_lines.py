@@ -18,8 +18,13 @@ from ident.show.report.words import sentence, significant
 ServoRecord = Mapping[str, Any]
 """`ident.servo/1`, or a part of it."""
 
-WRITE_FILES = "Write what was found for your simulator: `ident servo … --robot … --out servo` (MuJoCo, mjlab, BAM)."
-RECORD_MORE = "Record this again: each joint over its whole range, slowly both ways and with sudden starts."
+WRITE_FILES = (
+    "Write what was found for your simulator: `ident servo … --robot … --out servo` "
+    "(MuJoCo, mjlab, BAM)."
+)
+RECORD_MORE = (
+    "Record this again: each joint over its whole range, slowly both ways and with sudden starts."
+)
 # Causes that goal and position can't part.
 ALIKE = "Dead band, dry friction and backlash look alike here: {}."
 

@@ -76,8 +76,10 @@ def silent_groups(rows: Sequence[Record]) -> list[tuple[str, list[str]]]:
 
 def _kind_of(reason: str) -> str:
     """What lies behind a reason why an effect could not be tested, in words."""
-    fitting = (entry for entry in UNTESTABLE if any(mark in reason for mark in entry["marks"]))
-    return str(next(fitting)["words"])
+    for entry in UNTESTABLE:
+        if any(mark in reason for mark in entry["marks"]):
+            return str(entry["words"])
+    raise LookupError(reason)
 
 
 def _few(joints: Sequence[str]) -> str:
@@ -267,7 +269,11 @@ def describe_side(side: Record) -> str:
 def describe_known(record: Record) -> str:
     """Which loads and which mount of the base were taken as known, in a sentence or two."""
     loads = [_load_of(record[name]) for name in ("before", "after")]
-    carried = f"{loads[0]} before, {loads[1]} after" if loads[0] != loads[1] else f"{loads[0]} before and after"
+    carried = (
+        f"{loads[0]} before, {loads[1]} after"
+        if loads[0] != loads[1]
+        else f"{loads[0]} before and after"
+    )
     mount = record["before"]["gravity_mps2"]
     later = record["after"]["gravity_mps2"]
     told = f"Taken as known: payload {carried}; the base {_mount_of(mount)}."
@@ -397,7 +403,8 @@ def describe_used(record: Record) -> list[str]:
     for row in seldom:
         shares = [
             f"{percent(row['in_motion'])} in motion",
-            f"{percent(row['at_rest'])} at rest ({plural(row['holds'], 'hold')}, each one observation)",
+            f"{percent(row['at_rest'])} at rest "
+            f"({plural(row['holds'], 'hold')}, each one observation)",
             f"{percent(row['turning'])} near stops and turns",
             f"{percent(row['left_out'])} left out ({row['why']})",
         ]

@@ -66,9 +66,12 @@ class AddedBody:
         axes = np.zeros(9)
         mujoco.mju_quat2Mat(axes, np.array(body.iquat))
         turn = axes.reshape(3, 3)
-        inertia = turn @ np.diag(body.inertia) @ turn.T + self.mass * self.radius**2 * np.eye(3)
-        for weight, place in ((body.mass, old - centre), (self.mass, com - centre)):
-            inertia += weight * (place @ place * np.eye(3) - np.outer(place, place))
+        of_body = turn @ np.diag(body.inertia) @ turn.T
+        inertia = of_body + self.mass * self.radius**2 * np.eye(3)
+        shares = ((body.mass, old - centre), (self.mass, com - centre))
+        for weight, place in shares:
+            about = place @ place * np.eye(3) - np.outer(place, place)
+            inertia += weight * about
         body.mass = mass
         body.ipos = centre
         values, vectors = np.linalg.eigh(inertia)
@@ -310,10 +313,12 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
     coulomb = 12.0 * relative**1.15 * np.exp(0.25 * scatter[0])
     viscous = 10.0 * relative**1.35 * np.exp(0.25 * scatter[1])
     rotor = 1.0 * relative**1.55 * np.exp(0.15 * scatter[2])
-    size = np.linalg.norm([arm.model.inertias[i].lever for i in range(1, n + 1)], axis=1)
+    levers = [arm.model.inertias[i].lever for i in range(1, n + 1)]
+    size = np.linalg.norm(levers, axis=1)
     mass, inertia = (1.0 + inertia_error * rng.standard_normal(n) for _ in range(2))
     shift = inertia_error * size[:, None] * rng.standard_normal((n, 3))
-    bodies = RealBodies(mass, inertia, shift, none, np.zeros(n), np.array(arm.model.gravity.linear))
+    gravity = np.array(arm.model.gravity.linear)
+    bodies = RealBodies(mass, inertia, shift, none, np.zeros(n), gravity)
     rated_loss = coulomb * 0.6 + viscous * 0.6**2
     # Gear ratios: 100 at the strong joints, 80 at the weak ones, as strain-wave gears of these
     # sizes have.

@@ -247,7 +247,8 @@ def command(
         joint = control[j]
         joint_state = state[j]
         count = joint.resolution
-        reading = np.round((joint_state.motor_angle + joint.offset) / count + noise[j]) * count
+        angle = joint_state.motor_angle + joint.offset
+        reading = np.round(angle / count + noise[j]) * count
         rate = (reading - joint_state.reading) / tick
         joint_state.reading = reading
         joint_state.speed_estimate += joint.smoothing * (rate - joint_state.speed_estimate)
@@ -312,4 +313,6 @@ def run_loop(
 def check_finite(log: TickLog, data: mujoco.MjData) -> bool:
     """Whether the simulation stayed finite."""
     warned = data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number > 0
-    return not warned and bool(np.isfinite(log.angle).all() and np.isfinite(log.torque).all())
+    if warned:
+        return False
+    return bool(np.isfinite(log.angle).all() and np.isfinite(log.torque).all())

@@ -98,7 +98,8 @@ def record_one(
     sensing = hardware.sensing
     log = trace.log
     end = float(ticks[-1])
-    times = np.arange(int(np.floor(end * channels.rate + 1e-9)) + 1) / channels.rate
+    last = int(np.floor(end * channels.rate + 1e-9))
+    times = np.arange(last + 1) / channels.rate
     if channels.jitter > 0.0:
         away = channels.jitter / channels.rate * rng.uniform(-1.0, 1.0, len(times))
         times = np.clip(times + away, 0.0, end)

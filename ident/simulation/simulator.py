@@ -142,7 +142,8 @@ class Simulator:
         for number, (motion, pause) in enumerate(zip(motions, pauses, strict=True)):
             clock += pause
             rise = np.column_stack([state[name] for name in WARMTH])
-            state[WARMTH[0]], state[WARMTH[1]] = cool_down(self.hardware.heat, rise, pause).T
+            cooled = cool_down(self.hardware.heat, rise, pause).T
+            state[WARMTH[0]], state[WARMTH[1]] = cooled
             feed = feed_forward(self.hardware, motion) if feeds is None else feeds[number]
             traces.append(self._run_one(number, motion, clock, feed))
             clock += motion.duration

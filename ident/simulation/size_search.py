@@ -56,7 +56,8 @@ class _Bracket:
         """A step along the power law of the last two trials, where one side only is known."""
         power = 1.0
         if self.last and np.isfinite(self.last[1]) and np.isfinite(trial[1]):
-            slope = (trial[1] - self.last[1]) / (trial[0] - self.last[0])
+            rise = trial[1] - self.last[1]
+            slope = rise / (trial[0] - self.last[0])
             power = float(np.clip(abs(slope), LEAST_POWER, GREATEST_POWER))
         low, high = self.ends
         if low > high:

@@ -184,7 +184,9 @@ def draw_value(name: str, options: tuple[Any, ...], place: float) -> Any:
         return options[min(int(place * len(options)), len(options) - 1)]
     low, high = options
     decades = low > 0.0 and high / low > 5.0 and name != "encoder_bits"
-    value = low * (high / low) ** place if decades else low + place * (high - low)
+    value = low + place * (high - low)
+    if decades:
+        value = low * (high / low) ** place
     if name in ("encoder_bits", "runs"):
         return round(value)
     if name == "rate_hz" and low != high:
@@ -358,7 +360,8 @@ def noise_floor(
     disturbance = _disturbance(hardware)
     band = usable_band(hardware, world)
     accelerating = 2.0 * disturbance**2 / world.rate_hz * (2.0 * np.pi) ** 4 * band**5 / 5.0
-    speed = np.sqrt(np.mean([np.mean(motion.dq**2, axis=0) for motion in motions], axis=0))
+    squares = [np.mean(motion.dq**2, axis=0) for motion in motions]
+    speed = np.sqrt(np.mean(squares, axis=0))
     change = np.hypot(world.friction_spread, world.friction_drift / np.sqrt(2.0))
     rubbing = change * np.hypot(hardware.friction.coulomb, hardware.friction.viscous * speed)
     return np.sqrt(hardware.sensing.noise_floor**2 + accelerating + rubbing**2)
@@ -395,7 +398,8 @@ def _densities(
     corner = sensing.corner_hz
     coloured = sensing.coloured**2 * (2.0 / np.pi) * corner / (corner**2 + f**2)
     white = 2.0 * sensing.white**2 / world.rate_hz
-    encoder = 2.0 * _disturbance(hardware) ** 2 / world.rate_hz * (2.0 * np.pi * f) ** 4
+    in_radians = 2.0 * np.pi * f
+    encoder = 2.0 * _disturbance(hardware) ** 2 / world.rate_hz * in_radians**4
     return white + coloured, encoder
 
 

@@ -123,7 +123,8 @@ def _read_columns(path: Path, arm: ArmModel) -> tuple[Float[Array, " T"], Float[
 
 def _check(path: Path, time: Float[Array, " T"], q: Float[Array, "T n"], arm: ArmModel) -> None:
     """Refuses commands that are no motion within limits."""
-    if len(time) < FEWEST_ROWS or not np.isfinite(time).all() or not np.isfinite(q).all():
+    is_finite = np.isfinite(time).all() and np.isfinite(q).all()
+    if len(time) < FEWEST_ROWS or not is_finite:
         what = "too few rows, or values that are not finite"
         raise RecordingError(path, what, WRITE_OUT)
     steps = np.diff(time)

@@ -109,8 +109,10 @@ def random_path(
     n = limits.arm.n
     for attempt in range(ATTEMPTS):
         share = 0.97**attempt
-        middle = limits.centre + share * STRAY * limits.span * rng.uniform(-1.0, 1.0, n)
-        points = middle + share * span * limits.span * rng.uniform(-1.0, 1.0, (vias + 2, n))
+        away = rng.uniform(-1.0, 1.0, n)
+        middle = limits.centre + share * STRAY * limits.span * away
+        around = rng.uniform(-1.0, 1.0, (vias + 2, n))
+        points = middle + share * span * limits.span * around
         path = via_spline("", points, 1.0)
         if limits.holds(path.q) and not limits.touches(path.q):
             return points
@@ -216,7 +218,9 @@ def _ladder(
         moves = []
         for speed in rng.permutation(RUNGS) * limits.speed[j]:
             # half of the time for each rung there, half back
-            reach = min(0.8 * share * limits.span[j], 0.5 * speed * duration / len(RUNGS))
+            by_span = 0.8 * share * limits.span[j]
+            by_speed = 0.5 * speed * duration / len(RUNGS)
+            reach = min(by_span, by_speed)
             moves.append((middle + 0.5 * reach, speed))
             moves.append((middle - 0.5 * reach, speed))
         return ramps(middle, moves, 3.0 * share, 0.05)
@@ -238,7 +242,9 @@ def _jointwise(
         paths = []
         clock = 0.0
         for j, middle in enumerate(centre):
-            side = min(0.6 * share * limits.span[j], 0.18 * time * limits.speed[j])
+            by_span = 0.6 * share * limits.span[j]
+            by_speed = 0.18 * time * limits.speed[j]
+            side = min(by_span, by_speed)
             moves = []
             for way, factor in THERE_AND_BACK:
                 moves.append((middle + side * way, 3.0 * side / time * factor))
@@ -268,7 +274,12 @@ def _hold(limits: MotionLimits, duration: float, rng: np.random.Generator) -> li
         for start, goals, distance in zip(centre, stops.T, distances, strict=True):
             moves = []
             for goal in goals:
-                moves += [(goal - distance, 0.8), (goal, 0.2), (goal + distance, 0.4), (goal, 0.2)]
+                moves += [
+                    (goal - distance, 0.8),
+                    (goal, 0.2),
+                    (goal + distance, 0.4),
+                    (goal, 0.2),
+                ]
             paths.append(_on_the_clock(start, moves, slots, 6.0 * share))
         return together("hold", paths)
 
@@ -296,7 +307,8 @@ def _on_the_clock(
         # Arrive early enough to stand still for half of the slot.
         speed = max(speed, 2.5 * abs(goal - position) / slot)
         path = ramps(position, [(goal, speed)], acceleration, 0.01)[:length]
-        pieces.append(np.concatenate([path, np.full(length - len(path), path[-1])]))
+        rest = np.full(length - len(path), path[-1])
+        pieces.append(np.concatenate([path, rest]))
         position = float(path[-1])
     return np.concatenate(pieces)
 

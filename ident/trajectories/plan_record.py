@@ -96,7 +96,8 @@ def _follow(
     s, ds, dds = ends.at(np.minimum(ticks(whole), ends.duration))
     slope = curve(s, 1)
     dq = slope * ds[:, None]
-    ddq = curve(s, 2) * ds[:, None] ** 2 + slope * dds[:, None]
+    bent = curve(s, 2) * ds[:, None] ** 2
+    ddq = bent + slope * dds[:, None]
     return ReferenceMotion(name, curve(s), dq, ddq)
 
 

@@ -42,7 +42,8 @@ class ReferenceMotion:
 
     def reversed(self, name: str) -> ReferenceMotion:
         """The same path backwards."""
-        return ReferenceMotion(name, self.q[::-1].copy(), -self.dq[::-1], self.ddq[::-1].copy())
+        backwards = -self.dq[::-1]
+        return ReferenceMotion(name, self.q[::-1].copy(), backwards, self.ddq[::-1].copy())
 
     def held(self, before: float, after: float) -> ReferenceMotion:
         """With standstill before and after [s]."""
@@ -66,7 +67,8 @@ def via_spline(name: str, points: Float[Array, "m n"], duration: float) -> Refer
     It rests at both ends, without velocity and acceleration.
     """
     knots = np.linspace(0.0, duration, len(points))
-    rest = [(1, np.zeros(points.shape[1])), (2, np.zeros(points.shape[1]))]
+    still = np.zeros(points.shape[1])
+    rest = [(1, still), (2, still)]
     spline = make_interp_spline(knots, points, k=5, bc_type=(rest, rest))
     t = ticks(duration)
     return ReferenceMotion(name, spline(t), spline(t, 1), spline(t, 2))
@@ -139,7 +141,8 @@ def chirp(
     angle = 2.0 * np.pi * low * np.expm1(rate * t) / rate
     fading = window(t, duration, min(LONGEST_FADING_S, FADING_SHARE * duration))
     swing = (np.exp(-rate * t)) ** SWING_POWER * fading
-    return sampled(name, centre + swing[:, None] * amplitude * np.sin(angle[:, None] + phase))
+    wave = np.sin(angle[:, None] + phase)
+    return sampled(name, centre + swing[:, None] * amplitude * wave)
 
 
 def ramps(
@@ -184,7 +187,8 @@ def _move(start: float, goal: float, speed: float, acceleration: float) -> Float
     profile = speed * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
     steps = 0.5 * (profile[1:] + profile[:-1]) * TICK_S
     way = np.concatenate([[0.0], np.cumsum(steps)])
-    return start + np.sign(goal - start) * way * (distance / way[-1])
+    share = distance / way[-1]
+    return start + np.sign(goal - start) * way * share
 
 
 def together(name: str, joints: Sequence[Float[Array, " K"]]) -> ReferenceMotion:

@@ -33,8 +33,10 @@ def stepped(motion: ReferenceMotion, shape: str) -> ReferenceMotion:
     seconds = FAST_PERIOD_S if motion.name in FAST else PERIOD_S
     period = round(seconds / TICK_S)
     ticks = np.arange(len(motion.q))
-    sent = np.append(np.arange(0, len(motion.q), period), len(motion.q) - 1)
-    q = np.column_stack([np.interp(ticks, sent, column[sent]) for column in motion.q.T])
+    last = len(motion.q) - 1
+    sent = np.append(np.arange(0, len(motion.q), period), last)
+    columns = [np.interp(ticks, sent, column[sent]) for column in motion.q.T]
+    q = np.column_stack(columns)
     for _ in range(AVERAGES[shape]):
         # Mean over one period about each tick.
         width = period + 1 - period % 2

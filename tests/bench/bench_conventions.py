@@ -24,8 +24,9 @@ import numpy as np
 
 from ident.checks.conventions.find import Conventions, is_changed, search_conventions
 from ident.checks.conventions.hypothesis import Hypothesis
-from ident.checks.conventions.readings import Log, Model
-from ident.checks.filtered_run import USUAL_EFFORT
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.readings import Log
+from ident.checks.settings import USUAL_EFFORT
 from tests.bench.conventions.arms import MOST_STATES, Case, load_cases, stretches
 from tests.bench.conventions.changes import KINDS, draw, draw_kinds, spoil
 from tests.bench.conventions.oracle import is_same, is_told_apart, is_visible

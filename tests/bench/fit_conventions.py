@@ -24,8 +24,9 @@ from scipy.optimize import minimize
 
 from ident.arrays import Array
 from ident.checks.conventions.closely import Scored
-from ident.checks.conventions.description import DESCRIPTION, SEARCH, description_length, size_price
+from ident.checks.conventions.description import description_length, size_price
 from ident.checks.conventions.search import Search
+from ident.checks.conventions.settings import DESCRIPTION, SEARCH
 from tests.bench.bench_conventions import Drawn, drawn_cases
 from tests.bench.conventions.arms import load_cases
 

@@ -36,10 +36,10 @@ from typing import Any
 
 import numpy as np
 
-from ident.checks.conventions.description import SEARCH
 from ident.checks.conventions.find import Conventions, is_of_urdf, search_conventions
-from ident.checks.conventions.readings import Model
-from ident.checks.filtered_run import USUAL_EFFORT
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.settings import SEARCH
+from ident.checks.settings import USUAL_EFFORT
 from tests.bench.bench_conventions import drawn_cases
 from tests.bench.conventions.arms import MOST_STATES, case_of_session, load_cases, stretches
 

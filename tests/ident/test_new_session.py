@@ -13,7 +13,7 @@ from ident.api.daily import new
 from ident.api.inspecting import inspect
 from ident.cli.app import app
 from ident.errors import InputError
-from ident.infer.units import common_scale, without_outliers
+from ident.infer.gains import common_scale, without_outliers
 from ident.recordings.load import load_session
 from ident.recordings.recording import Payload, Recording
 from ident.robot.arm import ArmModel

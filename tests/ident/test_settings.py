@@ -4,19 +4,35 @@ from dataclasses import FrozenInstanceError, fields
 
 import pytest
 
+from ident.checks import settings as checks
+from ident.checks.conventions import settings as conventions
+from ident.diagnosis import settings as diagnosis
+from ident.diagnosis.change import settings as change
+from ident.diagnosis.gap import settings as gap
 from ident.effects import settings as effects
+from ident.infer import settings as infer
+from ident.inference import settings as inference
 from ident.monitor import settings as monitor
 from ident.motion import settings as motion
 from ident.records import Numbers
 from ident.regression import settings as regression
+from ident.servos import settings as servos
 from ident.simulation.causes import settings as causes
 
-GROUPS = [
-    group
-    for module in (effects, monitor, motion, regression, causes)
-    for group in vars(module).values()
-    if isinstance(group, Numbers)
-]
+MODULES = (
+    *(causes, change, checks, conventions, diagnosis, effects, gap),
+    *(infer, inference, monitor, motion, regression, servos),
+)
+
+
+def is_group(value: object) -> bool:
+    """Whether a value of a module is numbers, and not several groups of them."""
+    if not isinstance(value, Numbers):
+        return False
+    return not any(isinstance(getattr(value, field.name), Numbers) for field in fields(value))
+
+
+GROUPS = [group for module in MODULES for group in vars(module).values() if is_group(group)]
 each_group = pytest.mark.parametrize("group", GROUPS, ids=lambda group: type(group).__name__)
 
 

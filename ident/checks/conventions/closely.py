@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.checks.conventions.description import SEARCH, Prices
+from ident.checks.conventions.description import Prices
 from ident.checks.conventions.hypothesis import Hypothesis, states_as
 from ident.checks.conventions.masses import Variant, variants
-from ident.checks.conventions.readings import Log, Model, moving
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.readings import Log, moving
+from ident.checks.conventions.settings import SEARCH
 from ident.checks.conventions.torques import Columns
 
 
@@ -74,7 +76,8 @@ class CloseLook:
 
     def _beyond_limits(self, hypothesis: Hypothesis) -> float:
         """Of which limits joints get out: of position, speed and effort, each counted once."""
-        q, dq = states_as([hypothesis], (self.log.q, self.log.dq), self.model.sliding)
+        states = (self.log.q, self.log.dq)
+        q, dq = states_as([hypothesis], states, self.model.sliding)
         effort = self._largest_effort[list(hypothesis.effort_order)]
         for joint, scale in hypothesis.effort_scale:
             effort[joint] /= scale

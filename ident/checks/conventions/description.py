@@ -21,12 +21,8 @@ from ident.checks.conventions.hypothesis import (
     ZEROS,
     Hypothesis,
 )
-from ident.records import read_group
-
-DESCRIPTION = read_group(__file__, "description")
-READING = read_group(__file__, "readings")
-MASSES = read_group(__file__, "masses")
-SEARCH = read_group(__file__, "search")
+from ident.checks.conventions.settings import DESCRIPTION, MASSES, SEARCH
+from ident.checks.conventions.settings import READINGS as READING
 
 # The kinds of change: order, effort order, direction, zero, unit, sign, mount, compensation,
 # factor, scale, body, all masses, gear, share of the joint before.
@@ -85,8 +81,10 @@ def description_length(hypothesis: Hypothesis, usual_orders: Orders = ()) -> flo
     else:
         length = _order(hypothesis.order, tuple(range(count)))
     length += _order(hypothesis.effort_order, hypothesis.order)
-    length += (KIND + math.log(count)) * sum(sign < 0 for sign in hypothesis.direction)
-    length += (KIND + math.log(OTHER_ZEROS * count)) * sum(map(bool, hypothesis.quarters))
+    turned = sum(sign < 0 for sign in hypothesis.direction)
+    length += (KIND + math.log(count)) * turned
+    moved = sum(map(bool, hypothesis.quarters))
+    length += (KIND + math.log(OTHER_ZEROS * count)) * moved
     geared = sum(factor != 1.0 for factor in hypothesis.gear)
     length += geared * (KIND + math.log(len(GEARS) * count))
     length += sum(map(bool, hypothesis.share)) * (KIND + math.log(2 * count))
@@ -176,9 +174,12 @@ def _order(order: tuple[int, ...], usual: tuple[int, ...]) -> float:
 
 def _derangements(count: int) -> int:
     """Orders of so many of which none stands where it did."""
-    before, now = 1, 0
+    before = 1
+    now = 0
     for k in range(2, count + 1):
-        before, now = now, (k - 1) * (before + now)
+        next_one = (k - 1) * (before + now)
+        before = now
+        now = next_one
     return now if count else before
 
 

@@ -9,11 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.checks.conventions.closely import Scored
-from ident.checks.conventions.description import DESCRIPTION, SEARCH, Orders, price
+from ident.checks.conventions.description import Orders, price
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
-from ident.checks.conventions.readings import Log, Model
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.readings import Log
 from ident.checks.conventions.search import Search
-from ident.checks.filtered_run import USUAL_EFFORT, filter_run
+from ident.checks.conventions.settings import DESCRIPTION, SEARCH
+from ident.checks.filtered_run import filter_run
+from ident.checks.settings import USUAL_EFFORT
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 
@@ -97,14 +100,15 @@ def log_of(session: Session) -> Log | None:
 
     None where every run is too short.
     """
-    motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
+    filtered = [filter_run(run) for run in session.runs]
+    motions = [motion for motion in filtered if motion is not None]
     if not motions:
         return None
     return Log(
-        *(
-            np.concatenate([getattr(motion, name) for motion in motions])
-            for name in ("q", "dq", "ddq", "tau")
-        )
+        q=np.concatenate([motion.q for motion in motions]),
+        dq=np.concatenate([motion.dq for motion in motions]),
+        ddq=np.concatenate([motion.ddq for motion in motions]),
+        tau=np.concatenate([motion.tau for motion in motions]),
     )
 
 
@@ -124,9 +128,9 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     guess = next((scored for scored in ranked if scored.hypothesis.parameters is not None), None)
     of_masses = next((scored for scored in ranked if _changes_masses(scored)), None)
     second = second_of(ranked, model.usual_orders)
-    part = _part_of_urdf(ranked)
+    of_urdf = _part_of_urdf(ranked)
     is_guessed = has_placeholders(model.arm)
-    return Conventions(as_it_is, best, second, part, guess, of_masses, is_guessed)
+    return Conventions(as_it_is, best, second, of_urdf, guess, of_masses, is_guessed)
 
 
 def has_placeholders(arm: ArmModel) -> bool:
@@ -200,7 +204,7 @@ def _part_of_urdf(ranked: Sequence[Scored]) -> Scored | None:
     return None
 
 
-def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> bool:
+def is_changed(searched: Conventions, least: float = USUAL_EFFORT.sign_explains) -> bool:
     """Whether log or URDF is surely to be read otherwise than it says: then what is read explains
     so much at least.
 
@@ -208,16 +212,16 @@ def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) ->
     much alone. A factor of all masses leaves the log as it is: it only has to be likely; so do
     other masses where the URDF's are placeholders.
     """
-    changes = found.best.hypothesis.changes
+    changes = searched.best.hypothesis.changes
     needed = SEARCH.sure_gain
-    is_expected = changes == ("masses",) and found.has_placeholders
+    is_expected = changes == ("masses",) and searched.has_placeholders
     if changes == ("mass_factor",) or is_expected:
         needed = math.log(SEARCH.sure_odds) / DESCRIPTION.observations
-    return bool(changes) and found.gain > needed and found.best.explains >= least
+    return bool(changes) and searched.gain > needed and searched.best.explains >= least
 
 
 def what_is_sure(
-    found: Conventions, least: float = USUAL_EFFORT.sign_explains
+    searched: Conventions, least: float = USUAL_EFFORT.sign_explains
 ) -> Conventions | None:
     """The best reading where it is surely right; else what of it leaves the log as it says, or that
     the URDF's masses are guesses, where that is; else None.
@@ -226,40 +230,40 @@ def what_is_sure(
     Guesses explain nearly all that a mount does, with more numbers: the likelier of both is taken.
     By masses that are surely guesses no convention is sure.
     """
-    readings = [found.guess]
-    if not found.has_placeholders:
-        readings = [found.best, found.of_urdf, found.guess]
+    readings = [searched.guess]
+    if not searched.has_placeholders:
+        readings = [searched.best, searched.of_urdf, searched.guess]
     for reading in readings:
         if reading is None:
             continue
-        candidate = found.led_by(reading)
+        candidate = searched.led_by(reading)
         if not is_changed(candidate, least):
             continue
         mount = None
-        if reading is found.guess and not found.has_placeholders:
-            mount = likelier_mount(found, least)
+        if reading is searched.guess and not searched.has_placeholders:
+            mount = likelier_mount(searched, least)
         return candidate if mount is None else mount
     return None
 
 
 def likelier_mount(
-    found: Conventions, least: float = USUAL_EFFORT.sign_explains
+    searched: Conventions, least: float = USUAL_EFFORT.sign_explains
 ) -> Conventions | None:
     """The likeliest reading that changes gravity's direction and leaves the log as it says.
 
     None where log and URDF as they say are likelier.
 
     Args:
-        found: What the search found.
+        searched: What the search found.
         least: Share of the torque that the reading must explain at least.
 
     Returns:
         The findings with this reading as the best.
     """
-    for reading in (found.best, found.of_urdf):
+    for reading in (searched.best, searched.of_urdf):
         if reading is None or not is_of_urdf(reading):
             continue
-        candidate = found.led_by(reading)
+        candidate = searched.led_by(reading)
         is_mount = "gravity" in reading.hypothesis.changes
         if is_mount and candidate.gain > 0.0 and reading.explains >= least:
             return candidate

@@ -65,43 +65,64 @@ class Hypothesis:
     @classmethod
     def as_it_is(cls, count: int) -> Hypothesis:
         """The reading of a log of `count` joints that changes nothing."""
-        own = tuple(range(count))
+        plain = tuple(range(count))
         ones = (1,) * count
         zeros = (0,) * count
-        return cls(own, own, ones, zeros, ("",) * count, ones, (1.0,) * count, zeros)
+        return cls(
+            order=plain,
+            effort_order=plain,
+            direction=ones,
+            quarters=zeros,
+            unit=("",) * count,
+            effort_sign=ones,
+            gear=(1.0,) * count,
+            share=zeros,
+        )
 
     @property
     def motion(self) -> tuple[Any, ...]:
         """The fields that motion depends on: order, direction, quarters, unit, gear and share."""
-        return self.order, self.direction, self.quarters, self.unit, self.gear, self.share
+        return (
+            self.order,
+            self.direction,
+            self.quarters,
+            self.unit,
+            self.gear,
+            self.share,
+        )
 
     @property
     def changes(self) -> tuple[str, ...]:
         """Names of the conventions that it changes; empty where it reads the log as it is."""
-        own = tuple(range(len(self.order)))
+        plain = tuple(range(len(self.order)))
         names = []
-        names += ["order"] if self.order != own else []
-        names += ["effort_order"] if self.effort_order != self.order else []
-        names += [f"direction {j}" for j, sign in enumerate(self.direction) if sign < 0]
-        names += [f"zero {j}" for j, turns in enumerate(self.quarters) if turns]
-        units = [(j, unit) for j, unit in enumerate(self.unit) if unit]
-        is_common = len(units) == len(own) and len({unit for _, unit in units}) == 1
-        names += ["unit"] if is_common else [f"unit {j}" for j, _ in units]
-        names += [f"gear {j}" for j, factor in enumerate(self.gear) if factor != 1.0]
-        names += [f"share {j}" for j, share in enumerate(self.share) if share]
-        flipped = [j for j, sign in enumerate(self.effort_sign) if sign < 0]
-        is_every = len(flipped) == len(own)
-        names += ["effort_sign"] if is_every else [f"effort_sign {j}" for j in flipped]
-        names += [] if self.gravity == AS_STATED else ["gravity"]
-        names += [] if self.mass_factor == 1.0 else ["mass_factor"]
-        names += [f"effort_scale {j}" for j, _ in self.effort_scale]
-        names += [] if self.body is None else ["body"]
-        names += [] if self.parameters is None else ["masses"]
+        if self.order != plain:
+            names.append("order")
+        if self.effort_order != self.order:
+            names.append("effort_order")
+        names += _of_joints("direction", [sign < 0 for sign in self.direction])
+        names += _of_joints("zero", self.quarters)
+        is_common = all(self.unit) and len(set(self.unit)) == 1
+        names += ["unit"] if is_common else _of_joints("unit", self.unit)
+        names += _of_joints("gear", [factor != 1.0 for factor in self.gear])
+        names += _of_joints("share", self.share)
+        flipped = [sign < 0 for sign in self.effort_sign]
+        names += ["effort_sign"] if all(flipped) else _of_joints("effort_sign", flipped)
+        if self.gravity != AS_STATED:
+            names.append("gravity")
+        if self.mass_factor != 1.0:
+            names.append("mass_factor")
+        names += [f"effort_scale {joint}" for joint, _ in self.effort_scale]
+        if self.body is not None:
+            names.append("body")
+        if self.parameters is not None:
+            names.append("masses")
         return tuple(names)
 
     def angles(self, position: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:
         """The URDF's angles of the log's positions [rad or m]; a slide has no unit and no turns."""
-        return states_as([self], (position,), sliding)[0][0]
+        (angles,) = states_as([self], (position,), sliding)
+        return angles[0]
 
     def with_shares(self, angles: Float[Array, "T n"]) -> Float[Array, "T n"]:
         """Angles, or their derivatives, with the joint before's part of them."""
@@ -113,7 +134,9 @@ class Hypothesis:
 
     def rates(self, values: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:
         """The URDF's rates of the log's: as `angles`, without the zeros [rad/s or m/s]."""
-        return states_as([self], (np.empty((0, values.shape[1])), values), sliding)[1][0]
+        nowhere = np.empty((0, values.shape[1]))
+        _, rates = states_as([self], (nowhere, values), sliding)
+        return rates[0]
 
     def with_entry(self, name: str, joint: int, value: Any) -> Hypothesis:
         """A copy with the joint's entry of one of its tuples replaced.
@@ -129,6 +152,11 @@ class Hypothesis:
         return replace(self, **changes)
 
 
+def _of_joints(name: str, changed: Sequence[object]) -> list[str]:
+    """A change's name with each joint at which it is made."""
+    return [f"{name} {joint}" for joint, is_changed in enumerate(changed) if is_changed]
+
+
 def states_as(
     readings: Sequence[Hypothesis], states: Sequence[Float[Array, "T n"]], sliding: Array
 ) -> list[Float[Array, "k T n"]]:
@@ -140,12 +168,13 @@ def states_as(
         sliding: Which joints slide: these have no unit and no turns.
     """
     orders = np.array([reading.order for reading in readings])
-    units = np.array([[UNITS.get(unit, 1.0) for unit in reading.unit] for reading in readings])
+    units = np.array([_factors_of_units(reading) for reading in readings])
     direction = np.array([reading.direction for reading in readings])
     gear = np.array([reading.gear for reading in readings])
     quarters = np.array([reading.quarters for reading in readings])
     shares = np.array([reading.share for reading in readings])
-    factor = (np.where(sliding, 1.0, units) * direction * gear)[:, None]
+    turning_units = np.where(sliding, 1.0, units)
+    factor = (turning_units * direction * gear)[:, None]
     zero = np.where(sliding, 0.0, np.array(ZEROS)[quarters])[:, None]
     joints: list[Float[Array, "k T n"]] = []
     for values in states:
@@ -153,6 +182,12 @@ def states_as(
         if not joints:
             read = read + zero
         if shares.any():
-            read[..., 1:] += shares[:, None, 1:] * read[..., :-1].copy()
+            before = read[..., :-1].copy()
+            read[..., 1:] += shares[:, None, 1:] * before
         joints.append(read)
     return joints
+
+
+def _factors_of_units(reading: Hypothesis) -> list[float]:
+    """What each joint's position is to be multiplied with for its unit."""
+    return [UNITS.get(unit, 1.0) for unit in reading.unit]

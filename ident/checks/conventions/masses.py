@@ -15,177 +15,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float
-from ident.checks.conventions.description import (
-    BODY_PARAMETERS,
-    DESCRIPTION,
-    SEARCH,
-    load_price,
-    scale_length,
-    size_price,
+from ident.arrays import Array, Float
+from ident.checks.conventions.description import load_price
+from ident.checks.conventions.hypothesis import Hypothesis
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.products import (
+    Products,
+    SizedTorque,
+    amounts,
+    beside_friction,
+    cost_with,
+    products_of,
+    read_as,
+    states_of,
 )
-from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, Hypothesis
-from ident.checks.conventions.readings import LIMIT as READING
-from ident.checks.conventions.readings import Log, Model, is_other_unit, is_told
-from ident.records import read_group
-from ident.robot.arm import ArmModel
-
-LIMIT = read_group(__file__, "masses")
-
-
-class Reading(NamedTuple):
-    """A log under a hypothesis: what each joint's torque is held against, friction, rotor and
-    offset projected out.
-    """
-
-    tau: Float[Array, "n T"]
-    rigid: Float[Array, "n T"]
-    body: Float[Array, "n T 4"]  # torque by mass [1 kg] and first moment [1 kg m] at the last link
-    variance: Float[Array, " n"]  # of the recorded torque [(N m)²]
-    beyond: Float[Array, " n"]  # whether it is beyond the joint's limit
-
-
-def gravity_of(hypothesis: Hypothesis, model: Model) -> Float[Array, " 3"]:
-    """Gravity in the base's frame, as a hypothesis has it in the effort [m/s²]."""
-    if hypothesis.gravity == AS_STATED:
-        return model.stated
-    if hypothesis.gravity == COMPENSATED:
-        return np.zeros(3)
-    return np.array(hypothesis.gravity, dtype=float)
-
-
-def arm_of(hypothesis: Hypothesis, model: Model) -> ArmModel:
-    """The arm under a hypothesis's gravity, with its own links where the URDF's are guesses."""
-    arm = model.under(gravity_of(hypothesis, model))
-    if hypothesis.parameters is None:
-        return arm
-    return arm.with_inertial_parameters(np.array(hypothesis.parameters))
-
-
-def states_of(
-    log: Log, model: Model, hypothesis: Hypothesis
-) -> tuple[Float[Array, "T n"], Float[Array, "T n"], Float[Array, "T n"], Float[Array, "T n"]]:
-    """Angles, their first and second derivatives and the torque, as a hypothesis has them."""
-    sliding = model.sliding
-    q = hypothesis.angles(log.q, sliding)
-    dq = hypothesis.rates(log.dq, sliding)
-    ddq = hypothesis.rates(log.ddq, sliding)
-    sign = np.array(hypothesis.direction) * np.array(hypothesis.effort_sign)
-    tau = log.tau[:, np.array(hypothesis.effort_order)] * sign
-    return q, dq, ddq, tau
-
-
-def beside_friction(
-    columns: Float[Array, "T n k"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
-) -> Float[Array, "n t k"]:
-    """Columns of each joint's torque with friction, rotor and offset projected out.
-
-    Rows of a joint that stands count less. The offset's cost is a row more, in which nothing is
-    measured.
-    """
-    samples, n, _ = columns.shape
-    weight = np.where(np.abs(dq) > READING.standing, 1.0, READING.rest_weight)
-    weight = (weight / np.sqrt(np.mean(weight**2, axis=0))).T[..., None]
-    friction = [np.tanh(dq / READING.transition), dq, ddq, np.ones_like(dq)]
-    held = weight * np.stack(friction).transpose(2, 1, 0)
-    offset = np.zeros((n, 1, len(friction)))
-    offset[..., -1] = np.sqrt(READING.offset_cost * samples)
-    beside, _ = np.linalg.qr(np.concatenate([held, offset], axis=1))
-    wanted = weight * columns.transpose(1, 0, 2)
-    wanted = np.concatenate([wanted, np.zeros((n, 1, wanted.shape[-1]))], axis=1)
-    return np.asarray(wanted - beside @ (beside.transpose(0, 2, 1) @ wanted))
-
-
-def read_as(log: Log, model: Model, hypothesis: Hypothesis) -> Reading:
-    """A log read as a hypothesis has it."""
-    arm = arm_of(hypothesis, model)
-    q, dq, ddq, tau = states_of(log, model, hypothesis)
-    rigid = hypothesis.mass_factor * arm.inverse_dynamics(q, dq, ddq)
-    last_link = 10 * (log.q.shape[1] - 1)
-    table = arm.regressor(q, dq, ddq, range(last_link, last_link + BODY_PARAMETERS))
-    columns = np.concatenate([np.stack([tau, rigid], axis=-1), table], axis=-1)
-    left = beside_friction(columns, dq, ddq)
-    order = np.array(hypothesis.effort_order)
-    beyond = model.beyond_effort(np.abs(log.tau).max(axis=0)[order])
-    return Reading(left[..., 0], left[..., 1], left[..., 2:], log.tau.var(axis=0)[order], beyond)
-
-
-class Products(NamedTuple):
-    """Inner products of a reading's torques, by joint: sizes and bodies follow from them alone.
-
-    Parts are the rigid torque, then what a body's mass and first moment add to it.
-    """
-
-    torque: Float[Array, " n"]  # mean square of the recorded torque
-    along: Float[Array, "n 5"]  # of the recorded torque with each part
-    parts: Float[Array, "n 5 5"]  # of the parts with one another
-    variance: Float[Array, " n"]  # of the recorded torque before friction was projected out
-    beyond: Float[Array, " n"]  # whether it is beyond the joint's limit
-
-
-def products_of(reading: Reading) -> Products:
-    """Mean inner products of a reading's torques over its samples, by joint."""
-    parts = np.concatenate([reading.rigid[..., None], reading.body], axis=-1)
-    samples = parts.shape[1]
-    transposed = parts.transpose(0, 2, 1)
-    return Products(
-        (reading.tau**2).mean(axis=1),
-        (transposed @ reading.tau[..., None])[..., 0] / samples,
-        transposed @ parts / samples,
-        np.maximum(reading.variance, 1e-300),
-        reading.beyond,
-    )
-
-
-def amounts(factor: float, body: Float[Array, " 4"] | None = None) -> Float[Array, " 5"]:
-    """How much of each of `Products`' parts a torque has: a factor of all masses, and a body.
-
-    Args:
-        factor: Of the rigid torque.
-        body: Mass [kg] and first moment [kg m] of a body at the last link; none if None.
-    """
-    return np.concatenate([[factor], np.zeros(BODY_PARAMETERS) if body is None else body])
-
-
-class SizedTorque(NamedTuple):
-    """What each joint costs with a rigid torque, its size chosen."""
-
-    plain_costs: Float[Array, " n"]  # all joints in one unit
-    plain_sizes: Float[Array, " n"]  # of each joint's torque over the model's
-    costs: Float[Array, " n"]  # some in another unit, without what that is unlikely
-    sizes: Float[Array, " n"]
-    other_unit: Bool[Array, " n"]  # whether the size is another unit's
-    doubtful: int | None = None  # joint whose size may be, but explains less than that costs
-    doubtful_cost: float = 0.0  # of that joint in another unit, without what that is unlikely
-    doubtful_size: float = 1.0
-
-
-def cost_with(products: Products, amount: Float[Array, " 5"]) -> SizedTorque:
-    """What each joint costs with so much of each part (see `readings.unexplained`)."""
-    square = np.maximum((products.parts @ amount) @ amount, 1e-12)
-    along = products.along @ amount
-    own = products.torque
-    free = along / square
-    best = np.clip(free, 1.0 / READING.most_size, READING.most_size)
-    tried = best[None] ** np.array(READING.shares)[:, None]
-    rest = np.maximum(own - 2.0 * tried * along + tried**2 * square, 0.0)
-    explained = np.log(rest / products.variance + READING.floor)
-    cost = explained + size_price(np.log(tried))
-    chosen = np.argmin(cost, axis=0)
-    joints = np.arange(len(best))
-    costs, sizes = cost[chosen, joints], tried[chosen, joints]
-    price_of_unit = scale_length(len(best)) / DESCRIPTION.observations
-    # In another unit it may be within its limit.
-    in_other_unit = explained[-1] + price_of_unit - SEARCH.limit_cost * products.beyond
-    is_possible = is_told(free, own, square) & is_other_unit(best)
-    other = is_possible & (in_other_unit < costs)
-    scaled = np.where(other, explained[-1], costs)
-    gains = np.where(is_possible & ~other, costs - explained[-1], 0.0)
-    joint = int(np.argmax(gains))
-    doubtful = (
-        (joint, float(explained[-1, joint]), float(best[joint])) if gains[joint] > 0.0 else ()
-    )
-    return SizedTorque(costs, sizes, scaled, np.where(other, best, sizes), other, *doubtful)
+from ident.checks.conventions.readings import Log
+from ident.checks.conventions.settings import DESCRIPTION
+from ident.checks.conventions.settings import MASSES as LIMIT
+from ident.checks.conventions.settings import READINGS as READING
 
 
 def sizes_beside(
@@ -201,9 +48,9 @@ def sizes_beside(
     # States follow one another: a few are independent.
     error = left / square / LIMIT.independent
     told = (size > 0.0) & (along > 0.0)
-    return np.log(np.where(told, size, 1.0)), np.where(
-        told, error / np.maximum(size, 1e-12) ** 2, np.inf
-    )
+    logs = np.log(np.where(told, size, 1.0))
+    variance = error / np.maximum(size, 1e-12) ** 2
+    return logs, np.where(told, variance, np.inf)
 
 
 def common_factor(products: Products) -> tuple[float, float]:
@@ -220,10 +67,11 @@ def common_factor(products: Products) -> tuple[float, float]:
     if weight is None:
         return 1.0, 0.0
     middle = float(weight @ logs / weight.sum())
-    around_one, around_it = (
-        _spread_around(logs, centre, weight, variance) for centre in (0.0, middle)
-    )
-    return float(np.exp(middle)), _gain_of_spreads(around_one, around_it, variance[weight > 0.0])
+    around_one = _spread_around(logs, 0.0, weight, variance)
+    around_middle = _spread_around(logs, middle, weight, variance)
+    error = variance[weight > 0.0]
+    gain = _gain_of_spreads(around_one, around_middle, error)
+    return float(np.exp(middle)), gain
 
 
 def gain_of_agreeing(
@@ -248,7 +96,9 @@ def _gain_of_spreads(before: float, after: float, error: Float[Array, " k"]) -> 
 
         1/2 sum log((before² + error²) / (after² + error²)).
     """
-    return 0.5 * float(np.log((before**2 + error) / (after**2 + error)).sum())
+    variance_before = before**2 + error
+    variance_after = after**2 + error
+    return 0.5 * float(np.log(variance_before / variance_after).sum())
 
 
 def _agreeing(logs: Float[Array, " n"], variance: Float[Array, " n"]) -> Float[Array, " n"] | None:
@@ -258,7 +108,8 @@ def _agreeing(logs: Float[Array, " n"], variance: Float[Array, " n"]) -> Float[A
     if float(telling_joints.sum()) < LIMIT.fewest_sizes:
         return None
     weight = 1.0 / (LIMIT.scatter**2 + variance)
-    apart = np.abs(logs - _weighted_median(logs, weight))
+    middle = _weighted_median(logs, weight)
+    apart = np.abs(logs - middle)
     return np.where(apart < np.log(LIMIT.other_unit), weight, 0.0)
 
 
@@ -266,7 +117,8 @@ def _weighted_median(values: Float[Array, " n"], weight: Float[Array, " n"]) -> 
     """The value below and above which lies half of the weight."""
     order = np.argsort(values)
     share = np.cumsum(weight[order])
-    return float(values[order][np.searchsorted(share, 0.5 * share[-1])])
+    middle = np.searchsorted(share, 0.5 * share[-1])
+    return float(values[order][middle])
 
 
 def _spread_around(
@@ -281,8 +133,8 @@ def _spread_around(
     agreeing = weight > 0.0
     square = (logs[agreeing] - centre) ** 2 - variance[agreeing]
     mean = float(weight[agreeing] @ square / weight[agreeing].sum())
-    lowest, highest = float(LIMIT.scatter), float(DESCRIPTION.size_spread)
-    return float(np.clip(np.sqrt(max(mean, 0.0)), lowest, highest))
+    spread = np.sqrt(max(mean, 0.0))
+    return float(np.clip(spread, float(LIMIT.scatter), float(DESCRIPTION.size_spread)))
 
 
 def end_body(products: Products, factor: float | None = None) -> Float[Array, " 5"]:
@@ -301,15 +153,18 @@ def end_body(products: Products, factor: float | None = None) -> Float[Array, " 
     for _ in range(LIMIT.rounds):
         fit = cost_with(products, amount)
         # A joint in another unit tells nothing of a mass in kilograms.
-        weight = np.where(fit.other_unit, 0.0, np.exp(-fit.costs)) / products.variance
+        trust = np.where(fit.other_unit, 0.0, np.exp(-fit.costs))
+        weight = trust / products.variance
         normal = np.tensordot(weight, products.parts, axes=1)
         target = weight @ products.along
         if is_given:
             target = target - amount[0] * normal[0]
-        size = np.sqrt(np.maximum(np.diagonal(normal), 1e-300))[asked]
+        power = np.maximum(np.diagonal(normal), 1e-300)
+        size = np.sqrt(power)[asked]
         scaled = normal[asked, asked] / (size[:, None] * size[None, :])
         scaled = scaled + LIMIT.ridge * np.eye(len(size))
-        amount[asked] = np.linalg.solve(scaled, target[asked] / size) / size
+        solution = np.linalg.solve(scaled, target[asked] / size)
+        amount[asked] = solution / size
         amount[0] = np.clip(amount[0], 1.0 / READING.most_size, READING.most_size)
     return amount
 
@@ -329,23 +184,24 @@ def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[Variant
     Efforts of single joints in another unit are told with each of them, where they explain more
     than they cost.
     """
-    products = products_of(read_as(log, model, replace(hypothesis, mass_factor=1.0)))
+    unscaled = replace(hypothesis, mass_factor=1.0)
+    products = products_of(read_as(log, model, unscaled))
     yield from _variants(hypothesis, cost_with(products, amounts(1.0)))
     factor, agreement = common_factor(products)
     if is_unusual(factor):
-        scaled = cost_with(products, amounts(factor))
-        yield from _variants(
-            replace(hypothesis, mass_factor=factor), scaled, -agreement / DESCRIPTION.observations
-        )
+        multiplied = replace(hypothesis, mass_factor=factor)
+        fit = cost_with(products, amounts(factor))
+        yield from _variants(multiplied, fit, -agreement / DESCRIPTION.observations)
     alone = end_body(products, 1.0)
-    yield from _variants(
-        _with_body(hypothesis, alone), cost_with(products, alone), _price_of_body(alone, model)
-    )
+    fit = cost_with(products, alone)
+    yield from _variants(_with_body(hypothesis, alone), fit, _price_of_body(alone, model))
     amount = end_body(products)
     if is_unusual(float(amount[0])):
+        agreement = gain_of_agreeing(products, alone, amount)
         more = _price_of_body(amount, model)
-        more -= gain_of_agreeing(products, alone, amount) / DESCRIPTION.observations
-        yield from _variants(_with_body(hypothesis, amount), cost_with(products, amount), more)
+        more -= agreement / DESCRIPTION.observations
+        fit = cost_with(products, amount)
+        yield from _variants(_with_body(hypothesis, amount), fit, more)
 
 
 def _with_body(hypothesis: Hypothesis, amount: Float[Array, " 5"]) -> Hypothesis:
@@ -356,7 +212,9 @@ def _with_body(hypothesis: Hypothesis, amount: Float[Array, " 5"]) -> Hypothesis
 
 def _price_of_body(amount: Float[Array, " 5"], model: Model) -> float:
     """What a body of its mass costs at the end of an arm whose masses are multiplied."""
-    return load_price(abs(float(amount[1])) / (float(amount[0]) * model.mass))
+    factor = float(amount[0])
+    mass = abs(float(amount[1]))
+    return load_price(mass / (factor * model.mass))
 
 
 def is_unusual(factor: float) -> bool:
@@ -370,7 +228,9 @@ def _variants(hypothesis: Hypothesis, fit: SizedTorque, more: float = 0.0) -> It
     Once more with the joint of which that explains some of what it costs: a rival.
     """
     yield Variant(hypothesis, fit.plain_costs, fit.plain_sizes, more)
-    scales = {int(j): float(fit.sizes[j]) for j in np.flatnonzero(fit.other_unit)}
+    scales = {}
+    for joint in np.flatnonzero(fit.other_unit).tolist():
+        scales[joint] = float(fit.sizes[joint])
     if scales:
         yield _scaled(hypothesis, scales, fit.costs, fit.sizes, more)
     if fit.doubtful is not None:
@@ -390,9 +250,9 @@ def _scaled(
     more: float,
 ) -> Variant:
     """A reading with some joints' efforts in units of their own, their sizes by joint."""
-    return Variant(
-        replace(hypothesis, effort_scale=tuple(sorted(scales.items()))), costs, sizes, more
-    )
+    by_joint = tuple(sorted(scales.items()))
+    scaled = replace(hypothesis, effort_scale=by_joint)
+    return Variant(scaled, costs, sizes, more)
 
 
 def guessed_masses(log: Log, model: Model) -> Variant | None:
@@ -405,32 +265,54 @@ def guessed_masses(log: Log, model: Model) -> Variant | None:
     Source: base parameters as in Gautier and Khalil, Direct calculation of minimum set of inertial
     parameters of serial robots, IEEE T-RA 6 (1990).
     """
-    plain = Hypothesis.as_it_is(log.q.shape[1])
-    if log.q.shape[1] < 2:
+    n = log.q.shape[1]
+    if n < 2:
         return None
+    plain = Hypothesis.as_it_is(n)
     q, dq, ddq, tau = states_of(log, model, plain)
     nominal = model.arm.inertial_parameters
     table = model.arm.regressor(q, dq, ddq)
     rest = tau - table @ nominal
-    left = beside_friction(np.concatenate([rest[..., None], table], axis=-1), dq, ddq)
-    target, columns = left[..., 0], left[..., 1:]
+    columns = np.concatenate([rest[..., None], table], axis=-1)
+    left = beside_friction(columns, dq, ddq)
+    variance = np.maximum(log.tau.var(axis=0), 1e-300)
+    change, told = _change_of_links(left[..., 0], left[..., 1:], variance)
+    guess = replace(plain, parameters=tuple((nominal + change).tolist()))
+    products = products_of(read_as(log, model, guess))
+    fit = cost_with(products, amounts(1.0))
+    length = 0.5 * told * np.log(LIMIT.independent)
+    return Variant(
+        hypothesis=guess,
+        costs=fit.plain_costs,
+        sizes=fit.plain_sizes,
+        more=length / DESCRIPTION.observations,
+    )
+
+
+def _change_of_links(
+    target: Float[Array, "n t"], columns: Float[Array, "n t p"], variance: Float[Array, " n"]
+) -> tuple[Float[Array, " p"], int]:
+    """Change of all inertial numbers that torques ask for, and how many directions tell it.
+
+    Args:
+        target: Torque of each joint that the URDF's numbers leave, friction projected out.
+        columns: Torque by each inertial number, likewise.
+        variance: Of each joint's recorded torque.
+    """
     transposed = columns.transpose(0, 2, 1)
     squares = transposed @ columns
     along = (transposed @ target[..., None])[..., 0]
-    variance = np.maximum(log.tau.var(axis=0), 1e-300)
-    change = np.zeros_like(nominal)
+    change = np.zeros(columns.shape[-1])
     told = 0
     share = np.ones_like(variance)
     for _ in range(LIMIT.rounds):
         weight = 1.0 / (share * variance)
         normal = np.tensordot(weight, squares, axes=1)
-        wanted = weight @ along
-        change, told = _least_change(normal, wanted)
-        share = ((target - columns @ change) ** 2).mean(axis=1) / variance + READING.floor
-    guess = replace(plain, parameters=tuple((nominal + change).tolist()))
-    fit = cost_with(products_of(read_as(log, model, guess)), amounts(1.0))
-    length = 0.5 * told * np.log(LIMIT.independent)
-    return Variant(guess, fit.plain_costs, fit.plain_sizes, length / DESCRIPTION.observations)
+        change, told = _least_change(normal, weight @ along)
+        residual = target - columns @ change
+        mean_square = (residual**2).mean(axis=1)
+        share = mean_square / variance + READING.floor
+    return change, told
 
 
 def _least_change(
@@ -440,8 +322,14 @@ def _least_change(
     are.
     """
     size = np.sqrt(np.maximum(np.diagonal(normal), 0.0))
-    scale = np.where(size > READING.told_share * size.max(), 1.0 / np.maximum(size, 1e-300), 0.0)
-    values, axes = np.linalg.eigh(normal * scale[:, None] * scale[None, :])
-    is_told_axis = values > READING.told_share * max(float(values[-1]), 1e-300)
-    axes, values = axes[:, is_told_axis], values[is_told_axis]
-    return np.asarray(scale * (axes @ ((axes.T @ (scale * wanted)) / values))), len(values)
+    is_seen = size > READING.told_share * size.max()
+    scale = np.where(is_seen, 1.0 / np.maximum(size, 1e-300), 0.0)
+    scaled = normal * scale[:, None] * scale[None, :]
+    values, axes = np.linalg.eigh(scaled)
+    largest = max(float(values[-1]), 1e-300)
+    is_told_axis = values > READING.told_share * largest
+    axes = axes[:, is_told_axis]
+    values = values[is_told_axis]
+    along_axes = (axes.T @ (scale * wanted)) / values
+    change = scale * (axes @ along_axes)
+    return np.asarray(change), len(values)

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ident.checks.conventions.description import SEARCH
 from ident.checks.conventions.hypothesis import GEARS, UNITS, Hypothesis
-from ident.checks.conventions.readings import Log, Model
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.readings import Log
+from ident.checks.conventions.settings import SEARCH
 
 ENTRIES = ("direction", "quarters", "unit", "gear", "share")
 # A joint's entries as log and URDF say.
@@ -41,7 +42,9 @@ class Motions:
 
         Where single columns travel further than their joints can, those in degrees.
         """
-        units = [("",) * self.n, *((unit,) * self.n for unit in UNITS), self._in_degrees]
+        as_stated = ("",) * self.n
+        in_one = [(unit,) * self.n for unit in UNITS]
+        units = [as_stated, *in_one, self._in_degrees]
         starts = []
         for order, unit in product((self.plain.order, *self.usual_orders), dict.fromkeys(units)):
             of_joints = tuple(unit[column] for column in order)

@@ -19,26 +19,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.conventions.description import (
-    ALONG_AXIS,
-    DESCRIPTION,
-    MASSES,
-    scale_length,
-    size_price,
-)
+from ident.checks.conventions.description import scale_length, size_price
 from ident.checks.conventions.hypothesis import Hypothesis, states_as
-from ident.checks.filtered_run import CLOCK
-from ident.records import read_group
-from ident.robot.arm import ArmModel
-from ident.robot.gravity import gravity_along_axes
-
-LIMIT = read_group(__file__, "readings")
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.settings import DESCRIPTION, MASSES
+from ident.checks.conventions.settings import READINGS as LIMIT
 
 AXES = np.eye(3)
 GRAVITY = 9.81
@@ -56,7 +46,12 @@ class Log:
     def thinned(self, count: int) -> Log:
         """Every k-th state, so that at most `count` are left."""
         step = max(1, -(-len(self.q) // count))
-        return Log(self.q[::step], self.dq[::step], self.ddq[::step], self.tau[::step])
+        return Log(
+            self.q[::step],
+            self.dq[::step],
+            self.ddq[::step],
+            self.tau[::step],
+        )
 
 
 class Sums(NamedTuple):
@@ -74,116 +69,80 @@ class Sums(NamedTuple):
     beyond: Float[Array, " k"]
 
 
-class Model:
-    """A robot's torque in the parts that a reading needs."""
-
-    def __init__(self, arm: ArmModel) -> None:
-        self.arm = arm
-        self.stated = np.array(arm.model.gravity.linear)
-        self.sliding = np.asarray(arm.sliding_joints)
-        self.limits = arm.known_limits
-        self._free = arm.with_gravity(np.zeros(3))
-        self._under: dict[bytes, ArmModel] = {}
-
-    def under(self, gravity: Float[Array, " 3"]) -> ArmModel:
-        """The arm under a gravity in the base's frame [m/s²]; made once."""
-        key = np.asarray(gravity, dtype=float).tobytes()
-        if key not in self._under:
-            self._under[key] = self.arm.with_gravity(gravity)
-        return self._under[key]
-
-    @cached_property
-    def mass(self) -> float:
-        """Mass of all moving links [kg]."""
-        return float(self.arm.inertial_parameters[::10].sum())
-
-    @property
-    def usual_orders(self) -> tuple[tuple[int, ...], ...]:
-        """Orders in which logs have all columns otherwise: alphabetical, and from the tip on."""
-        names = self.arm.joint_names
-        alphabetical = tuple(sorted(names).index(name) for name in names)
-        plain = tuple(range(len(names)))
-        return tuple(order for order in (alphabetical, plain[::-1]) if order != plain)
-
-    @property
-    def after_parallel(self) -> tuple[int, ...]:
-        """Joints that turn about an axis along that of the joint before, as URDFs place both: their
-        angles may be counted from the link before the last one.
-        """
-        chain = self.arm.chain
-        joints = []
-        for j in range(1, self.arm.n):
-            axis = chain.rotations[j, 0] @ chain.axes[j]  # in the frame of the link before
-            is_parallel = abs(float(axis @ chain.axes[j - 1])) > ALONG_AXIS
-            if is_parallel and not self.sliding[j] and not self.sliding[j - 1]:
-                joints.append(j)
-        return tuple(joints)
-
-    def parts(self, q: Array, dq: Array, ddq: Array) -> Float[Array, "T n 4"]:
-        """Gravity torque along each axis of the base for 1 m/s², and the inertial torque [N m]."""
-        inertial = self._free.inverse_dynamics(q, dq, ddq)
-        gravity = gravity_along_axes(self.arm.chain, q)
-        return np.concatenate([gravity, inertial[..., None]], axis=-1)
-
-    def beyond_limits(
-        self, q: Float[Array, "k T n"], dq: Float[Array, "k T n"]
-    ) -> Float[Array, " k"]:
-        """Of which limits joints get out, of position and of speed, by reading; half of one where a
-        joint does so by half the margin.
-
-        A URDF's limits are the arm's or they are not: the second joint beyond them says no more.
-        """
-        below = self.limits.lower - q.min(axis=1)
-        above = q.max(axis=1) - self.limits.upper
-        out = np.clip(np.maximum(below, above) / LIMIT.limit_margin, 0.0, 1.0)
-        fast = _over(np.abs(dq).max(axis=1), self.limits.speed)
-        return np.asarray(out.max(axis=-1) + fast.max(axis=-1))
-
-    def beyond_effort(self, effort: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Whether each joint's largest effort [N m or N] is beyond its limit, half of it where it
-        is so by half the margin.
-        """
-        return _over(effort, self.limits.effort)
-
-
-def _over(values: Array, limits: Float[Array, " n"]) -> Array:
-    """How far values are beyond limits, as a share of the margin; 1 at most."""
-    return np.clip((values / limits - 1.0) / (CLOCK.over_limit - 1.0), 0.0, 1.0)
-
-
 def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
     """The sums of some readings of the motion, one after the other in one pass."""
-    sliding, count, n = model.sliding, len(readings), log.q.shape[1]
-    q, dq, ddq = states_as(readings, (log.q, log.dq, log.ddq), sliding)
+    count = len(readings)
+    n = log.q.shape[1]
+    q, dq, ddq = states_as(readings, (log.q, log.dq, log.ddq), model.sliding)
     flat = [values.reshape(-1, n) for values in (q, dq, ddq)]
     rigid = model.parts(*flat).reshape(count, -1, n, 4)
     samples = rigid.shape[1]
-    friction = np.stack([np.tanh(dq / LIMIT.transition), dq, ddq, np.ones_like(dq)], axis=-1)
     effort = np.broadcast_to(log.tau[None, :, None, :], (count, samples, n, n))
+    friction = np.stack(
+        [
+            np.tanh(dq / LIMIT.transition),
+            dq,
+            ddq,
+            np.ones_like(dq),
+        ],
+        axis=-1,
+    )
     table = np.concatenate([friction, rigid, effort], axis=-1)
-    weight = np.where(np.abs(dq) > LIMIT.standing, 1.0, LIMIT.rest_weight)
-    weight = weight / np.sqrt((weight**2).mean(axis=1, keepdims=True))
-    table = (table * weight[..., None]).transpose(0, 2, 1, 3)
-    gram = table.transpose(0, 1, 3, 2) @ table / samples
-    beside, cross, rest = gram[..., :4, :4], gram[..., :4, 4:], gram[..., 4:, 4:]
-    scale = np.sqrt(np.maximum(np.diagonal(beside, axis1=-2, axis2=-1), 1e-12))
+    weighed = table * _weight_of_rows(dq)[..., None]
+    by_joint = weighed.transpose(0, 2, 1, 3)
+    gram = by_joint.transpose(0, 1, 3, 2) @ by_joint / samples
+    left, coefficients, spread = _without_friction(gram)
+    travel = np.ptp(q, axis=1)
+    has_unit = np.array([_have_unit(reading) for reading in readings])
+    is_still = has_unit & (travel < LIMIT.least_travel)
+    return Sums(
+        left=left,
+        friction=coefficients[..., :3, :],
+        spread=spread,
+        variance=log.tau.var(axis=0),
+        beyond=model.beyond_limits(q, dq) + is_still.sum(axis=1),
+    )
+
+
+def _have_unit(reading: Hypothesis) -> list[bool]:
+    """Whether each joint's position is in another unit than the log states."""
+    return [unit != "" for unit in reading.unit]
+
+
+def _weight_of_rows(dq: Float[Array, "k T n"]) -> Float[Array, "k T n"]:
+    """Root of each row's weight: less where a joint stands, of mean square one."""
+    is_moving = np.abs(dq) > LIMIT.standing
+    weight = np.where(is_moving, 1.0, LIMIT.rest_weight)
+    mean_square = (weight**2).mean(axis=1, keepdims=True)
+    return np.asarray(weight / np.sqrt(mean_square))
+
+
+def _without_friction(
+    gram: Float[Array, "k n c c"],
+) -> tuple[Float[Array, "k n m m"], Float[Array, "k n 4 m"], Float[Array, "k n 3"]]:
+    """Inner products once friction, rotor and offset, the first four columns, are projected out.
+
+    Args:
+        gram: Inner products of all columns.
+
+    Returns:
+        What is left of the other columns; the coefficients of the first four on each of them; and
+        the variance of the first three for a residual of variance one.
+    """
+    beside = gram[..., :4, :4]
+    cross = gram[..., :4, 4:]
+    rest = gram[..., 4:, 4:]
+    power = np.diagonal(beside, axis1=-2, axis2=-1)
+    scale = np.sqrt(np.maximum(power, 1e-12))
+    scales = scale[..., :, None] * scale[..., None, :]
     ridge = np.zeros(4)
     ridge[3] = LIMIT.offset_cost
-    inverse = np.linalg.inv(
-        beside / (scale[..., :, None] * scale[..., None, :]) + np.diag(ridge) + 1e-9 * np.eye(4)
-    ) / (scale[..., :, None] * scale[..., None, :])
+    scaled = beside / scales + np.diag(ridge) + 1e-9 * np.eye(4)
+    inverse = np.linalg.inv(scaled) / scales
     coefficients = inverse @ cross
     left = rest - cross.transpose(0, 1, 3, 2) @ coefficients
     spread = np.diagonal(inverse, axis1=-2, axis2=-1)[..., :3]
-    has_unit = np.array([[unit != "" for unit in reading.unit] for reading in readings])
-    still = (has_unit & (np.ptp(q, axis=1) < LIMIT.least_travel)).sum(axis=1)
-    return Sums(
-        left,
-        coefficients[..., :3, :],
-        spread,
-        log.tau.var(axis=0),
-        model.beyond_limits(q, dq) + still,
-    )
+    return left, coefficients, spread
 
 
 def own_columns(sums: Sums, columns: Array) -> Sums:
@@ -196,11 +155,55 @@ def own_columns(sums: Sums, columns: Array) -> Sums:
     count, n = columns.shape
     wanted = np.broadcast_to(np.arange(5), (count, n, 5)).copy()
     wanted[..., 4] = 4 + columns
-    rows = np.take_along_axis(sums.left, wanted[..., :, None], axis=2)
-    left = np.take_along_axis(rows, wanted[..., None, :], axis=3)
-    friction = np.take_along_axis(sums.friction, wanted[..., None, :], axis=3)
-    variance = sums.variance[columns][:, :, None, None]
-    return Sums(left, friction, sums.spread, variance, sums.beyond)
+    in_rows = wanted[..., :, None]
+    in_columns = wanted[..., None, :]
+    rows = np.take_along_axis(sums.left, in_rows, axis=2)
+    return Sums(
+        left=np.take_along_axis(rows, in_columns, axis=3),
+        friction=np.take_along_axis(sums.friction, in_columns, axis=3),
+        spread=sums.spread,
+        variance=sums.variance[columns][:, :, None, None],
+        beyond=sums.beyond,
+    )
+
+
+class _Efforts(NamedTuple):
+    """Columns of effort beside the rigid torque, as each joint's, under each gravity."""
+
+    along: Float[Array, "k n g m"]  # inner product with the rigid torque
+    square: Float[Array, "k n g 1"]  # mean square of the rigid torque
+    power: Float[Array, "k n 1 m"]  # mean square of each column of effort
+    by_rigid: Float[Array, "k n g 1 3"]  # friction's coefficients on the rigid torque
+    by_effort: Float[Array, "k n 1 m 3"]  # and on each column of effort
+    spread: Float[Array, "k n 1 1 3"]  # variance of these for a residual of variance one
+    variance: Array  # of each column of effort
+
+
+def _efforts_of(sums: Sums, gravity: Float[Array, "k g 3"]) -> _Efforts:
+    """The inner products that costs follow from."""
+    vectors = _amounts(gravity)
+    rigid = sums.left[:, :, :4, :4]
+    mixed = sums.left[:, :, :4, 4:]
+    efforts = sums.left[:, :, 4:, 4:]
+    square = np.maximum(_squares(vectors, rigid), 1e-12)
+    power = np.diagonal(efforts, axis1=2, axis2=3)
+    of_rigid = sums.friction[..., :4].swapaxes(-1, -2)
+    by_rigid = vectors[:, None] @ of_rigid
+    by_effort = sums.friction[..., 4:].transpose(0, 1, 3, 2)
+    return _Efforts(
+        along=vectors[:, None] @ mixed,
+        square=square[..., None],
+        power=power[:, :, None, :],
+        by_rigid=by_rigid[..., None, :],
+        by_effort=by_effort[:, :, None],
+        spread=sums.spread[:, :, None, None, :],
+        variance=np.maximum(sums.variance, 1e-300),
+    )
+
+
+def _amounts(gravity: Float[Array, "k g 3"]) -> Float[Array, "k g 4"]:
+    """Amounts of the rigid torque's columns under each gravity: the inertial torque has one."""
+    return np.concatenate([gravity, np.ones_like(gravity[..., :1])], axis=-1)
 
 
 def unexplained(
@@ -220,58 +223,78 @@ def unexplained(
         size: The usual size of the joints' torques, the model's being one.
     """
     usual = size[:, None, :, None]
-    other_unit = scale_length(sums.left.shape[1]) / DESCRIPTION.observations
-    # Amounts of the rigid torque's columns.
-    vectors = np.concatenate([gravity, np.ones_like(gravity[..., :1])], axis=-1)
-    rigid, mixed = sums.left[:, :, :4, :4], sums.left[:, :, :4, 4:]
-    along = vectors[:, None] @ mixed
-    square = np.maximum(_squares(vectors, rigid), 1e-12)[..., None]
-    own = np.diagonal(sums.left[:, :, 4:, 4:], axis1=2, axis2=3)[:, :, None, :]
-    by_rigid = vectors[:, None] @ sums.friction[..., :4].swapaxes(-1, -2)
-    by_effort = sums.friction[..., 4:].transpose(0, 1, 3, 2)[:, :, None]  # k n 1 t 3
-    variance = np.maximum(sums.variance, 1e-300)
-    costs, sizes = [], []
+    efforts = _efforts_of(sums, gravity)
+    costs = []
+    sizes = []
     for sign in (1.0, -1.0):
-        free = sign * along / square
-        best = np.clip(free, usual / LIMIT.most_size, usual * LIMIT.most_size)
-        tried = np.stack([usual * (best / usual) ** share for share in LIMIT.shares])
-        rest = own - 2.0 * tried * sign * along + tried**2 * square
-        friction = sign * by_effort - tried[..., None] * by_rigid[..., None, :]
-        wrong = np.minimum(friction, 0.0) ** 2 / sums.spread[:, :, None, None, :]
-        share_left = (np.maximum(rest, 0.0) + wrong.sum(axis=-1)) / variance
-        unlikely = size_price(np.log(tried / usual))
-        told = is_told(free, own, square) & is_other_unit(best / usual)
-        unlikely[-1] = np.where(told, np.minimum(unlikely[-1], other_unit), unlikely[-1])
-        cost = np.log(share_left + LIMIT.floor) + unlikely
-        chosen = np.argmin(cost, axis=0)[None]
-        costs.append(np.take_along_axis(cost, chosen, axis=0)[0])
-        sizes.append(np.take_along_axis(tried, chosen, axis=0)[0])
+        cost, chosen = _cost_of_sign(efforts, usual, sign)
+        costs.append(cost)
+        sizes.append(chosen)
     return np.stack(costs, axis=-1), np.stack(sizes, axis=-1)
+
+
+def _cost_of_sign(efforts: _Efforts, usual: Array, sign: float) -> tuple[Array, Array]:
+    """The least cost of each column of effort with one sign, and the size that has it.
+
+    Args:
+        efforts: What the columns have in common with the rigid torque.
+        usual: The usual size of the joints' torques.
+        sign: 1, or -1 where the torque has the other sign.
+    """
+    n = efforts.along.shape[1]
+    other_unit = scale_length(n) / DESCRIPTION.observations
+    along = efforts.along
+    square = efforts.square
+    power = efforts.power
+    free = sign * along / square
+    best = np.clip(free, usual / LIMIT.most_size, usual * LIMIT.most_size)
+    factor = best / usual
+    tried = np.stack([usual * factor**share for share in LIMIT.shares])
+    rest = power - 2.0 * tried * sign * along + tried**2 * square
+    friction = sign * efforts.by_effort - tried[..., None] * efforts.by_rigid
+    driving = np.minimum(friction, 0.0)
+    wrong = driving**2 / efforts.spread
+    unexplained_power = np.maximum(rest, 0.0) + wrong.sum(axis=-1)
+    share_left = unexplained_power / efforts.variance
+    unlikely = size_price(np.log(tried / usual))
+    told = is_told(free, power, square) & is_other_unit(factor)
+    cheaper = np.minimum(unlikely[-1], other_unit)
+    unlikely[-1] = np.where(told, cheaper, unlikely[-1])
+    cost = np.log(share_left + LIMIT.floor) + unlikely
+    chosen = np.argmin(cost, axis=0)[None]
+    least = np.take_along_axis(cost, chosen, axis=0)[0]
+    size = np.take_along_axis(tried, chosen, axis=0)[0]
+    return least, size
 
 
 def _squares(
     vectors: Float[Array, "k g 4"], rigid: Float[Array, "k n 4 4"]
 ) -> Float[Array, "k n g"]:
     """Mean square of the rigid torque under each gravity, by joint."""
-    return np.asarray(((vectors[:, None] @ rigid) * vectors[:, None]).sum(axis=-1))
+    along = vectors[:, None]
+    products = (along @ rigid) * along
+    return np.asarray(products.sum(axis=-1))
 
 
-def is_told(size: Array, own: Array, square: Array) -> Bool[Array, ...]:
-    """Whether a torque of mean square `own` tells its size over a rigid one of mean square
+def is_told(size: Array, power: Array, square: Array) -> Bool[Array, ...]:
+    """Whether a torque of mean square `power` tells its size over a rigid one of mean square
     `square`.
 
     The error of its logarithm is what is left over so many independent states.
     """
-    left = np.maximum(own - size**2 * square, 0.0)
-    error = left / square / MASSES.independent / np.maximum(size, 1e-12) ** 2
-    return np.asarray((size > 0.0) & (error < DESCRIPTION.size_spread**2))
+    left = np.maximum(power - size**2 * square, 0.0)
+    variance = left / square / MASSES.independent
+    error = variance / np.maximum(size, 1e-12) ** 2
+    is_small = error < DESCRIPTION.size_spread**2
+    return np.asarray((size > 0.0) & is_small)
 
 
 def is_other_unit(factor: Array) -> Bool[Array, ...]:
     """Whether a size over the usual one lies where rather another unit than masses that are off
     makes it.
     """
-    return np.asarray(np.abs(np.log(factor)) > np.log(MASSES.other_unit))
+    distance = np.abs(np.log(factor))
+    return np.asarray(distance > np.log(MASSES.other_unit))
 
 
 def common_size(sums: Sums, gravity: Float[Array, "k g 3"], columns: Array) -> Float[Array, "k g"]:
@@ -283,16 +306,21 @@ def common_size(sums: Sums, gravity: Float[Array, "k g 3"], columns: Array) -> F
         gravity: Vectors in the base's frame, by reading [m/s²].
         columns: Column of effort of each joint, by reading, shape (k, n).
     """
-    vectors = np.concatenate([gravity, np.ones_like(gravity[..., :1])], axis=-1)
-    square = _squares(vectors, sums.left[:, :, :4, :4])
-    along = vectors[:, None] @ sums.left[:, :, :4, 4:]
-    own = np.diagonal(sums.left[:, :, 4:, 4:], axis1=2, axis2=3)
-    along = np.take_along_axis(along, columns[:, :, None, None], axis=-1)[..., 0]
-    own = np.take_along_axis(own, columns[:, :, None], axis=-1)
+    vectors = _amounts(gravity)
+    rigid = sums.left[:, :, :4, :4]
+    mixed = sums.left[:, :, :4, 4:]
+    efforts = sums.left[:, :, 4:, 4:]
+    square = _squares(vectors, rigid)
+    along_every = vectors[:, None] @ mixed
+    power_of_every = np.diagonal(efforts, axis1=2, axis2=3)
+    along = np.take_along_axis(along_every, columns[:, :, None, None], axis=-1)[..., 0]
+    power = np.take_along_axis(power_of_every, columns[:, :, None], axis=-1)
     size = np.abs(along) / np.maximum(square, 1e-12)
-    weight = along**2 / np.maximum(square * own, 1e-300)
-    logs = np.log(np.clip(size, 1.0 / LIMIT.most_size, LIMIT.most_size))
-    return np.asarray(np.exp((weight * logs).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-12)))
+    weight = along**2 / np.maximum(square * power, 1e-300)
+    bounded = np.clip(size, 1.0 / LIMIT.most_size, LIMIT.most_size)
+    total = np.maximum(weight.sum(axis=1), 1e-12)
+    mean_log = (weight * np.log(bounded)).sum(axis=1) / total
+    return np.asarray(np.exp(mean_log))
 
 
 def likeliest_gravity(
@@ -306,23 +334,29 @@ def likeliest_gravity(
             model's.
         left: Variance of each joint's torque that is left [(N m)²].
     """
-    rows = np.arange(len(columns))
-    table, effort = sums.left[0], 4 + columns
+    joints = np.arange(len(columns))
+    table = sums.left[0]
+    effort = 4 + columns
     weight = (sizes / left)[:, None]
-    target = (
-        weight * (signs[:, None] * table[rows, :3, effort] - sizes[:, None] * table[:, :3, 3])
-    ).sum(axis=0)
-    normal = ((weight * sizes[:, None])[..., None] * table[:, :3, :3]).sum(axis=0)
+    of_effort = signs[:, None] * table[joints, :3, effort]
+    of_inertia = sizes[:, None] * table[:, :3, 3]
+    target = (weight * (of_effort - of_inertia)).sum(axis=0)
+    weight_of_square = (weight * sizes[:, None])[..., None]
+    normal = (weight_of_square * table[:, :3, :3]).sum(axis=0)
     # Directions that no torque tells stay as far out as they were: zero.
     values, axes = np.linalg.eigh(normal)
-    told = values > LIMIT.told_share * max(float(values[-1]), 1e-300)
-    return np.asarray(axes[:, told] @ ((axes[:, told].T @ target) / values[told]))
+    largest = max(float(values[-1]), 1e-300)
+    told = values > LIMIT.told_share * largest
+    told_axes = axes[:, told]
+    amounts = (told_axes.T @ target) / values[told]
+    return np.asarray(told_axes @ amounts)
 
 
 def telling(log: Log) -> Bool[Array, " n"]:
     """Which columns of effort change at all."""
     spread = log.tau.std(axis=0)
-    return np.asarray(spread > 1e-6 * max(float(np.abs(log.tau).max()), 1e-300))
+    largest = max(float(np.abs(log.tau).max()), 1e-300)
+    return np.asarray(spread > 1e-6 * largest)
 
 
 def moving(log: Log) -> Bool[Array, " n"]:
@@ -334,4 +368,5 @@ def evidence_of_columns(log: Log) -> Float[Array, " n"]:
     """Weight of each column of effort: 1 where its joint moves, less where it stands (friction
     holds it), 0 where the column never changes.
     """
-    return np.where(telling(log), np.where(moving(log), 1.0, LIMIT.rest_weight**2), 0.0)
+    while_moving = np.where(moving(log), 1.0, LIMIT.rest_weight**2)
+    return np.where(telling(log), while_moving, 0.0)

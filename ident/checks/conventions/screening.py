@@ -12,16 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.checks.conventions.description import SEARCH, Prices
+from ident.checks.conventions.description import Prices
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
-from ident.checks.conventions.readings import (
-    AXES,
-    GRAVITY,
-    Log,
-    Model,
-    likeliest_gravity,
-    read,
-)
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.readings import AXES, GRAVITY, Log, likeliest_gravity, read
+from ident.checks.conventions.settings import SEARCH
 from ident.checks.conventions.torques import Columns, Gravities, Torque, Torques
 
 # A body at the arm's end: mass [kg] and first moment [kg m]; None for none.

@@ -21,12 +21,14 @@ from itertools import product
 import numpy as np
 
 from ident.checks.conventions.closely import CloseLook, Scored
-from ident.checks.conventions.description import BODY_PARAMETERS, SEARCH, Prices
+from ident.checks.conventions.description import BODY_PARAMETERS, Prices
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, Hypothesis
 from ident.checks.conventions.masses import guessed_masses
+from ident.checks.conventions.model import Model
 from ident.checks.conventions.motions import Motions, Place, motion_of, place_of
-from ident.checks.conventions.readings import Log, Model, evidence_of_columns, telling
+from ident.checks.conventions.readings import Log, evidence_of_columns, telling
 from ident.checks.conventions.screening import Body, Screening
+from ident.checks.conventions.settings import SEARCH
 from ident.checks.conventions.torques import Columns
 from ident.robot.arm import ArmModel
 

@@ -15,9 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from ident.arrays import Array, Float
 from ident.checks.conventions.description import (
-    DESCRIPTION,
     KIND,
-    MASSES,
     column_length,
     gravity_length,
     sign_lengths,
@@ -25,9 +23,10 @@ from ident.checks.conventions.description import (
 )
 from ident.checks.conventions.hypothesis import Hypothesis
 from ident.checks.conventions.readings import Sums, common_size, own_columns, unexplained
+from ident.checks.conventions.settings import DESCRIPTION, MASSES
 
 # Readings of the torque that are kept of each motion.
-KEPT = 3
+MOST_TORQUES = 3
 
 
 class Columns(NamedTuple):
@@ -45,9 +44,9 @@ class Columns(NamedTuple):
             costs: Logarithms of the shares that are left.
             columns: Which column each is of; all in order by default.
         """
-        return np.asarray(
-            np.where(costs < 0.0, self.weights[columns] * costs, self.alive[columns] * costs)
-        )
+        gains = self.weights[columns] * costs
+        losses = self.alive[columns] * costs
+        return np.asarray(np.where(costs < 0.0, gains, losses))
 
 
 class Gravities(NamedTuple):
@@ -90,18 +89,21 @@ class Torques:
         self.columns = columns
         self.n = len(readings[0].order)
         self.orders = np.array([reading.order for reading in readings])
-        self.backwards = np.array([reading.direction for reading in readings]) < 0
+        directions = np.array([reading.direction for reading in readings])
+        self.backwards = directions < 0
         shape = (len(readings), *gravities.vectors.shape)
         self.vectors = np.broadcast_to(gravities.vectors, shape)
         size = common_size(sums, self.vectors, self.orders)
         is_usual = np.abs(np.log(size)) <= np.log(MASSES.usual_factor)
-        self.scales = np.stack([np.ones_like(size), np.where(is_usual, 1.0, size)])
-        unlikely = np.array([gravity_length(gravity) for gravity in gravities.names])
-        unlikely = unlikely + (KIND + sizes_told_apart()) * (self.scales != 1.0)
+        usual = np.ones_like(size)
+        self.scales = np.stack([usual, np.where(is_usual, 1.0, size)])
+        of_gravity = np.array([gravity_length(gravity) for gravity in gravities.names])
+        of_factor = (KIND + sizes_told_apart()) * (self.scales != 1.0)
+        unlikely = of_gravity + of_factor
         self.unlikely = unlikely / DESCRIPTION.observations  # by factor, reading, gravity
-        every, single = (length / DESCRIPTION.observations for length in sign_lengths(self.n))
-        self.price_of_all_signs = np.array([0.0, every])
-        self.price_of_sign = np.array([0.0, single])
+        every, single = sign_lengths(self.n)
+        self.price_of_all_signs = np.array([0.0, every / DESCRIPTION.observations])
+        self.price_of_sign = np.array([0.0, single / DESCRIPTION.observations])
 
     def likeliest(self) -> Iterator[list[Torque]]:
         """For each reading of the motion its likeliest torques, the likeliest first.
@@ -114,42 +116,62 @@ class Torques:
         totals = totals + self.price_of_all_signs[:, None, None, None]
         turned = totals.argmin(axis=0)
         least = totals.min(axis=0)
-        signs = signed.argmin(axis=-1) ^ np.arange(2)[:, None, None, None, None]
+        all_turned = np.arange(2)[:, None, None, None, None]
+        signs = signed.argmin(axis=-1) ^ all_turned
+        joints = np.arange(self.n)
         places: list[Place] = []
         torques: list[list[Torque]] = []
         for k, order in enumerate(self.orders):
             near = self._nearest(least[:, k], k)
             places += near[-2:]
-            torques.append([])
+            of_reading = []
             for place in dict.fromkeys(near):
-                f, g = place.factor, place.gravity
+                f = place.factor
+                g = place.gravity
                 sign = signs[turned[f, k, g], f, k, g]
-                chosen = (f, k, g, np.arange(self.n), sign)
-                cost = float(least[f, k, g])
-                torques[k].append(Torque(cost, g, order, sign, costs[chosen], sizes[chosen]))
+                chosen = (f, k, g, joints, sign)
+                torque = Torque(
+                    cost=float(least[f, k, g]),
+                    gravity=g,
+                    columns=order,
+                    signs=sign,
+                    costs=costs[chosen],
+                    sizes=sizes[chosen],
+                )
+                of_reading.append(torque)
+            torques.append(of_reading)
         for place, exchanged in self._exchanged(list(dict.fromkeys(places)), least):
             torques[place.reading].append(exchanged)
         for some in torques:
             some.sort(key=lambda torque: torque.cost)
-            yield some[:KEPT] + [torque for torque in some[KEPT:] if torque.gravity == 0][:1]
+            as_stated = [torque for torque in some[MOST_TORQUES:] if torque.gravity == 0]
+            yield some[:MOST_TORQUES] + as_stated[:1]
 
     def _nearest(self, least: Float[Array, "f g"], reading: int) -> list[Place]:
         """The likeliest factors and gravities; last once more the likeliest, and with gravity as
         stated.
         """
         count = least.shape[1]
-        flat = np.argsort(least, axis=None)[: KEPT - 1]
+        cheapest = np.argsort(least, axis=None)[: MOST_TORQUES - 1].tolist()
         stated = count * int(np.argmin(least[:, 0]))
-        wanted = [int(flat[0]), *map(int, flat[1:]), int(flat[0]), stated]
-        return [Place(reading, *divmod(place, count)) for place in wanted]
+        places = []
+        for place in [*cheapest, cheapest[0], stated]:
+            factor, gravity = divmod(place, count)
+            places.append(Place(reading, factor, gravity))
+        return places
 
     def _of_own_columns(self) -> tuple[Float[Array, "f k g n 2"], Float[Array, "f k g n 2"]]:
         """Cost and size of each joint's own column, by factor, reading, gravity, joint and sign."""
-        own = own_columns(self.sums, self.orders)
-        tables = [unexplained(own, self.vectors, scale) for scale in self.scales]
-        costs, sizes = (np.stack(each)[:, :, :, :, 0] for each in zip(*tables, strict=True))
+        sums = own_columns(self.sums, self.orders)
+        all_costs = []
+        all_sizes = []
+        for scale in self.scales:
+            costs, sizes = unexplained(sums, self.vectors, scale)
+            all_costs.append(costs)
+            all_sizes.append(sizes)
         flipped = self.backwards[:, :, None, None]
-        costs, sizes = (np.where(flipped, each[..., ::-1], each) for each in (costs, sizes))
+        costs = _as_directed(np.stack(all_costs)[:, :, :, :, 0], flipped)
+        sizes = _as_directed(np.stack(all_sizes)[:, :, :, :, 0], flipped)
         columns = self.orders[:, None, None, :]
         weighed = self.columns.weighed(costs.transpose(0, 1, 3, 4, 2), columns)
         return weighed.transpose(0, 1, 2, 4, 3), sizes.transpose(0, 1, 3, 2, 4)
@@ -160,29 +182,48 @@ class Torques:
         """With columns of effort that explain more than each joint's own."""
         k, f, g = np.array(places).T
         sums = self.sums
-        some = Sums(sums.left[k], sums.friction[k], sums.spread[k], sums.variance, sums.beyond[k])
-        costs, sizes = unexplained(some, self.vectors[k, g][:, None], self.scales[f, k, g][:, None])
-        costs, sizes = costs[:, :, 0], sizes[:, :, 0]
-        costs = self.columns.weighed(costs.swapaxes(-1, -2)).swapaxes(-1, -2)
+        some = Sums(
+            left=sums.left[k],
+            friction=sums.friction[k],
+            spread=sums.spread[k],
+            variance=sums.variance,
+            beyond=sums.beyond[k],
+        )
+        vectors = self.vectors[k, g][:, None]
+        scales = self.scales[f, k, g][:, None]
+        costs, sizes = unexplained(some, vectors, scales)
+        by_column = costs[:, :, 0].swapaxes(-1, -2)
+        weighed = self.columns.weighed(by_column).swapaxes(-1, -2)
         flipped = self.backwards[k][:, :, None, None]
-        costs, sizes = (np.where(flipped, each[..., ::-1], each) for each in (costs, sizes))
+        costs = _as_directed(weighed, flipped)
+        sizes = _as_directed(sizes[:, :, 0], flipped)
         joints = np.arange(self.n)
         column = column_length(self.n) / DESCRIPTION.observations
         moved = column * (self.orders[k][:, :, None] != joints)
         known = least[f, k, g]
         for turned in (0, 1):
-            signed = (costs[..., ::-1] if turned else costs) + self.price_of_sign
+            in_order = costs[..., ::-1] if turned else costs
+            signed = in_order + self.price_of_sign
             best = signed.min(axis=-1) + moved
             more = self.unlikely[f, k, g] + self.price_of_all_signs[turned]
             # No columns explain more than each joint's best one.
             is_open = best.min(axis=-1).sum(axis=-1) + more < known
-            for number in map(int, np.flatnonzero(is_open)):
+            for number in np.flatnonzero(is_open).tolist():
                 _, columns = linear_sum_assignment(best[number])
                 signs = signed[number, joints, columns].argmin(axis=-1) ^ turned
                 chosen = (number, joints, columns, signs)
-                cost = float(best[number, joints, columns].sum() + more[number])
                 place = places[number]
-                yield (
-                    place,
-                    Torque(cost, place.gravity, columns, signs, costs[chosen], sizes[chosen]),
+                torque = Torque(
+                    cost=float(best[number, joints, columns].sum() + more[number]),
+                    gravity=place.gravity,
+                    columns=columns,
+                    signs=signs,
+                    costs=costs[chosen],
+                    sizes=sizes[chosen],
                 )
+                yield place, torque
+
+
+def _as_directed(values: Array, flipped: Array) -> Array:
+    """Values by sign (last axis), the signs exchanged where a joint's direction is."""
+    return np.where(flipped, values[..., ::-1], values)

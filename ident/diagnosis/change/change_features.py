@@ -20,7 +20,8 @@ from scipy.stats import f as fisher
 from ident.arrays import Bool
 from ident.diagnosis.change.change_sets import ChangeSet
 from ident.diagnosis.change.permuted_sets import NullVariance, joint_of
-from ident.inference.features import Described, HeldOutView, Scorers, of_held_out, shows_at
+from ident.inference.features import Described, of_held_out, shows_at
+from ident.inference.held_out_views import HeldOutView, Scorers
 from ident.inference.rivals import find_rivals, of_rivals
 from ident.inference.scales import signed_log
 from ident.inference.search import SetSearch, rest_of

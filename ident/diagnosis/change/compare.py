@@ -69,7 +69,8 @@ def compare(
     stage("torques of every law", 0.1, 0.5)
     still = find_static_joints(before, after)
     used = count_samples([*before, *after])
-    sessions = max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions))
+    earlier, later = sides
+    sessions = max(1, len(earlier.sessions)), max(1, len(later.sessions))
     sets = TwoSets(before, after, arm, still, sessions, gain_uncertainty, seed)
     design = sets.design()
     evidence = design.sums.evidence

@@ -20,8 +20,9 @@ from scipy.linalg import block_diag
 from ident.arrays import Array, Float
 from ident.effects.catalogue import CATALOGUE
 from ident.regression.design import Group
+from ident.regression.factors import positive
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Projection, positive
+from ident.regression.least_squares import Projection
 from ident.regression.run_spread import block_sums_left, floor_at_model_variance
 
 # Effects whose size is proportional to the gains of the readings: bodies.
@@ -45,7 +46,9 @@ BY_CURRENT = GainUncertainty(single=0.05, common=0.033)
 
 def gain_information(uncertainty: GainUncertainty, n: int) -> Float[Array, "n n"]:
     """Inverse of the covariance of the gain errors of n joints, shares of one."""
-    covariance = uncertainty.single**2 * np.eye(n) + uncertainty.common**2 * np.ones((n, n))
+    single = uncertainty.single**2 * np.eye(n)
+    common = uncertainty.common**2 * np.ones((n, n))
+    covariance = single + common
     return np.asarray(np.linalg.inv(covariance))
 
 
@@ -74,7 +77,8 @@ def solve_body(
     torques = np.zeros((blocks, n))
     for j, (local, total) in enumerate(zip(layout.local, evidence.total, strict=True)):
         sums[local, j] = total.times(body[local])[0]
-        torques[:, j] = evidence.times(j, model.weights[local]) @ body[local]
+        scores = evidence.times(j, model.weights[local])
+        torques[:, j] = scores @ body[local]
     cross = sums[inside]
     power = body @ sums
     scores = np.concatenate([block_sums_left(evidence, model)[:, inside], torques], axis=1)
@@ -83,7 +87,8 @@ def solve_body(
     whole = np.block([[information, cross], [cross.T, np.diag(power) + gains]])
     bread = np.linalg.inv(positive(0.5 * (whole + whole.T)))
     # The model's scores are zero at its estimate, so only those of the gains' columns shift it.
-    shift = bread @ np.concatenate([np.zeros(size), scores[:, size:].sum(axis=0)])
+    of_gains = scores[:, size:].sum(axis=0)
+    shift = bread @ np.concatenate([np.zeros(size), of_gains])
     meat = scores.T @ scores * blocks / max(blocks - 1, 1)
     meat += block_diag(np.zeros((size, size)), gains)
     covariance = floor_at_model_variance(bread @ meat @ bread, bread)

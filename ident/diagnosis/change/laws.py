@@ -65,7 +65,8 @@ class FrictionChange(Effect):
     ) -> dict[str, Interval]:
         """The two changes, and their sum as a share of the friction at the joint's mean speed."""
         coulomb, viscous = friction_level(session, joint)
-        speed = np.abs(np.concatenate([run.motion.dq[:, joint] for run in session.runs]))
+        speeds = [run.motion.dq[:, joint] for run in session.runs]
+        speed = np.abs(np.concatenate(speeds))
         rest = min(float(run.motion.rest_speed[joint]) for run in session.runs)
         usual = float(speed[speed > rest].mean()) if (speed > rest).any() else rest
         share = np.array([1.0, usual]) / (coulomb + viscous * usual)

@@ -24,8 +24,9 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.change.settings import PRIOR
+from ident.regression.factors import factorise
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import RIDGE, Prior, factorise
+from ident.regression.least_squares import RIDGE, Prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +145,8 @@ def _urdf_variance(
 ) -> float:
     """The next variance of the URDF's error, from the posterior of the base parameters."""
     rank = len(prior.base)
-    left_open = float(np.sum(covariance[:rank, :rank] * prior.base)) / earlier
+    open_share = covariance[:rank, :rank] * prior.base
+    left_open = float(np.sum(open_share)) / earlier
     freedom = max(rank - left_open, 1e-3 * rank)
     square = mean[:rank] @ prior.base @ mean[:rank]
     return float(np.clip(square / freedom, PRIOR.least_urdf, 1.0))
@@ -170,11 +172,13 @@ def _posterior(
     rank = len(base)
     whole[:rank, :rank] += base
     noise = evidence.settings.noise_ridge * evidence.noise_power[inside]
-    whole[np.diag_indices(len(inside))] += RIDGE * np.diag(whole) + noise + 1e-9
+    ridge = RIDGE * np.diag(whole) + noise + 1e-9
+    whole[np.diag_indices(len(inside))] += ridge
     last = np.arange(len(inside) - len(information), len(inside))
     whole[last, last] += information
     factor = factorise(whole)
-    return factor.solve(gram[inside, -1]), factor.solve(np.eye(len(inside)))
+    estimate = factor.solve(gram[inside, -1])
+    return estimate, factor.solve(np.eye(len(inside)))
 
 
 def measure_block_dispersion(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:

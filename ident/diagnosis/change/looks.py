@@ -81,7 +81,8 @@ def hidden_changes(design: PairedDesign) -> frozenset[Key]:
     """
     once = design.moves_once
     groups = design.sums.evidence.layout.groups
-    keys = {group.key for group in groups if group.effect.id in OF_FRICTION and once[group.joint]}
+    of_friction = [group for group in groups if group.effect.id in OF_FRICTION]
+    keys = {group.key for group in of_friction if once[group.joint]}
     if any(group.effect.id == CARRIED for group in groups):
         last = len(once) - 1
         of_links = [group for group in groups if group.effect.id == LinkInertialError.id]

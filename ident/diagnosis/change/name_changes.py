@@ -103,10 +103,14 @@ def _wider_by_gains(told: Interval, known: Interval, free: Interval) -> Interval
     """An interval with what uncertain gains add to its square; one that is open stays."""
     if told.open or free.open or not np.isfinite(free.value):
         return told
-    below = max((free.value - free.low) ** 2 - (known.value - known.low) ** 2, 0.0)
-    above = max((free.high - free.value) ** 2 - (known.high - known.value) ** 2, 0.0)
-    low = free.value - float(np.sqrt((told.value - told.low) ** 2 + below))
-    high = free.value + float(np.sqrt((told.high - told.value) ** 2 + above))
+    below = (free.value - free.low) ** 2 - (known.value - known.low) ** 2
+    below = max(below, 0.0)
+    above = (free.high - free.value) ** 2 - (known.high - known.value) ** 2
+    above = max(above, 0.0)
+    down = np.sqrt((told.value - told.low) ** 2 + below)
+    low = free.value - float(down)
+    up = np.sqrt((told.high - told.value) ** 2 + above)
+    high = free.value + float(up)
     return Interval(free.value, low, high, low_with_urdf=low, high_with_urdf=high)
 
 

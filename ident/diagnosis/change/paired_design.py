@@ -118,7 +118,8 @@ def loose_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -
     """
     layout = sums.evidence.layout
     scale = sums.evidence.scale
-    sizes = np.concatenate([*(_largest(group, session) for group in sums.common), np.zeros(0)])
+    largest = [_largest(group, session) for group in sums.common]
+    sizes = np.concatenate([*largest, np.zeros(0)])
     std = CHANGE.shared_laws * sizes * scale[layout.tuned - layout.further : layout.tuned]
     return replace(Prior.of(sums.evidence, baseline.prior), further=1.0 / std**2)
 

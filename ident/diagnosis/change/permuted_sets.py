@@ -32,7 +32,8 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.change.paired_sums import PairedSums, Sides
 from ident.diagnosis.change.settings import PERMUTED
 from ident.regression.design import Group, Key
-from ident.regression.least_squares import RIDGE, Prior, carried_noise, factorise, ridge_of
+from ident.regression.factors import factorise
+from ident.regression.least_squares import RIDGE, Prior, carried_noise, ridge_of
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,8 @@ class PermutedSets:
                 visible = places[seen[places]]
                 if len(visible) == 0:
                     continue
-                matrix = rest[np.ix_(visible, visible)] + RIDGE * np.diag(power[visible])
+                ridge = RIDGE * np.diag(power[visible])
+                matrix = rest[np.ix_(visible, visible)] + ridge
                 score = rest[visible, -1]
                 gain = float(score @ factorise(matrix).solve(score))
                 gains.setdefault(key, []).append(_Gain(gain / len(visible), len(visible)))

@@ -73,11 +73,14 @@ def find_risen(
     seen = np.flatnonzero(enough_rows & (total > 0.0).all(axis=0)).tolist()
     if not seen:
         return ()
-    before = np.log(total[earlier_parts][:, seen] / count[earlier_parts][:, seen])
-    after = np.log(total[later_parts][:, seen] / count[later_parts][:, seen])
+    mean_square = total[:, seen] / count[:, seen]
+    before = np.log(mean_square[earlier_parts])
+    after = np.log(mean_square[later_parts])
     freedom = len(before) + len(after) - 2
     rise = after.mean(axis=0) - before.mean(axis=0)
-    within = (len(before) * before.var(axis=0) + len(after) * after.var(axis=0)) / freedom
+    of_before = len(before) * before.var(axis=0)
+    of_after = len(after) * after.var(axis=0)
+    within = (of_before + of_after) / freedom
     # A few parts alone tell no variance: that of all joints is one.
     within = np.maximum(within, within.mean())
     freedom *= len(seen)

@@ -108,7 +108,8 @@ def find_static_joints(
     for j in np.flatnonzero(still.any(axis=0)).tolist():
         at_rest = [side for side, is_still in zip(sides, still[:, j], strict=True) if is_still]
         travel = min(_travel(side, j) for side in at_rest)
-        when = WHEN[bool(still[0, j]), bool(still[1, j])]
+        earlier, later = (bool(side) for side in still[:, j])
+        when = WHEN[earlier, later]
         static.append(StaticJoint(j, before[0].joints[j], when, travel >= LEAST_TRAVEL))
     return tuple(static)
 

@@ -46,7 +46,8 @@ def measure_ceiling(
         share, kind: What a flexible function explains of its squares, and the kind of its inputs;
             nothing where it is chance.
     """
-    left = np.concatenate([item.after[item.valid[:, joint], joint] for item in series])
+    residuals = [item.after[item.valid[:, joint], joint] for item in series]
+    left = np.concatenate(residuals)
     before = float(np.sqrt(np.mean(left**2))) if len(left) else 0.0
     return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind)
 
@@ -85,7 +86,8 @@ def _repeated_by_angle(
 ) -> Repeated:
     """What the same angles of other pieces predict of the mean square."""
     if len(np.unique(piece)) < settings.folds:
-        piece = np.arange(len(y)) * 3 * settings.folds // max(len(y), 1)
+        pieces = 3 * settings.folds
+        piece = np.arange(len(y)) * pieces // max(len(y), 1)
     step = max(1, len(y) // settings.most_samples)
     q = q[::step, None]
     y = y[::step]
@@ -97,7 +99,8 @@ def _repeated_by_angle(
     for k in range(settings.folds):
         rest = fold != k
         held = fold == k
-        left = y[held] - _neighbours(q[rest], y[rest], q[held], settings)
+        foretold = _neighbours(q[rest], y[rest], q[held], settings)
+        left = y[held] - foretold
         square = max(float(np.mean(y[held] ** 2)), 1e-300)
         falls.append(1.0 - float(np.mean(left**2)) / square)
     error = float(np.std(falls, ddof=1)) / np.sqrt(settings.folds)
@@ -119,13 +122,16 @@ def _neighbours(
         other: Where a mean is wanted.
         settings: How many neighbours, and how many pieces make the halves.
     """
-    half = np.arange(len(y)) * settings.folds // max(len(y), 1) % 2 == 0
+    piece = np.arange(len(y)) * settings.folds // max(len(y), 1)
+    half = piece % 2 == 0
 
     def nearest(asked: Array, there: Array) -> Array:
         _, neighbours = KDTree(x[asked]).query(there, settings.neighbours)
         return np.asarray(y[asked][neighbours].mean(axis=1))
 
-    predicted = np.concatenate([nearest(half, x[~half]), nearest(~half, x[half])])
+    of_other = nearest(half, x[~half])
+    of_half = nearest(~half, x[half])
+    predicted = np.concatenate([of_other, of_half])
     true = np.concatenate([y[~half], y[half]])
     shrink = np.clip(predicted @ true / max(float(predicted @ predicted), 1e-300), 0.0, 1.0)
     return np.asarray(shrink * nearest(np.ones(len(y), dtype=bool), other))

@@ -165,7 +165,8 @@ class _JointMap:
 
     def _of_runs(self, pick: Axis) -> Array:
         """Values of all runs at the joint's valid samples."""
-        return np.concatenate([pick(item, self.j)[item.valid[:, self.j]] for item in self.series])
+        picked = [pick(item, self.j)[item.valid[:, self.j]] for item in self.series]
+        return np.concatenate(picked)
 
     @cached_property
     def left(self) -> Float[Array, " t"]:
@@ -174,12 +175,14 @@ class _JointMap:
 
     @cached_property
     def _work(self) -> Float[Array, " t"]:
-        return self.left * self._of_runs(lambda item, j: item.speed[:, j] * item.step)
+        travel = self._of_runs(lambda item, j: item.speed[:, j] * item.step)
+        return self.left * travel
 
     @cached_property
     def _block(self) -> Int[Array, " t"]:
         pairs = zip(self.labels, self.series, strict=True)
-        return np.concatenate([label[item.valid[:, self.j]] for label, item in pairs])
+        labels = [label[item.valid[:, self.j]] for label, item in pairs]
+        return np.concatenate(labels)
 
     @property
     def _blocks(self) -> int:
@@ -254,7 +257,8 @@ class _JointMap:
         """Power of the residual in each band between edges [Hz], block by block."""
         power = np.zeros((self._blocks, len(edges) - 1))
         for item, label in zip(self.series, self.labels, strict=True):
-            left = getattr(item, self.view)[:, self.j] * item.valid[:, self.j]
+            every = getattr(item, self.view)[:, self.j]
+            left = every * item.valid[:, self.j]
             for block in np.unique(label):
                 samples = left[label == block]
                 frequency = np.fft.rfftfreq(len(samples), item.step)
@@ -331,7 +335,8 @@ def session_axes(series: Sequence[RunResidual]) -> dict[str, Axis]:
 def reversal_age(item: RunResidual, joint: int) -> Float[Array, " t"]:
     """Time since the joint last changed its direction [s]."""
     speed = item.speed[:, joint]
-    turns = np.concatenate([[0], np.flatnonzero(np.diff(np.sign(speed)) != 0) + 1])
+    changes = np.flatnonzero(np.diff(np.sign(speed)) != 0)
+    turns = np.concatenate([[0], changes + 1])
     last = np.searchsorted(turns, np.arange(len(speed)), side="right") - 1
     return item.time - item.time[turns[last]]
 
@@ -349,5 +354,6 @@ def reach(item: RunResidual, rate: float) -> Float[Array, " t"]:
     arm = item.run.arm
     motion = item.run.motion
     last = arm.links[-1]
-    _, places = arm.link_poses(motion.q[motion.coarse][samples], [last])[last]
+    sampled = motion.q[motion.coarse][samples]
+    _, places = arm.link_poses(sampled, [last])[last]
     return np.interp(np.arange(count), samples, np.linalg.norm(places, axis=1))

@@ -75,7 +75,8 @@ def measure_excess_errors(
         hidden = max([cause.hidden_torque.get(joint, 0.0) for cause in causes], default=0.0)
         if tuned_away[j] > noise[j]:
             hidden = max(hidden, tuned_away[j])
-        error = min(float(np.hypot(errors[less][j], hidden)), float(errors[more][j]))
+        with_hidden = float(np.hypot(errors[less][j], hidden))
+        error = min(with_hidden, float(errors[more][j]))
         if error > (1.0 if causes else threshold) * noise[j]:
             beyond = error**2 - noise[j] ** 2
             view = more if 2.0 * hidden**2 > beyond else less
@@ -104,7 +105,8 @@ def rank_places(
     """
     ranked: list[Place] = []
     for joint, error in excess_errors.items():
-        cells = [cell for cell in maps[error.view] if cell.joint == joint and cell.density > 1.0]
+        of_joint = [cell for cell in maps[error.view] if cell.joint == joint]
+        cells = [cell for cell in of_joint if cell.density > 1.0]
         cells = [cell for cell in cells if says_where(cell.axis, cell.low)]
         standing_out = _standing_out(cells, settings)
         best: dict[str, Place] = {}

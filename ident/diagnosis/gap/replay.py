@@ -115,7 +115,9 @@ def _dynamics(
     motion = item.run.motion
     sample = rows.ravel() * motion.lowpass.factor
     stiffness, damping, mass = item.run.arm.derivatives(
-        motion.q[sample], motion.dq[sample], motion.ddq[sample]
+        motion.q[sample],
+        motion.dq[sample],
+        motion.ddq[sample],
     )
     shape = (*rows.shape, motion.n, motion.n)
     mass = mass + np.diag(baseline.loss.motor_inertia)
@@ -152,8 +154,11 @@ def integrate(
     for k in range(1, force.shape[1]):
         reached = deviation + step * speed + step**2 / 4 * acceleration
         gained = speed + step / 2 * acceleration
-        left = mass[:, k] + led + step / 2 * damping[:, k] + step**2 / 4 * stiffness[:, k]
-        pull = force[:, k] - damping[:, k] @ gained - stiffness[:, k] @ reached
+        damped = step / 2 * damping[:, k]
+        sprung = step**2 / 4 * stiffness[:, k]
+        left = mass[:, k] + led + damped + sprung
+        braking = damping[:, k] @ gained
+        pull = force[:, k] - braking - stiffness[:, k] @ reached
         acceleration = np.linalg.solve(left, pull)
         deviation = reached + step**2 / 4 * acceleration
         speed = gained + step / 2 * acceleration

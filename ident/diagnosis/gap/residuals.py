@@ -49,7 +49,8 @@ class RunResidual:
         drift = 2.0 * (self.time - self.time[0]) / duration - 1.0
         for j in range(after.shape[1]):
             friction = self.run.friction[keep][:, j]
-            kinds = np.stack([self.run.motion.dq[keep, j], direction[:, j]], axis=1)
+            speed = self.run.motion.dq[keep, j]
+            kinds = np.stack([speed, direction[:, j]], axis=1)
             by_kind = kinds * np.linalg.lstsq(kinds, friction, rcond=1e-9)[0]
             columns = np.concatenate([by_kind, (friction * drift)[:, None]], axis=1)
             valid = self.valid[:, j]

@@ -26,7 +26,9 @@ BODY = "body_differs"
 # What to do about that first, of a mass too much in the URDF and of one that it lacks.
 AT_THE_END = {
     False: "take the hand or tool that is not mounted out of the URDF; if all of it is",
-    True: ("give what the arm carries at its end as [payload] of session.toml; if it carries nothing"),
+    True: (
+        "give what the arm carries at its end as [payload] of session.toml; if it carries nothing"
+    ),
 }
 # What a motion's words begin with where it takes more than motion.
 NO_MOTION = "Motion alone hardly tells these apart. "
@@ -34,7 +36,10 @@ OWN_INERTIAS = (
     "Give what the flange carries as [payload] of session.toml; if it carries nothing, fit the "
     "arm's own inertias (`ident fit`) and give them with `--model`."
 )
-RECORD_WIDER = "Record this again, longer and wider: several minutes, each joint over its whole range, at all speeds."
+RECORD_WIDER = (
+    "Record this again, longer and wider: several minutes, each joint over its whole range, "
+    "at all speeds."
+)
 PATCH = (
     "`ident patch why.json --robot … --out patched --into MINE.urdf`, or MINE.xml "
     "(why.json is what `--json why.json` writes here)."

@@ -130,7 +130,9 @@ def describe_findings(record: JsonTable) -> str:
         share = (old - new) / max(old - floor, 1e-12)
         since = ", counted from the model before tuning"
     amount = "nothing" if share <= 0.0 else percent(share)
-    closes = f"On parts that the fit never saw all names close {amount} of what can be closed{since}"
+    closes = (
+        f"On parts that the fit never saw all names close {amount} of what can be closed{since}"
+    )
     shown = [joint for joint in gaps if joint in named]
     errors = _changes(shown, before, after, significant)
     if not errors:
@@ -165,8 +167,9 @@ def _changes(
     words: Callable[[float | None], str],
 ) -> str:
     """Errors of some joints before and after, one behind the other; empty without a joint."""
-    pairs = [(joint, words(before.get(joint)), words(after.get(joint))) for joint in joints]
-    return ", ".join(f"{joint} {old} → {new}" for joint, old, new in pairs)
+    pairs = [(words(before.get(joint)), words(after.get(joint))) for joint in joints]
+    named = zip(joints, pairs, strict=True)
+    return ", ".join(f"{joint} {old} → {new}" for joint, (old, new) in named)
 
 
 def _milliradians(error: float | None) -> str:

@@ -68,8 +68,8 @@ if TYPE_CHECKING:
 
 MOST_SENTENCES = 5
 TRACES = (
-    "Torque as it was measured and as each model has it, on parts that no tuned model was fitted to. "
-    "Below: what each model is off by. Where a joint rests or turns round no model is judged."
+    "Torque as it was measured and as each model has it, on parts that no tuned model was fitted "
+    "to. Below: what each model is off by. Where a joint rests or turns round no model is judged."
 )
 # A cell this many times as dense as the mean has the strongest colour.
 DENSEST = 3.0
@@ -324,7 +324,8 @@ def _strip(strip: Record) -> dict[str, Any]:
     rows = zip(*(strip[name] for name in columns), strict=True)
     cells = []
     for k, (gap, time, energy, p_value) in enumerate(rows):
-        words = [f"{interval_words(axis, edges[k], edges[k + 1])}: {percent(gap)} of the gap"]
+        interval = interval_words(axis, edges[k], edges[k + 1])
+        words = [f"{interval}: {percent(gap)} of the gap"]
         if energy is None:
             words.append(f"in {percent(time)} of the noise")
         else:

@@ -16,15 +16,7 @@ from ident.model.hybrid import HybridModel
 from ident.recordings.recording import TelemetryIssue
 from ident.show.palette import rung_name
 from ident.show.report.page import Section, models_section, telemetry_section, write_report
-from ident.show.report.words import (
-    MINUS,
-    fixed,
-    glue,
-    percent,
-    places_for,
-    sentence,
-    table_places,
-)
+from ident.show.report.words import MINUS, fixed, glue, percent, places_for, sentence, table_places
 
 # Share of the URDF's torque error that may be left for "follows", and for "follows in part".
 FOLLOWS = 0.25
@@ -99,17 +91,17 @@ def pool_name(score: SessionScore, longest: int = 70) -> str:
 
 def evaluation_sections(source: ReportInput) -> list[Section | None]:
     """All sections of an evaluation, the verdict first."""
-    from ident.show.report import evaluation_figures as figures
+    from ident.show.report import evaluation_figures, parameter_figures, residual_figures
 
     names = [evaluation.model for evaluation in source.evaluations]
     return [
         verdict_section(source),
         ladder_section(source),
-        figures.payload_section(source),
-        figures.comparison_section(source),
-        figures.fits_section(source),
-        figures.residuals_section(source),
-        figures.parameters_section(source),
+        evaluation_figures.payload_section(source),
+        evaluation_figures.comparison_section(source),
+        evaluation_figures.fits_section(source),
+        residual_figures.residuals_section(source),
+        parameter_figures.parameters_section(source),
         telemetry_section([issue.to_dict() for issue in source.issues]),
         models_section(list(zip(names, source.models, strict=True))),
     ]
@@ -222,7 +214,8 @@ def headline(score: SessionScore) -> str:
     place = places_for([first, last])
     if len(score.rungs) == 1:
         return f"Only the URDF was judged: torque error {fixed(first, place)} N m."
-    below, with_last = np.sqrt(np.mean(score.energy_error[-2:].sum(axis=2) ** 2, axis=1))
+    errors = score.energy_error[-2:].sum(axis=2)
+    below, with_last = np.sqrt(np.mean(errors**2, axis=1))
     energy = ""
     if with_last > WORSE * below:
         last_rung = SUBJECTS.get(score.rungs[-1], score.rungs[-1])
@@ -292,7 +285,7 @@ def worse_joints(score: SessionScore) -> list[tuple[str, str]]:
 
 
 def ladder_section(source: ReportInput) -> Section:
-    """The main model on all runs without payload, then each session and each other model, folded."""
+    """The main model on all runs without payload, then each session and other model, folded."""
     main = source.evaluation
     sessions = main.sessions if len(main.sessions) > 1 else ()
     others = list(source.evaluations)

@@ -1,4 +1,6 @@
-"""Pictures as inline SVG by matplotlib's objects: small panels that a page lays out by its own width."""
+"""Pictures as inline SVG by matplotlib's objects: small panels that a page lays out by its own
+width.
+"""
 
 from __future__ import annotations
 
@@ -24,19 +26,30 @@ WIDE = (5.0, 2.4)
 # More points than this on a line can't be seen in a panel.
 MOST_POINTS = 500
 # Text stays text: the page's own font is used, and the page stays small and can be searched.
-SVG_SETTINGS: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "armgap", "path.simplify": True}
-SVG_SETTINGS |= {"text.usetex": False}  # which would start LaTeX, in a program that draws its own pictures so
+SVG_SETTINGS: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "armgap",
+    "path.simplify": True,
+    # which would start LaTeX, in a program that draws its own pictures so
+    "text.usetex": False,
+}
 _counter = itertools.count()
 
 
 def make_panel(
-    x_label: str, y_label: str, size: tuple[float, float] = PANEL, left: float = 0.6, bottom: float = 0.42
+    x_label: str,
+    y_label: str,
+    size: tuple[float, float] = PANEL,
+    left: float = 0.6,
+    bottom: float = 0.42,
 ) -> tuple[Figure, Axes]:
     """An empty panel with labelled axes and a light grid."""
     width, height = size
     figure = Figure(figsize=size)
     FigureCanvasSVG(figure)
-    axes = figure.add_axes((left / width, bottom / height, 1 - (left + 0.1) / width, 1 - (bottom + 0.1) / height))
+    axes = figure.add_axes(
+        (left / width, bottom / height, 1 - (left + 0.1) / width, 1 - (bottom + 0.1) / height)
+    )
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
@@ -64,24 +77,33 @@ def to_svg(figure: Figure, description: str) -> Markup:
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r"(font: [\d.]+px )[^;\"]*", r"\1sans-serif", text)
-    text = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), text)
+    text = re.sub(
+        r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), text
+    )
     # Ink and grid are the page's own: they turn with its dark mode.
     for drawn, of_page in OF_THE_PAGE.items():
         text = text.replace(drawn, of_page)
     # Names unlike those of the page's other pictures; those that nobody uses are dropped.
-    used, prefix = set(re.findall(r'(?:url\(|href=")#([^)"]+)', text)), f"f{next(_counter)}-"
-    text = re.sub(r' id="([^"]+)"', lambda m: f' id="{prefix}{m[1]}"' if m[1] in used else "", text)
+    used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', text))
+    prefix = f"f{next(_counter)}-"
+
+    def renamed(name: re.Match[str]) -> str:
+        return f' id="{prefix}{name[1]}"' if name[1] in used else ""
+
+    text = re.sub(r' id="([^"]+)"', renamed, text)
     text = re.sub(r'(url\(|href=")#', rf"\1#{prefix}", text)
     view_box = re.search(r'viewBox="[^"]*"', text)
     assert view_box is not None
-    head = (
-        f'<svg role="img" aria-label="{escape(description)}" {view_box[0]} xmlns:xlink="http://www.w3.org/1999/xlink">'
-    )
+    label = escape(description)
+    xlink = 'xmlns:xlink="http://www.w3.org/1999/xlink"'
+    head = f'<svg role="img" aria-label="{label}" {view_box[0]} {xlink}>'
     body = re.sub(r"\n\s*", "\n", text[text.index(">") + 1 :])
     return Markup(head + body.strip())
 
 
-def thin(x: Float[Array, " T"], y: Float[Array, " T"], most: int = MOST_POINTS) -> tuple[Array, Array]:
+def thin(
+    x: Float[Array, " T"], y: Float[Array, " T"], most: int = MOST_POINTS
+) -> tuple[Array, Array]:
     """Fewer points that look the same: the lowest and the highest of each bin, in their order.
 
     Args:
@@ -92,26 +114,40 @@ def thin(x: Float[Array, " T"], y: Float[Array, " T"], most: int = MOST_POINTS) 
     if len(x) <= most:
         return x, y
     bins = np.array_split(np.arange(len(x)), most // 2)
-    ends = [sorted((rows[np.argmin(y[rows])], rows[np.argmax(y[rows])])) for rows in bins]
-    kept = np.unique(np.concatenate(ends))
-    return x[kept], y[kept]
+    ends = []
+    for rows in bins:
+        ends.append(rows[np.argmin(y[rows])])
+        ends.append(rows[np.argmax(y[rows])])
+    shown = np.unique(ends)
+    return x[shown], y[shown]
 
 
-def envelope(x: Float[Array, " T"], y: Float[Array, " T"], bins: int = 240) -> tuple[Array, Array, Array]:
-    """Centre, least and largest value in bins of x; what is not a number is left out, and bins of nothing else too."""
-    edges = np.linspace(x[0], np.nextafter(x[-1], np.inf), min(bins, len(x)) + 1)
-    which = np.clip(np.digitize(x, edges) - 1, 0, len(edges) - 2)
-    low, high = np.full(len(edges) - 1, np.inf), np.full(len(edges) - 1, -np.inf)
+def envelope(
+    x: Float[Array, " T"], y: Float[Array, " T"], bins: int = 240
+) -> tuple[Array, Array, Array]:
+    """Centre, least and largest value in bins of x; what is not a number is left out, and bins of
+    nothing else too.
+    """
+    end = np.nextafter(x[-1], np.inf)
+    edges = np.linspace(x[0], end, min(bins, len(x)) + 1)
+    count = len(edges) - 1
+    which = np.clip(np.digitize(x, edges) - 1, 0, count - 1)
+    low = np.full(count, np.inf)
+    high = np.full(count, -np.inf)
     there = np.isfinite(y)
     np.minimum.at(low, which[there], y[there])
     np.maximum.at(high, which[there], y[there])
     empty = ~np.isfinite(low)
-    low[empty] = high[empty] = np.nan
+    low[empty] = np.nan
+    high[empty] = np.nan
     return (edges[:-1] + edges[1:]) / 2, low, high
 
 
-def binned(x: Float[Array, " T"], y: Float[Array, " T"], edges: Sequence[float] | Array, least: int = 5) -> Array:
-    """Centre, 10 % quantile, median and 90 % quantile of y in bins of x, shape (bins, 4); thin bins left out.
+def binned(
+    x: Float[Array, " T"], y: Float[Array, " T"], edges: Sequence[float] | Array, least: int = 5
+) -> Array:
+    """Centre, 10 % quantile, median and 90 % quantile of y in bins of x, shape (bins, 4); thin bins
+    left out.
 
     Args:
         x: What is binned.
@@ -124,5 +160,7 @@ def binned(x: Float[Array, " T"], y: Float[Array, " T"], edges: Sequence[float] 
     for k in range(len(edges) - 1):
         inside = which == k
         if inside.sum() >= least:
-            rows.append([np.median(x[inside]), *np.quantile(y[inside], (0.1, 0.5, 0.9))])
+            centre = np.median(x[inside])
+            quantiles = np.quantile(y[inside], (0.1, 0.5, 0.9))
+            rows.append([centre, *quantiles])
     return np.array(rows).reshape(-1, 4)

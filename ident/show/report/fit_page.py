@@ -16,13 +16,7 @@ from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.motion.stretches import choose_runs
 from ident.recordings.recording import TelemetryIssue
-from ident.show.fit_lines import (
-    describe_choices,
-    describe_data,
-    describe_foretold,
-    foretold_of,
-)
-from ident.show.report.evaluation_figures import parameters_values
+from ident.show.fit_lines import describe_choices, describe_data, describe_foretold, foretold_of
 from ident.show.report.numbers import (
     LOSSES,
     READINGS,
@@ -40,6 +34,7 @@ from ident.show.report.page import (
     save_page,
     telemetry_section,
 )
+from ident.show.report.parameter_figures import parameters_values
 from ident.show.report.traces import MOST_JOINTS, MOST_RUNS, RunTraces, Traces, section_values
 from ident.show.report.words import percent, sentence, significant, with_units
 from ident.units import TORQUE, unit_for
@@ -53,7 +48,8 @@ FIRST = "Try it on recordings that it has not seen: `ident evaluate MODEL SESSIO
 CURVES = (
     "Torque as it was measured, of your URDF as a simulator loads it, and of the fitted model. "
     "Below: what each is off by. The fit has seen these runs; what it is off by on parts that it "
-    "has not seen stands in the table above. Where a joint rests or turns round no model of its motion is judged."
+    "has not seen stands in the table above. Where a joint rests or turns round no model of its "
+    "motion is judged."
 )
 
 
@@ -77,7 +73,9 @@ def write_fit_report(
     return save_page(path, render_fit_report(results, motions, issues))
 
 
-def render_fit_report(results: FitResults, motions: Sequence[Motion], issues: Sequence[TelemetryIssue] = ()) -> str:
+def render_fit_report(
+    results: FitResults, motions: Sequence[Motion], issues: Sequence[TelemetryIssue] = ()
+) -> str:
     """The page as text, what was found first."""
     model = results.model
     record = {"robot": model.robot.name, "provenance": results.provenance.to_dict()}
@@ -99,7 +97,9 @@ def render_fit_report(results: FitResults, motions: Sequence[Motion], issues: Se
         telemetry_section([issue.to_dict() for issue in issues]),
         models_section([(model.robot.name, model)]),
     ]
-    return render_page(f"{model.robot.name}: its numbers, fitted", sections, describe_origin(record))
+    return render_page(
+        f"{model.robot.name}: its numbers, fitted", sections, describe_origin(record)
+    )
 
 
 def verdict_values(results: FitResults) -> Mapping[str, Any]:
@@ -138,7 +138,9 @@ def _units(unit: str, kinds: Sequence[bool]) -> str:
     return "; ".join(unit_for(unit, slides) for slides in kinds)
 
 
-def number_cell(key: str, figure: Mapping[str, Any] | None, slides: bool) -> dict[str, str | bool] | None:
+def number_cell(
+    key: str, figure: Mapping[str, Any] | None, slides: bool
+) -> dict[str, str | bool] | None:
     """What the URDF says and what was fitted, in words; None where nothing was.
 
     Args:
@@ -184,7 +186,9 @@ def traces_section(model: HybridModel, motions: Sequence[Motion]) -> Section | N
     traces = gather_fit_traces(model, motions)
     if traces is None:
         return None
-    return Section("traces", "Measured against the model", "traces.html", section_values(traces, CURVES))
+    return Section(
+        "traces", "Measured against the model", "traces.html", section_values(traces, CURVES)
+    )
 
 
 def gather_fit_traces(model: HybridModel, motions: Sequence[Motion]) -> Traces | None:
@@ -197,7 +201,9 @@ def gather_fit_traces(model: HybridModel, motions: Sequence[Motion]) -> Traces |
         return None
     by_joint = np.nan_to_num(errors).mean(axis=0)
     shares = {joint.joint: joint.share for joint in foretold_of(model)}
-    order = sorted(range(model.arm.n), key=lambda j: (-shares.get(model.joint_names[j], 0.0), -by_joint[j]))
+    order = sorted(
+        range(model.arm.n), key=lambda j: (-shares.get(model.joint_names[j], 0.0), -by_joint[j])
+    )
     shown = tuple(order[:MOST_JOINTS])
     worst_first = np.argsort(-np.nan_to_num(errors[:, shown[0]], nan=-1.0), kind="stable")
     units = tuple(unit_for(TORQUE, bool(sliding)) for sliding in model.nominal.sliding_joints)
@@ -221,4 +227,6 @@ def _curves_of(run: RunTrace) -> RunTraces:
         torque["net"] = rungs["net"]
     judged = {name: np.where(run.motion.settled, values, np.nan) for name, values in torque.items()}
     time = np.asarray(run.time - run.time[0])
-    return RunTraces(run.motion.name, time, {"measured": np.asarray(run.motion.tau_filtered), **judged})
+    return RunTraces(
+        run.motion.name, time, {"measured": np.asarray(run.motion.tau_filtered), **judged}
+    )

@@ -18,7 +18,9 @@ from ident.show.report.words import significant
 from ident.units import TORQUE
 
 # Those that multiply a joint's whole torque.
-GAINS = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
+GAINS = {
+    effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain
+}
 # A joint that reads a factor, and the factor, in what the telemetry check says.
 READS = re.compile(r"(\S+) reads (-?\d+\.\d+)")
 

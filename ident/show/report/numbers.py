@@ -32,9 +32,13 @@ MUCH_WIDER = 1.5
 # Joints that a sentence names; of more it says how many.
 MOST_NAMED = 3
 # Effects that are friction: of those alone damping and dry friction can't be told apart.
-FRICTION = {effect for effect, row in TABLE["effects"].items() if row.get("as_change", {}).get("friction")}
+FRICTION = {
+    effect for effect, row in TABLE["effects"].items() if row.get("as_change", {}).get("friction")
+}
 # Effects that are bodies which can be taken off.
-LOADS = {effect for effect, row in TABLE["effects"].items() if "taken_off" in row.get("as_change", {})}
+LOADS = {
+    effect for effect, row in TABLE["effects"].items() if "taken_off" in row.get("as_change", {})
+}
 # What stands in place of damping or dry friction that only a named law of friction beside it tells.
 IN_LAW = "in the named law"
 # What words and marks of the table mean, each where one of its cells has it.
@@ -103,7 +107,7 @@ def numbers_of(record: JsonTable) -> list[Number]:
     identified = record.get("identified", {})
     gaps = record.get("gap", {})
     laws = [law for law in record.get("findings", ()) if law["effect"] in FRICTION]
-    found = []
+    told = []
     for joint in record.get("joints", ()):
         gap = gaps.get(joint, {})
         has_law = any(joint in law["joints"] for law in laws)
@@ -117,12 +121,12 @@ def numbers_of(record: JsonTable) -> list[Number]:
             matters = differs and change > gap.get("noise_floor_Nm", math.inf)
             unsure = figure["low"] is not None and figure["low"] <= 0.0
             in_law = has_law and key in STATED and unsure
-            found.append(Number(joint, key, name, shown, figure, differs, matters, in_law))
-    return found
+            told.append(Number(joint, key, name, shown, figure, differs, matters, in_law))
+    return told
 
 
 def describe_marks(record: JsonTable) -> list[str]:
-    """What the words in the table's cells mean, as far as a cell has them, and what a load hides."""
+    """What the words in the table's cells mean, so far as a cell has them, and what load hides."""
     cells = [number for row in table_of(record) for number in row["cells"].values()]
     meanings = [MEANS_FROM_ZERO] * any(number.from_zero for number in cells)
     meanings += [MEANS_IN_LAW] * any(number.in_law for number in cells)
@@ -174,7 +178,9 @@ def half_width(figure: Figure, end: str = "") -> float | None:
     Returns:
         None where value or ends are unknown.
     """
-    value, low, high = figure["value"], figure[f"low{end}"], figure[f"high{end}"]
+    value = figure["value"]
+    low = figure[f"low{end}"]
+    high = figure[f"high{end}"]
     if value is None or low is None or high is None:
         return None
     return float(max(value - low, high - value))
@@ -189,7 +195,8 @@ def with_error(figure: Figure) -> str:
     """A value with its interval, given the URDF's other numbers: `12.00 ± 0.03`; a dash without
     number.
     """
-    value, half = figure["value"], half_width(figure)
+    value = figure["value"]
+    half = half_width(figure)
     if value is None:
         return DASH
     if half is None or not math.isfinite(half):
@@ -218,7 +225,8 @@ def reaches_below_zero(figure: Figure, end: str = "") -> bool:
 
 
 def interval_in_words(figure: Figure, end: str = "") -> str:
-    """An interval of what can't be negative, by its ends: "1 to 2", or "1 or more" where it is open.
+    """An interval of what can't be negative, by its ends: "1 to 2", or "1 or more" where it is
+    open.
 
     Args:
         figure: With the keys low and high, or those that a suffix makes of them.
@@ -226,7 +234,11 @@ def interval_in_words(figure: Figure, end: str = "") -> str:
     """
     low = max(figure[f"low{end}"], 0.0)
     high = figure[f"high{end}"]
-    return f"{significant(low)} to {significant(high)}" if math.isfinite(high) else f"{significant(low)} or more"
+    return (
+        f"{significant(low)} to {significant(high)}"
+        if math.isfinite(high)
+        else f"{significant(low)} or more"
+    )
 
 
 def _places(error: float) -> int:
@@ -305,7 +317,9 @@ def describe_numbers(record: JsonTable, brief: bool = False) -> str:
     if not stated:
         sizes = join_words([f"{number.name} {number.value} {number.unit}" for number in there])
         return f"Your URDF states no friction; {worst.joint} has {sizes}."
-    parts = [f"{number.name} {number.value} {number.unit} (URDF: {number.nominal})" for number in there]
+    parts = [
+        f"{number.name} {number.value} {number.unit} (URDF: {number.nominal})" for number in there
+    ]
     factor = common_factor(record, wrong)
     if factor:
         where = _where(record, sorted({number.joint for number in wrong}))
@@ -315,7 +329,11 @@ def describe_numbers(record: JsonTable, brief: bool = False) -> str:
     others = len(wrong) - len(there)
     if brief and others:
         return f"Your URDF's friction is off: {example}, and {plural(others, 'more number')}."
-    more = f" So {'is one more number' if others == 1 else f'are {others} more numbers'}." if others else ""
+    more = (
+        f" So {'is one more number' if others == 1 else f'are {others} more numbers'}."
+        if others
+        else ""
+    )
     return f"Your URDF's friction is off: {example}.{more}"
 
 
@@ -332,7 +350,9 @@ def common_factor(record: JsonTable, wrong: Sequence[Number]) -> str:
         The factor as text; "" where there is none, or a single number only.
     """
     joints = {number.joint for number in wrong}
-    friction = [number for number in numbers_of(record) if number.joint in joints and number.key in STATED]
+    friction = [
+        number for number in numbers_of(record) if number.joint in joints and number.key in STATED
+    ]
     friction = [number for number in friction if number.figure["nominal"]]
     ratios = {
         significant(number.figure["value"] / number.figure["nominal"])

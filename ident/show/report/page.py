@@ -42,6 +42,10 @@ UNKNOWN = "not recorded"
 # What a page tells of a result's origin as it stands in its record.
 PAST = ("command", "version", "commit", "units")
 SEVERITIES = ("fatal", "warning", "note")
+# An option of a command stays whole where a line ends: browsers would break behind each of its
+# hyphens.
+OPTION = re.compile(r"(?<!\S)--?[\w-]+")
+WHOLE = r'<span class="whole">\g<0></span>'
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +58,9 @@ class Section:
     values: Mapping[str, Any]  # what the template gets
 
 
-def write_report(path: str | Path, title: str, sections: Sequence[Section | None], subtitle: str = "") -> Path:
+def write_report(
+    path: str | Path, title: str, sections: Sequence[Section | None], subtitle: str = ""
+) -> Path:
     """Writes one self-contained HTML page, whole or not at all.
 
     Raises:
@@ -65,13 +71,30 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section | None
 
 def save_page(path: str | Path, page: str) -> Path:
     """Writes a page's text, whole or not at all."""
-    with atomic_write(Path(path)) as part:
-        part.write_text(page, encoding="utf-8")
+    with atomic_write(Path(path)) as temporary:
+        temporary.write_text(page, encoding="utf-8")
     return Path(path)
 
 
 def render_page(title: str, sections: Sequence[Section | None], subtitle: str = "") -> str:
     """The page as text."""
+    environment = _make_environment()
+    bodies = []
+    for section in sections:
+        if section is not None:
+            template = environment.get_template(section.template)
+            body = {
+                "anchor": section.anchor,
+                "title": section.title,
+                "html": Markup(template.render(section.values)),
+            }
+            bodies.append(body)
+    page = environment.get_template("page.html")
+    return page.render(title=title, subtitle=subtitle, sections=bodies, made_by=made_by())
+
+
+def _make_environment() -> Environment:
+    """Where templates are found, and what they may call."""
     environment = Environment(
         loader=PackageLoader("ident.show.report"),
         autoescape=True,
@@ -80,8 +103,9 @@ def render_page(title: str, sections: Sequence[Section | None], subtitle: str = 
         lstrip_blocks=True,
         extensions=["jinja2.ext.do"],
     )
-    own = {name: one for name, one in vars(words).items() if getattr(one, "__module__", "") == words.__name__}
-    environment.filters |= own
+    for name, value in vars(words).items():
+        if getattr(value, "__module__", "") == words.__name__:
+            environment.filters[name] = value
     environment.filters |= {
         "breakable": breakable,
         "coded": coded,
@@ -89,24 +113,9 @@ def render_page(title: str, sections: Sequence[Section | None], subtitle: str = 
         "join_words": join_words,
         "rung": palette.rung_name,
     }
-    environment.globals |= {name: getattr(palette, name) for name in COLOURS} | {"pairs": words.pairs}
-    bodies = [
-        {
-            "anchor": one.anchor,
-            "title": one.title,
-            "html": Markup(environment.get_template(one.template).render(one.values)),
-        }
-        for one in sections
-        if one is not None
-    ]
-    return environment.get_template("page.html").render(
-        title=title, subtitle=subtitle, sections=bodies, made_by=made_by()
-    )
-
-
-# An option of a command stays whole where a line ends: browsers would break behind each of its hyphens.
-OPTION = re.compile(r"(?<!\S)--?[\w-]+")
-WHOLE = r'<span class="whole">\g<0></span>'
+    environment.globals |= {name: getattr(palette, name) for name in COLOURS}
+    environment.globals["pairs"] = words.pairs
+    return environment
 
 
 def breakable(name: str) -> Markup:
@@ -117,10 +126,14 @@ def breakable(name: str) -> Markup:
 def coded(text: str) -> Markup:
     """A sentence with what stands between backticks as code: commands to be run as they stand."""
     parts = str(escape(text)).split("`")
-    whole = [
-        f"<code>{OPTION.sub(WHOLE, part)}</code>" if k % 2 else part
-        for k, part in enumerate(parts[: len(parts) // 2 * 2 + 1])
-    ]
+    # A last backtick without its mate ends nothing.
+    pairs = len(parts) // 2
+    whole = []
+    for k, words_between in enumerate(parts[: 2 * pairs + 1]):
+        if k % 2:
+            whole.append(f"<code>{OPTION.sub(WHOLE, words_between)}</code>")
+        else:
+            whole.append(words_between)
     return Markup("".join(whole))
 
 
@@ -132,7 +145,9 @@ def telemetry_section(issues: Sequence[Mapping[str, Any]]) -> Section:
 
 def facts_section(facts: Mapping[str, Any]) -> Section | None:
     """Names and values, nested ones flattened; folded, for those who need it."""
-    return Section("provenance", "Provenance", "facts.html", {"facts": list(_flat(facts))}) if facts else None
+    if not facts:
+        return None
+    return Section("provenance", "Provenance", "facts.html", {"facts": list(_flat(facts))})
 
 
 def models_section(models: Sequence[tuple[str, HybridModel]]) -> Section:
@@ -140,24 +155,36 @@ def models_section(models: Sequence[tuple[str, HybridModel]]) -> Section:
     told = []
     for name, model in models:
         past = model.provenance
-        runs = f"{plural(past['runs'], 'run')}, {past['samples']:,} samples" if "samples" in past else UNKNOWN
-        options = ", ".join(f"{name} {value}" for name, value in past.get("options", {}).items())
-        facts = [
-            ("robot", model.robot.name),
-            ("URDF, SHA-256", model.robot.digest),
-            ("options", options or UNKNOWN),
-            ("fitted on", runs),
-            ("low-pass", f"{past['cutoff_hz']:g} Hz" if "cutoff_hz" in past else UNKNOWN),
-            ("numbers in the net", f"{past.get('net_parameters', 0):,}"),
-            ("data, SHA-256 of all", past.get("data_sha256", UNKNOWN)),
-            ("commit of the code", past.get("commit", UNKNOWN)),
-            ("versions", ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())),
-        ]
-        if past.get("accepted"):
-            accepted = "; ".join(f"{issue['issue']} ({issue['evidence']})" for issue in past["accepted"])
-            facts.insert(3, ("refusals overruled", accepted))
-        told.append({"name": name, "facts": facts, "data": past.get("data", [])})
+        entry = {"name": name, "facts": _facts_of(model), "data": past.get("data", [])}
+        told.append(entry)
     return Section("provenance", "Provenance", "provenance.html", {"models": told})
+
+
+def _facts_of(model: HybridModel) -> list[tuple[str, str]]:
+    """Where a model comes from, in names and words."""
+    past = model.provenance
+    runs = UNKNOWN
+    if "samples" in past:
+        runs = f"{plural(past['runs'], 'run')}, {past['samples']:,} samples"
+    corner = f"{past['cutoff_hz']:g} Hz" if "cutoff_hz" in past else UNKNOWN
+    options = ", ".join(f"{name} {value}" for name, value in past.get("options", {}).items())
+    versions = ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())
+    facts = [
+        ("robot", model.robot.name),
+        ("URDF, SHA-256", model.robot.digest),
+        ("options", options or UNKNOWN),
+        ("fitted on", runs),
+        ("low-pass", corner),
+        ("numbers in the net", f"{past.get('net_parameters', 0):,}"),
+        ("data, SHA-256 of all", past.get("data_sha256", UNKNOWN)),
+        ("commit of the code", past.get("commit", UNKNOWN)),
+        ("versions", versions),
+    ]
+    if past.get("accepted"):
+        issues = past["accepted"]
+        accepted = "; ".join(f"{issue['issue']} ({issue['evidence']})" for issue in issues)
+        facts.insert(3, ("refusals overruled", accepted))
+    return facts
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -175,7 +202,9 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, st
 
 def _fact_name(name: str) -> str:
     """A key as words; what has spaces is in words, or holds a path."""
-    return name if " " in name else str(words.TABLES["facts"].get(name, name.replace("_", " ")))
+    if " " in name:
+        return name
+    return str(words.TABLES["facts"].get(name, name.replace("_", " ")))
 
 
 def _fact_text(value: object) -> str:
@@ -185,35 +214,42 @@ def _fact_text(value: object) -> str:
 
 
 def provenance_facts(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Where a result comes from, as its record tells it: command, version, sessions with their hashes, settings."""
+    """Where a result comes from, as its record tells it: command, version, sessions with their
+    hashes, settings.
+    """
     past = record.get("provenance") or {}
     facts: dict[str, Any] = {name: past[name] for name in PAST if past.get(name)}
     if past.get("engines"):
         facts["engines"] = ", ".join(f"{name} {number}" for name, number in past["engines"].items())
     for stamp in past.get("sessions", []):
-        words = [session_dates(stamp), f"SHA-256 {stamp['sha256']}"]
-        words += [f"of its content {stamp['content']}"] if stamp.get("content") else []
-        words += [f"torque's scale {stamp['scale']}"] if stamp.get("scale") else []
-        facts[f"session {stamp['path']}"] = "; ".join(words)
+        told = [session_dates(stamp), f"SHA-256 {stamp['sha256']}"]
+        if stamp.get("content"):
+            told.append(f"of its content {stamp['content']}")
+        if stamp.get("scale"):
+            told.append(f"torque's scale {stamp['scale']}")
+        facts[f"session {stamp['path']}"] = "; ".join(told)
     settings = dict(past.get("settings", {}))
     if isinstance(settings.get("diagnosis"), Mapping):
         settings["diagnosis"] = _unusual(settings["diagnosis"], USUAL.to_dict())
-        numbers = "numbers that decide"
-        facts[numbers] = "as given, else as shipped" if settings["diagnosis"] else "as shipped"
-        facts[numbers] += "; the result file (--json) holds them all"
+        numbers = "as given, else as shipped" if settings["diagnosis"] else "as shipped"
+        facts["numbers that decide"] = f"{numbers}; the result file (--json) holds them all"
     return {**facts, **settings}
 
 
 def _unusual(values: Mapping[str, Any], usual: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of nested settings that are not as shipped: of a hundred numbers a reader wants the few that differ."""
-    found: dict[str, Any] = {}
+    """Those of nested settings that are not as shipped: of a hundred numbers a reader wants the few
+    that differ.
+    """
+    unusual: dict[str, Any] = {}
     for name, value in values.items():
         shipped = usual.get(name)
         if isinstance(value, Mapping) and isinstance(shipped, Mapping):
-            found |= {name: part} if (part := _unusual(value, shipped)) else {}
+            inner = _unusual(value, shipped)
+            if inner:
+                unusual[name] = inner
         elif _plain(value) != _plain(shipped):
-            found[name] = value
-    return found
+            unusual[name] = value
+    return unusual
 
 
 def _plain(value: Any) -> Any:
@@ -223,18 +259,25 @@ def _plain(value: Any) -> Any:
 
 def describe_origin(record: Mapping[str, Any]) -> str:
     """One line under a page's title: sessions with their dates, amount, command and version."""
-    past, facts = record.get("provenance") or {}, record.get("session") or {}
+    past = record.get("provenance") or {}
+    facts = record.get("session") or {}
     stamps = past.get("sessions", [])
-    names = [f"{Path(stamp['path']).name} ({session_dates(stamp)})" for stamp in stamps[:MOST_STAMPS]]
-    names += [f"{len(stamps) - MOST_STAMPS} more sessions"] if len(stamps) > MOST_STAMPS else []
-    amount = [plural(facts["runs"], "run"), f"{facts['duration_s']:.0f} s"] if facts else []
-    made = [f"{past.get('command', '')}, armgap {past.get('version', '')}"] if past.get("command") else []
-    return " · ".join([record["robot"], *names, *amount, *made])
+    named = [(Path(stamp["path"]).name, session_dates(stamp)) for stamp in stamps[:MOST_STAMPS]]
+    told = [record["robot"], *(f"{name} ({dates})" for name, dates in named)]
+    if len(stamps) > MOST_STAMPS:
+        told.append(f"{len(stamps) - MOST_STAMPS} more sessions")
+    if facts:
+        told.append(plural(facts["runs"], "run"))
+        told.append(f"{facts['duration_s']:.0f} s")
+    if past.get("command"):
+        told.append(f"{past['command']}, armgap {past.get('version', '')}")
+    return " · ".join(told)
 
 
 def session_dates(stamp: Mapping[str, Any]) -> str:
     """When a session was recorded, where its clock tells the date; else its first and last time."""
-    first, last = stamp.get("first"), stamp.get("last")
+    first = stamp.get("first")
+    last = stamp.get("last")
     if first is None or last is None:
         return "no samples"
     if first < EPOCH_FROM:

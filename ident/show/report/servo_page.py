@@ -31,8 +31,8 @@ from ident.show.servo_lines import (
 )
 
 CURVES = (
-    "Angle as it was measured, the goal, and where the figures put the joint. Below: what both are off by. Where a "
-    "joint rests or turns round the figures say nothing."
+    "Angle as it was measured, the goal, and where the figures put the joint. Below: what both are "
+    "off by. Where a joint rests or turns round the figures say nothing."
 )
 # Figures that people have words for.
 SHOWN = tuple(name for name, figure in FIGURES.items() if "shown" in figure)
@@ -130,7 +130,9 @@ def gather_servo_traces(result: ServoArm) -> Traces | None:
     order = np.argsort(-np.nan_to_num(errors, nan=-1.0), kind="stable")
     shown = [int(j) for j in order if np.isfinite(errors[j])][:MOST_JOINTS]
     runs = [
-        RunTraces(run.name, run.time, {"measured": run.position, "goal": run.goal, "told": run.told})
+        RunTraces(
+            run.name, run.time, {"measured": run.position, "goal": run.goal, "told": run.told}
+        )
         for run in _worst_first(result, shown[0])[:MOST_RUNS]
     ]
     names = tuple(joint.joint for joint in result.joints)
@@ -139,4 +141,6 @@ def gather_servo_traces(result: ServoArm) -> Traces | None:
 
 def _worst_first(result: ServoArm, joint: int) -> Sequence[ToldRun]:
     """Runs by how far a joint is from its goal."""
-    return sorted(result.curves, key=lambda run: -float(np.mean((run.goal - run.position)[:, joint] ** 2)))
+    return sorted(
+        result.curves, key=lambda run: -float(np.mean((run.goal - run.position)[:, joint] ** 2))
+    )

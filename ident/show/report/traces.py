@@ -1,7 +1,9 @@
-"""Measured against modelled curves over time, at the worst joint and at each named one: numbers that a page draws.
+"""Measured against modelled curves over time, at the worst joint and at each named one: numbers
+that a page draws.
 
-Three models stand beside the measurement: the URDF as a simulator loads it, the arm as tuned, and the arm with the
-named effects. The last two were fitted without the part of the recording that they are shown on.
+Three models stand beside the measurement: the URDF as a simulator loads it, the arm as tuned, and
+the arm with the named effects. The last two were fitted without the part of the recording that they
+are shown on.
 """
 
 from __future__ import annotations
@@ -25,10 +27,13 @@ from ident.show.report.figures import WIDE, make_panel, thin, to_svg
 from ident.units import TORQUE, unit_for
 
 # As much as a page holds: joints, runs, and samples of a run.
-MOST_JOINTS, MOST_RUNS, MOST_SAMPLES = 6, 12, 1500
+MOST_JOINTS = 6
+MOST_RUNS = 12
+MOST_SAMPLES = 1500
 # Steps that a curve's range is divided into: a screen has no more.
 STEPS = 4000
-# Curves of torque, then of a servo's angle, in the order in which they are drawn: what each is, and its colour.
+# Curves of torque, then of a servo's angle, in the order in which they are drawn: what each is, and
+# its colour.
 CURVES = {
     "measured": ("measured", MEASURED),
     "URDF": ("your URDF, as a simulator loads it", FLEXIBLE),
@@ -48,8 +53,8 @@ class RunTraces:
 
     name: str
     time: Float[Array, " t"]  # from its start [s]
-    # By curve, what was measured first; a model's is no number where the joint rests or turns round, for there it is
-    # not judged.
+    # By curve, what was measured first; a model's is no number where the joint rests or turns
+    # round, for there it is not judged.
     values: dict[str, Float[Array, "t n"]]
 
 
@@ -80,38 +85,48 @@ class Traces:
         return Markup(text.replace("<", "\\u003c").replace("&", "\\u0026"))
 
     def _run_record(self, run: RunTraces) -> dict[str, Any]:
+        """A run's curves as whole steps of each joint's range, None where there is no number."""
         stride = max(1, -(-len(run.time) // MOST_SAMPLES))
         rows = slice(None, None, stride)
         joints = []
         for j in self.shown:
             values = np.stack([run.values[name][rows, j] for name in self.curves])
-            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            low = float(np.nanmin(values))
+            high = float(np.nanmax(values))
             step = max(high - low, 1e-9) / STEPS
-            steps = np.rint(np.nan_to_num((values - low) / step, nan=-1.0)).astype(int)
-            known = np.isfinite(values)
-            cells = [
-                [int(value) if there else None for value, there in zip(*row, strict=True)]
-                for row in zip(steps, known, strict=True)
-            ]
-            joints.append({"low": round(low, 6), "step": float(f"{step:.6g}"), "values": cells})
+            scaled = np.nan_to_num((values - low) / step, nan=-1.0)
+            steps = np.rint(scaled).astype(int).astype(object)
+            steps[~np.isfinite(values)] = None
+            record = {
+                "low": round(low, 6),
+                "step": float(f"{step:.6g}"),
+                "values": steps.tolist(),
+            }
+            joints.append(record)
         time = np.round(run.time[rows], 4)
         return {"name": run.name, "time": time.tolist(), "joints": joints}
 
     def static(self) -> list[Markup]:
-        """Curves and errors of the worst run at the worst joint, for who prints the page or runs no scripts."""
-        run, j = self.runs[0], self.shown[0]
-        pictures = []
+        """Curves and errors of the worst run at the worst joint, for who prints the page or runs no
+        scripts.
+        """
+        run = self.runs[0]
+        j = self.shown[0]
+        joint = self.joints[j]
         first = self.curves[0]
         measured = run.values[first][:, j]
+        pictures = []
         for what in (self.quantity, "error"):
-            figure, axes = make_panel(f"time in {run.name} [s]", f"{what} [{self.units[j]}]", WIDE, left=0.65)
+            labels = f"time in {run.name} [s]", f"{what} [{self.units[j]}]"
+            figure, axes = make_panel(*labels, WIDE, left=0.65)
             for name in self.curves:
                 values = run.values[name][:, j]
                 values = values if what == self.quantity else measured - values
                 if what == "error" and name == first:
                     continue
                 axes.plot(*thin(run.time, values), color=COLOURS[name], linewidth=0.9)
-            pictures.append(to_svg(figure, f"{what} of {self.joints[j]} in {run.name}, measured and modelled"))
+            words = f"{what} of {joint} in {run.name}, measured and modelled"
+            pictures.append(to_svg(figure, words))
         return pictures
 
 
@@ -122,15 +137,19 @@ def label(curve: str) -> str:
 
 def gather_traces(analysis: Analysis) -> Traces | None:
     """The curves of a diagnosis; None where nothing was fitted or no joint moves."""
-    diagnosis, arm = analysis.diagnosis, analysis.baseline.nominal
+    diagnosis = analysis.diagnosis
     if not analysis.series or not diagnosis.gap:
         return None
+    arm = analysis.baseline.nominal
     shown = _shown_joints(analysis)
-    order = sorted(analysis.series, key=lambda item: -_error(item, shown[0]))[:MOST_RUNS]
-    units = tuple(unit_for(TORQUE, bool(sliding)) for sliding in arm.sliding_joints)
+    order = sorted(analysis.series, key=lambda item: -_error(item, shown[0]))
     named = bool(diagnosis.findings)
-    runs = tuple(_traces_of(item, arm, named) for item in order)
-    return Traces(diagnosis.joints, tuple(shown), units, runs)
+    return Traces(
+        joints=diagnosis.joints,
+        shown=tuple(shown),
+        units=tuple(unit_for(TORQUE, bool(sliding)) for sliding in arm.sliding_joints),
+        runs=tuple(_traces_of(item, arm, named) for item in order[:MOST_RUNS]),
+    )
 
 
 def _shown_joints(analysis: Analysis) -> list[int]:
@@ -157,21 +176,35 @@ def _error(item: RunResidual, joint: int) -> float:
 
 
 def _traces_of(item: RunResidual, arm: ArmModel, named: bool) -> RunTraces:
+    """A run's curves of torque [N m].
+
+    Args:
+        item: What is left of the run.
+        arm: The arm as its URDF describes it.
+        named: Whether there are named effects.
+    """
     motion = item.run.motion
     measured = np.asarray(motion.tau_filtered)
-    torque = {"measured": measured, "URDF": urdf_torque(item, arm), "tuned": measured - item.unseen_before}
+    torque = {
+        "measured": measured,
+        "URDF": urdf_torque(item, arm),
+        "tuned": measured - item.unseen_before,
+    }
     if named:
         torque["named"] = measured - item.unseen_after
     judged = {name: np.where(item.valid, values, np.nan) for name, values in torque.items()}
-    return RunTraces(motion.name, np.asarray(item.time - item.time[0]), {**judged, "measured": measured})
+    judged["measured"] = measured
+    return RunTraces(motion.name, np.asarray(item.time - item.time[0]), judged)
 
 
 def urdf_torque(item: RunResidual, arm: ArmModel) -> Float[Array, "t n"]:
     """Torque of a run by the URDF as a simulator loads it, through the run's filter [N m]."""
-    motion, stated = item.run.motion, stated_friction(arm)
+    motion = item.run.motion
+    stated = stated_friction(arm)
     damping = np.array([stated[joint].get(VISCOUS, 0.0) for joint in arm.joint_names])
     friction = np.array([stated[joint].get(COULOMB, 0.0) for joint in arm.joint_names])
-    rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+    with_payload = arm.with_payload(motion.payload)
+    rigid = with_payload.inverse_dynamics(motion.q, motion.dq, motion.ddq)
     loaded = rigid + damping * motion.dq + friction * item.run.direction
     return np.asarray(motion.filtered(loaded))
 

@@ -14,7 +14,8 @@ import numpy as np
 from ident.effects.effect_info import STATE
 from ident.units import OF_KEYS, split_key
 
-MINUS, DASH = "−", "–"
+MINUS = "−"
+DASH = "–"
 # A number below this is what sums leave of nothing, in any unit.
 ROUNDING = 1e-12
 POWER = re.compile(r"\d[\d.]*e[+-]?\d+")
@@ -55,33 +56,44 @@ def significant(value: float | None, digits: int = 2) -> str:
 
 
 def pair(value: float | None, spread: float | None, places: int | None = None) -> str:
-    """Mean and standard deviation in one cell; the mean alone where there is no spread, as of a single run.
+    """Mean and standard deviation in one cell; the mean alone where there is no spread, as of a
+    single run.
 
-    With two decimals where no other number is given, and as many more as the larger of both needs for two digits.
+    With two decimals where no other number is given, and as many more as the larger of both needs
+    for two digits.
     """
-    size = max(abs(value or 0.0), abs(spread or 0.0))
-    usual = max(2, 1 - math.floor(math.log10(size))) if ROUNDING < size < math.inf else 2
-    shown = (value,) if spread is None else (value, spread)
-    return " ± ".join(fixed(one, usual if places is None else places) for one in shown)
+    if places is None:
+        size = max(abs(value or 0.0), abs(spread or 0.0))
+        places = 2
+        if ROUNDING < size < math.inf:
+            places = max(2, 1 - math.floor(math.log10(size)))
+    if spread is None:
+        return fixed(value, places)
+    return f"{fixed(value, places)} ± {fixed(spread, places)}"
 
 
 def places_for(values: Iterable[float]) -> int:
     """Decimals that suit a whole table: about three digits of its largest number."""
     sizes = np.abs(np.asarray(list(values), dtype=float))
     largest = float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
-    return 0 if largest >= 1000 else 1 if largest >= 100 else 2 if largest >= 0.5 else 3
+    if largest >= 1000:
+        return 0
+    if largest >= 100:
+        return 1
+    return 2 if largest >= 0.5 else 3
 
 
 def row_places(values: Iterable[float]) -> int:
     """Decimals of a row of torques: two, three where its smallest would else have no digit."""
     sizes = np.abs(np.asarray(list(values), dtype=float))
-    smallest = float(np.min(sizes[np.isfinite(sizes) & (sizes > 0.0)], initial=np.inf))
+    known = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    smallest = float(np.min(known, initial=np.inf))
     return 3 if smallest < 0.05 else 2
 
 
 def glue(text: str) -> str:
     """Units kept on the line of their numbers."""
-    return UNITS.sub(lambda found: found[0].replace(" ", "\u00a0"), text)
+    return UNITS.sub(lambda unit: unit[0].replace(" ", "\u00a0"), text)
 
 
 def table_places(values: Iterable[float]) -> int:
@@ -99,7 +111,9 @@ def bar(value: float, of: Iterable[float]) -> float:
     """Length of a bar in per cent of the longest."""
     sizes = np.abs(np.ravel(list(of)))
     top = float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
-    return round(100.0 * abs(float(value)) / top, 1) if top > 0 and np.isfinite(value) else 0.0
+    if not top > 0 or not np.isfinite(value):
+        return 0.0
+    return round(100.0 * abs(float(value)) / top, 1)
 
 
 def percent(share: float | None) -> str:
@@ -132,16 +146,26 @@ def parameter_name(name: str) -> tuple[str, str]:
 
 
 def parameter_cells(name: str, value: Any) -> dict[str, str]:
-    """A parameter's name, value, 95 % interval and unit as text; counts and states have no interval."""
+    """A parameter's name, value, 95 % interval and unit as text; counts and states have no
+    interval.
+    """
     words, unit = parameter_name(name)
+    cells = {
+        "name": words,
+        "unit": unit,
+        "value": str(value),
+        "interval": "",
+    }
     if not isinstance(value, Mapping):
-        return {"name": words, "unit": unit, "value": str(value), "interval": ""}
-    cells = {"name": words, "unit": unit, "value": significant(value["value"], 3), "interval": ""}
+        return cells
+    cells["value"] = significant(value["value"], 3)
     if name in COUNTED:
-        return {**cells, "value": f"{value['value']:.0f}"}
-    if not name.startswith(STATE):
-        low, high = significant(value.get("low"), 3), significant(value.get("high"), 3)
-        if abs(value["value"]) < NOTHING * ((value.get("high") or 0.0) - (value.get("low") or 0.0)):
+        cells["value"] = f"{value['value']:.0f}"
+    elif not name.startswith(STATE):
+        low = significant(value.get("low"), 3)
+        high = significant(value.get("high"), 3)
+        width = (value.get("high") or 0.0) - (value.get("low") or 0.0)
+        if abs(value["value"]) < NOTHING * width:
             cells["value"] = "0"
         known = {"high": f"{low} or more", "low": f"{high} or less", "both": "open"}
         cells["interval"] = known.get(value.get("open", ""), f"{low} to {high}")
@@ -149,26 +173,32 @@ def parameter_cells(name: str, value: Any) -> dict[str, str]:
 
 
 def parameter_rows(parameters: Mapping[str, Any]) -> list[dict[str, str]]:
-    """The cells of all parameters of an effect's record; a spring that nowhere lets go has no rest."""
+    """The cells of all parameters of an effect's record; a spring that holds on has no rest."""
     slope = parameters.get("stiffness_Nm_rad")
-    hidden = AT_REST if isinstance(slope, Mapping) and abs(slope["value"]) < ROUNDING else ()
-    return [parameter_cells(name, value) for name, value in parameters.items() if name not in hidden]
+    is_flat = isinstance(slope, Mapping) and abs(slope["value"]) < ROUNDING
+    hidden = AT_REST if is_flat else ()
+    shown = {name: value for name, value in parameters.items() if name not in hidden}
+    return [parameter_cells(name, value) for name, value in shown.items()]
 
 
 def parameters_in_words(parameters: Mapping[str, Any]) -> str:
     """All parameters of an effect's record in one line: `knee 0.2 rad/s [0.13 to 0.3], …`."""
-    return ", ".join(
-        " ".join(filter(None, (row["name"], row["value"], row["unit"], row["interval"] and f"[{row['interval']}]")))
-        for row in parameter_rows(parameters)
-    )
+    sentences = []
+    for row in parameter_rows(parameters):
+        interval = f"[{row['interval']}]" if row["interval"] else ""
+        words = (row["name"], row["value"], row["unit"], interval)
+        sentences.append(" ".join(filter(None, words)))
+    return ", ".join(sentences)
 
 
 def with_units(text: str) -> str:
-    """A sentence whose figures go by their words and units instead of their keys: `stiffness −0.05 N m/rad lies …`."""
+    """A sentence whose figures go by their words and units instead of their keys: `stiffness −0.05
+    N m/rad lies …`.
+    """
 
-    def worded(found: re.Match[str]) -> str:
-        words, unit = parameter_name(found["key"])
-        number = POWER.sub(lambda power: significant(float(power[0])), found["number"] or "")
+    def worded(figure: re.Match[str]) -> str:
+        words, unit = parameter_name(figure["key"])
+        number = POWER.sub(lambda power: significant(float(power[0])), figure["number"] or "")
         return f"{words}{number} {unit}" if number else words
 
     keys = "|".join(sorted(OF_KEYS, key=len, reverse=True))
@@ -199,11 +229,15 @@ def axis_unit(axis: str) -> str:
 
 def interval_words(axis: str, low: float, high: float) -> str:
     """Where on an axis."""
-    if axis == "direction":
-        return "both ways" if low < 0 < high else "forwards" if low + high > 0 else "backwards"
-    return f"{significant(low)} to {significant(high)} {axis_unit(axis)}".strip()
+    if axis != "direction":
+        return f"{significant(low)} to {significant(high)} {axis_unit(axis)}".strip()
+    if low < 0 < high:
+        return "both ways"
+    return "forwards" if low + high > 0 else "backwards"
 
 
 def shade(share: float) -> str:
-    """A cell's style: how much of the page's colour of dense cells lies on its paper, light or dark."""
+    """A cell's style: how much of the page's colour of dense cells lies on its paper, light or
+    dark.
+    """
     return f"--dense: {100.0 * min(1.0, max(0.0, share)):.0f}%"

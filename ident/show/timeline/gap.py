@@ -23,7 +23,7 @@ def gap_marks(analysis: Analysis) -> list[Mark]:
     """The half seconds in which a joint's residual stands highest above its noise, and the cells
     that they lie in.
     """
-    found: list[tuple[float, int, int, slice]] = []
+    highest: list[tuple[float, int, int, slice]] = []
     level = np.maximum(analysis.evidence.floor, 1e-9)
     for k, item in enumerate(analysis.series):
         width = max(1, round(MARK_LENGTH / item.step))
@@ -31,14 +31,14 @@ def gap_marks(analysis: Analysis) -> list[Mark]:
         for start in range(0, len(power) - width + 1, width):
             rows = slice(start, start + width)
             heights = power[rows].mean(axis=0)
-            found += [
+            highest += [
                 (float(heights[j]), k, int(j), rows) for j in np.flatnonzero(heights > MARK_FROM)
             ]
-    found.sort(key=lambda one: -one[0])
+    highest.sort(key=lambda stretch: -stretch[0])
     axes = session_axes(analysis.series)
     sure = analysis.diagnosis.settings.gap.map.significant
     marks = []
-    for height, k, j, rows in found[:MOST_MARKS]:
+    for height, k, j, rows in highest[:MOST_MARKS]:
         item = analysis.series[k]
         name = analysis.diagnosis.joints[j]
         words = [f"gap {np.sqrt(height):.1f} times the noise"]

@@ -66,10 +66,10 @@ def make_blueprint(
         ]
     groups += [("power", "power [W]"), ("motion", "position and velocity")]
     shares = [3] + [2] * (len(groups) - 1)
-    tabs = [
-        rrb.Vertical(*[_series(one, *row) for row in groups], row_shares=shares, name=one)
-        for one in joints
-    ]
+    tabs = []
+    for joint in joints:
+        rows = [_series(joint, key, name) for key, name in groups]
+        tabs.append(rrb.Vertical(*rows, row_shares=shares, name=joint))
     what = "residual" if with_model else "torque"
     overview = rrb.Grid(
         *[_series(joint, what, joint) for joint in joints],
@@ -87,10 +87,9 @@ def make_blueprint(
             eye_up=[0.0, 0.0, 1.0],
         )
         left.insert(0, rrb.Spatial3DView(origin="/arm", name="arm", eye_controls=eye))
+    left_side = rrb.Vertical(*left, row_shares=[3, 2, 2][: len(left)])
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(*left, row_shares=[3, 2, 2][: len(left)]), series, column_shares=[2, 5]
-        ),
+        rrb.Horizontal(left_side, series, column_shares=[2, 5]),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="paused"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
@@ -108,7 +107,7 @@ def _series(joint: str, key: str, name: str) -> rrb.TimeSeriesView:
 
 def entity(joint: str, *parts: str) -> str:
     """Path of a joint's series."""
-    return "/joints/" + "/".join(rr.escape_entity_path_part(part) for part in (joint, *parts))
+    return "/joints/" + "/".join(rr.escape_entity_path_part(name) for name in (joint, *parts))
 
 
 def link_boxes(arm: ArmModel) -> dict[str, dict[str, Any]]:
@@ -122,24 +121,27 @@ def link_boxes(arm: ArmModel) -> dict[str, dict[str, Any]]:
         objects = arm.geometry.geometryObjects
     except RobotError:
         return {}
-    found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    boxes_of_link: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for body in objects:
         frame = arm.model.frames[body.parentFrame]
         body.geometry.computeLocalAABB()
         box = body.geometry.aabb_local
         # Placements are given from the joint, poses are known of the link.
         pose = np.linalg.inv(frame.placement.homogeneous) @ body.placement.homogeneous
-        pose[:3, 3] += pose[:3, :3] @ ((box.min_ + box.max_) / 2)
-        found.setdefault(frame.name, []).append((pose, (box.max_ - box.min_) / 2))
+        centre = (box.min_ + box.max_) / 2
+        half = (box.max_ - box.min_) / 2
+        pose[:3, 3] += pose[:3, :3] @ centre
+        boxes_of_link.setdefault(frame.name, []).append((pose, half))
+    return {link: _as_columns(boxes) for link, boxes in boxes_of_link.items()}
+
+
+def _as_columns(boxes: Sequence[tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]:
+    """Poses and half sizes of some boxes, as Rerun takes them."""
+    poses = np.array([pose for pose, _ in boxes])
     return {
-        link: {
-            "centers": np.array([pose[:3, 3] for pose, _ in boxes]),
-            "half_sizes": np.array([half for _, half in boxes]),
-            "quaternions": Rotation.from_matrix(
-                np.array([pose[:3, :3] for pose, _ in boxes])
-            ).as_quat(),
-        }
-        for link, boxes in found.items()
+        "centers": poses[:, :3, 3],
+        "half_sizes": np.array([half for _, half in boxes]),
+        "quaternions": Rotation.from_matrix(poses[:, :3, :3]).as_quat(),
     }
 
 
@@ -179,13 +181,13 @@ def write_timeline(
         InputError: The folder can't be written to.
     """
     target = Path(path)
-    with atomic_write(target) as part:
+    with atomic_write(target) as temporary:
         name = f"{len(motions)}-runs-{motions[0].name}-{motions[-1].name}"
         recording = rr.RecordingStream("armgap", recording_id=name)
         joints = motions[0].joints
         reach = arm_reach(arm) if link_boxes(arm) else 0.0
         layout = make_blueprint(joints, model is not None or bool(further), reach, bool(words))
-        recording.save(part, default_blueprint=layout)
+        recording.save(temporary, default_blueprint=layout)
         starts = run_starts(motions)
         rows: Rows = defaultdict(list)
         for k, (motion, start) in enumerate(zip(motions, starts, strict=True)):
@@ -231,25 +233,25 @@ def show_timeline(
 
 def run_starts(motions: Sequence[Motion]) -> list[float]:
     """Start of each run on the timeline [s]."""
-    return [
-        0.0,
-        *np.cumsum([motion.time[-1] - motion.time[0] + PAUSE for motion in motions])[:-1].tolist(),
-    ]
+    durations = [motion.time[-1] - motion.time[0] for motion in motions]
+    ends = np.cumsum([duration + PAUSE for duration in durations])
+    return [0.0, *ends[:-1].tolist()]
 
 
 def _marked_curves(
     curves: Sequence[Curve], time: Float[Array, " t"], marks: Sequence[Mark]
 ) -> list[Curve]:
     """The marked parts of each joint's last residual, or of its torque where there is no model."""
-    found = []
+    marked_curves = []
     for mark in marks:
-        own = [curve for curve in curves if curve.joint == mark.joint]
-        group = "residual" if any(curve.path[0] == "residual" for curve in own) else "torque"
-        found += [
-            marked(curve, time, mark.start_s, mark.end_s) for curve in own if curve.path[0] == group
-        ][-1:]
+        of_joint = [curve for curve in curves if curve.joint == mark.joint]
+        groups = {curve.path[0] for curve in of_joint}
+        group = "residual" if "residual" in groups else "torque"
+        of_group = [curve for curve in of_joint if curve.path[0] == group]
+        if of_group:
+            marked_curves.append(marked(of_group[-1], time, mark.start_s, mark.end_s))
     merged: dict[tuple[str, tuple[str, str]], Curve] = {}
-    for curve in found:
+    for curve in marked_curves:
         before = merged.get((curve.joint, curve.path), curve)
         values = np.where(np.isnan(before.values), curve.values, before.values)
         merged[curve.joint, curve.path] = replace(curve, values=values)
@@ -315,26 +317,24 @@ def _send_log(
     marks: Sequence[Mark],
 ) -> None:
     """Runs at their starts, telemetry issues at the beginning, marks at their moments."""
-    runs = []
+    from_issues = []
+    for issue in issues:
+        text = f"{issue.issue}: {issue.evidence}; {issue.remedy}"
+        from_issues.append((0.0, text, LEVELS[issue.severity]))
+    from_runs = []
     for motion, start in zip(motions, starts, strict=True):
         payload = f", {1000 * motion.payload.mass_kg:.0f} g at the flange" if motion.payload else ""
-        runs.append(
-            (start, f"run {motion.name}: {motion.time[-1] - motion.time[0]:.2f} s{payload}", "INFO")
-        )
-    entries = {
-        "telemetry": [
-            (0.0, f"{i.issue}: {i.evidence}; {i.remedy}", LEVELS[i.severity]) for i in issues
-        ],
-        "runs": runs,
-        "marks": [
-            (starts[m.run] + m.start_s, f"{m.joint}, {m.end_s - m.start_s:.2f} s: {m.text}", "WARN")
-            for m in marks
-        ],
-    }
+        duration = motion.time[-1] - motion.time[0]
+        from_runs.append((start, f"run {motion.name}: {duration:.2f} s{payload}", "INFO"))
+    from_marks = []
+    for mark in marks:
+        duration = mark.end_s - mark.start_s
+        text = f"{mark.joint}, {duration:.2f} s: {mark.text}"
+        from_marks.append((starts[mark.run] + mark.start_s, text, "WARN"))
+    entries = {"telemetry": from_issues, "runs": from_runs, "marks": from_marks}
     for name, lines in entries.items():
         if lines:
             times, texts, levels = zip(*lines, strict=True)
             index = rr.TimeColumn(TIMELINE, duration=np.array(times))
-            recording.send_columns(
-                f"/log/{name}", [index], rr.TextLog.columns(text=texts, level=levels)
-            )
+            columns = rr.TextLog.columns(text=texts, level=levels)
+            recording.send_columns(f"/log/{name}", [index], columns)

@@ -59,7 +59,8 @@ def nonlinear_viscous_friction(scene: Circumstances, size: float) -> tuple[Hardw
     velocity = float(scene.rng.uniform(0.05, 0.3))
     # Nearest power law over 0.1 to 2 rad/s, the form in which it is reported.
     v = np.geomspace(0.1, 2.0, 60)
-    exponent, log_coefficient = np.polyfit(np.log(v), np.log(np.arcsinh(v / velocity)), 1)
+    bent = np.log(np.arcsinh(v / velocity))
+    exponent, log_coefficient = np.polyfit(np.log(v), bent, 1)
     nearest = {"coefficient": float(size * np.exp(log_coefficient)), "exponent": float(exponent)}
     hardware = scene.with_laws("friction", eyring=size, eyring_velocity=velocity)
     return hardware, {"eyring_Nm": size, "eyring_velocity_rad_s": velocity, **nearest}
@@ -150,7 +151,8 @@ def tilted(
         axis: Of unit length.
         angle: By which it is turned [rad].
     """
-    turned = gravity * np.cos(angle) + np.cross(axis, gravity) * np.sin(angle)
+    across = np.cross(axis, gravity)
+    turned = gravity * np.cos(angle) + across * np.sin(angle)
     return turned + axis * (axis @ gravity) * (1.0 - np.cos(angle))
 
 
@@ -163,7 +165,8 @@ def _carrying(hardware: Hardware, joint: int, mass: float, place: Array, radius:
 
 def payload(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """A box at the flange that nobody mentioned."""
-    com = 0.06 * scene.reach * scene.rng.uniform([-0.6, -0.6, 0.3], [0.6, 0.6, 1.2])
+    place = scene.rng.uniform([-0.6, -0.6, 0.3], [0.6, 0.6, 1.2])
+    com = 0.06 * scene.reach * place
     hardware = _carrying(scene.hardware, -1, size, com, 0.03 * scene.reach)
     return hardware, {"mass_kg": size, **vector("com", com, "m")}
 

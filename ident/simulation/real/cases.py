@@ -21,7 +21,8 @@ from ident.recordings.save import fill_session
 from ident.records import as_json
 from ident.simulation.real.moved_arm import MovedArm
 from ident.simulation.real.outside import OUTSIDE
-from ident.simulation.real.planted import EFFECTS, Planted, PlantedChange
+from ident.simulation.real.planted import EFFECTS
+from ident.simulation.real.planting import Planted, PlantedChange
 from ident.simulation.real.sources import Source, cut, kept_back_arms, load_known, recorded_causes
 
 SIZES = (3.0, 1.0)

@@ -86,7 +86,8 @@ class MovedArm:
                 would have; whether it shows is asked of these alone.
         """
         ends = np.cumsum([0, *(len(run.time) for run in source.runs)])
-        runs = tuple(slice(int(i), int(k)) for i, k in itertools.pairwise(ends))
+        pairs = itertools.pairwise(ends)
+        runs = tuple(slice(int(start), int(end)) for start, end in pairs)
         # positions, speeds and accelerations of each run, at its sample times
         states: list[Array] = []
         for run in source.runs:
@@ -131,7 +132,8 @@ class MovedArm:
         """Torque that went through the gears: what was recorded less the refit's friction,
         low-passed [N m].
         """
-        friction = self.coulomb * np.tanh(self.v / TURNING) + self.viscous * self.v
+        dry = self.coulomb * np.tanh(self.v / TURNING)
+        friction = dry + self.viscous * self.v
         return self.over_runs(self.tau - friction, lambda t, x: _low_passed(t, x, BAND))
 
     @cached_property
@@ -177,7 +179,9 @@ class MovedArm:
         instants = np.concatenate(self._grids)
         asked = np.zeros(len(instants), dtype=bool)
         for rows in self.given:
-            asked |= (instants >= self.t[rows.start]) & (instants <= self.t[rows.stop - 1])
+            begun = instants >= self.t[rows.start]
+            not_over = instants <= self.t[rows.stop - 1]
+            asked |= begun & not_over
         return asked
 
     @cached_property
@@ -192,7 +196,8 @@ class MovedArm:
         # of one joint Pinocchio drops an axis
         stacked = np.array(bodies).reshape(len(q), self.n, -1)
         sign = self.rows(np.tanh(self.v / TURNING))
-        losses = [x[:, :, None] * np.eye(self.n) for x in (a, v, sign, np.ones_like(q))]
+        constant = np.ones_like(q)
+        losses = [x[:, :, None] * np.eye(self.n) for x in (a, v, sign, constant)]
         return np.concatenate([stacked, *losses], axis=2) * self.moving[:, :, None]
 
     @cached_property
@@ -203,7 +208,8 @@ class MovedArm:
         tau = self.rows(self.tau) * self.moving
         noise = np.ones(self.n)
         for _ in range(REWEIGHTINGS):
-            weighted = (self._columns / noise[:, None]).reshape(-1, self._columns.shape[2])
+            width = self._columns.shape[2]
+            weighted = (self._columns / noise[:, None]).reshape(-1, width)
             solution = np.linalg.lstsq(weighted, (tau / noise).ravel(), rcond=1e-9)[0]
             noise = self._rms(tau - self._columns @ solution)
         return solution, noise
@@ -221,7 +227,8 @@ class MovedArm:
     @cached_property
     def coulomb(self) -> Float[Array, " n"]:
         """Dry friction of each joint as refitted, 0.5 % of its peak torque at the least [N m]."""
-        return np.maximum(self._fit[0][12 * self.n : 13 * self.n], 0.005 * self.peak)
+        coulomb = self._fit[0][12 * self.n : 13 * self.n]
+        return np.maximum(coulomb, 0.005 * self.peak)
 
     @cached_property
     def viscous(self) -> Float[Array, " n"]:
@@ -231,7 +238,8 @@ class MovedArm:
         below.
         """
         fastest = np.quantile(np.abs(self.v), 0.95, axis=0) + 1e-6
-        return np.maximum(self._fit[0][11 * self.n : 12 * self.n], 0.1 * self.coulomb / fastest)
+        viscous = self._fit[0][11 * self.n : 12 * self.n]
+        return np.maximum(viscous, 0.1 * self.coulomb / fastest)
 
     @cached_property
     def _bases(self) -> dict[View, Array]:
@@ -240,7 +248,8 @@ class MovedArm:
         """
         n = self.n
         scale = 1.0 / self.noise  # a joint that hardly moves has no say
-        whole = (self._columns * scale[:, None]).reshape(-1, self._columns.shape[2])
+        width = self._columns.shape[2]
+        whole = (self._columns * scale[:, None]).reshape(-1, width)
         kinds: dict[View, Array] = {
             "refit": whole,
             "loss": whole[:, 10 * n :],
@@ -251,7 +260,8 @@ class MovedArm:
             scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
             values, vectors = np.linalg.eigh(scaled.T @ scaled)
             strong = values > 1e-10 * values[-1]
-            bases[name] = scaled @ (vectors[:, strong] / np.sqrt(values[strong]))
+            of_strong = vectors[:, strong] / np.sqrt(values[strong])
+            bases[name] = scaled @ of_strong
         return bases
 
     def visible(
@@ -301,7 +311,8 @@ def _rms_where(mask: Bool[Array, "M n"], x: Float[Array, "M n"]) -> Float[Array,
 
 def _grid(t: Float[Array, " T"]) -> Float[Array, " K"]:
     rate = min(1.0 / float(np.median(np.diff(t))), FASTEST_GRID)
-    return np.linspace(t[0], t[-1], max(int(rate * (t[-1] - t[0])), 16))
+    duration = t[-1] - t[0]
+    return np.linspace(t[0], t[-1], max(int(rate * duration), 16))
 
 
 def _filtered(x: Float[Array, "K n"], interval: float, cutoff: float) -> Float[Array, "K n"]:
@@ -334,12 +345,16 @@ def twist_of(
     # What the joint moves [kg m^2], every tenth sample and between.
     sampled = np.arange(0, len(arm.q), 10)
     data = arm.model.createData()
-    inertias = [pin.crba(arm.model, data, arm.q[k])[j, j] for k in sampled]
+    inertias = []
+    for k in sampled:
+        of_joints = pin.crba(arm.model, data, arm.q[k])
+        inertias.append(of_joints[j, j])
     inertia = np.interp(np.arange(len(arm.q)), sampled, inertias)
     if inertia.min() <= 0.0:
         raise ValueError(f"{arm.source.joints[j]} moves no inertia")
     damping = 2.0 * ratio * float(np.sqrt(stiffness * np.median(inertia)))
-    step = float(np.clip(PHASE * np.sqrt(inertia.min() / stiffness), *STEPS))
+    slowest = np.sqrt(inertia.min() / stiffness)
+    step = float(np.clip(PHASE * slowest, *STEPS))
     states = np.zeros((3, len(arm.q)))
     gear = np.array([stiffness, damping, 0.5 * gap, step])
     _follow(np.ascontiguousarray(arm.rigid[:, j]), inertia, arm.steps, gear, states)
@@ -371,6 +386,5 @@ def _follow(torque: Array, mass: Array, dt: Array, gear: Array, out: Array) -> N
         bend = stiffness * (np.sign(x) * max(abs(x) - half, 0.0))
         out[0, k] = x
         out[1, k] = v
-        out[2, k] = (torque[k] - bend - (damping if abs(x) >= half else 0.05 * damping) * v) / mass[
-            k
-        ]
+        damped = damping if abs(x) >= half else 0.05 * damping
+        out[2, k] = (torque[k] - bend - damped * v) / mass[k]

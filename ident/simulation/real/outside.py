@@ -4,20 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ident.simulation.real.largest_sizes import at_speed, fixed, over_range, up_to
 from ident.simulation.real.moved_arm import MovedArm
-from ident.simulation.real.planted import (
-    Draw,
-    Planted,
-    PlantedChange,
-    at_joint,
-    at_speed,
-    bristle,
-    decay,
-    fixed,
-    neighbour,
-    over_range,
-    up_to,
-)
+from ident.simulation.real.planted_friction import neighbour
+from ident.simulation.real.planting import Draw, Planted, PlantedChange, at_joint, bristle, decay
 
 
 def plant_cable(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -75,7 +65,8 @@ def plant_tooth(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange
     order = float(np.clip(round(2.0 * np.pi * frequency / usual), 4, 80))
     wave = np.tanh(4.0 * np.sin(order * arm.q[:, j]))
     friction = size * np.abs(arm.load[:, j])
-    return at_joint(arm, j, friction * wave * bristle(arm, arm.v[:, j]), {"teeth": order})
+    torque = friction * wave * bristle(arm, arm.v[:, j])
+    return at_joint(arm, j, torque, {"teeth": order})
 
 
 def plant_ageing(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:

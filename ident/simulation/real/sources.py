@@ -162,11 +162,10 @@ def load_known(name: str, entry: JsonTable, folder: Path) -> Source:
         settings = _settings_of(entry, place)
         files = [path for path in sorted(place.iterdir()) if path.suffix in (".csv", ".parquet")]
         wanted = entry.get("runs", [""])
-        runs = [
-            load_recording(path, settings)
-            for path in files
-            if any(word in path.name for word in wanted)
-        ]
+        runs = []
+        for path in files:
+            if any(word in path.name for word in wanted):
+                runs.append(load_recording(path, settings))
         robot = robot or str(settings.robot)
     runs = [_shortened(run, entry) for run in runs]
     if "parts" in entry:

@@ -12,8 +12,9 @@ import numpy as np
 from ident.arrays import Array
 from ident.checks.conventions.find import log_of
 from ident.checks.conventions.hypothesis import Hypothesis
-from ident.checks.conventions.masses import amounts, cost_with, products_of, read_as
-from ident.checks.conventions.readings import Log, Model
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.products import amounts, cost_with, products_of, read_as
+from ident.checks.conventions.readings import Log
 from ident.checks.inspection import check_rows
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session

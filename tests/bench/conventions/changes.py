@@ -8,7 +8,8 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.checks.conventions.hypothesis import COMPENSATED, GEARS, UNITS, ZEROS, Hypothesis
-from ident.checks.conventions.readings import Log, Model
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.readings import Log
 from ident.robot.arm import ArmModel
 from tests.bench.conventions.arms import Case
 

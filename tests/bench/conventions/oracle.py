@@ -15,10 +15,13 @@ from itertools import combinations
 import numpy as np
 
 from ident.arrays import Array
-from ident.checks.conventions.description import DESCRIPTION, description_length
+from ident.checks.conventions.description import description_length
 from ident.checks.conventions.hypothesis import Hypothesis
-from ident.checks.conventions.masses import guessed_masses, read_as
-from ident.checks.conventions.readings import Log, Model
+from ident.checks.conventions.masses import guessed_masses
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.products import read_as
+from ident.checks.conventions.readings import Log
+from ident.checks.conventions.settings import DESCRIPTION
 
 # Blocks of time that count as independent.
 BLOCKS = 20

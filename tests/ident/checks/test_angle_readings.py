@@ -11,7 +11,7 @@ from faults import inspect, spoil
 from scipy.spatial.transform import Rotation
 
 from ident.checks.conventions.find import log_of
-from ident.checks.conventions.readings import Model
+from ident.checks.conventions.model import Model
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel

@@ -11,7 +11,8 @@ from faults import inspect, spoil
 
 from ident.checks.conventions.find import find_conventions, is_changed, search_conventions
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
-from ident.checks.conventions.readings import Log, Model, read
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.readings import Log, read
 from ident.checks.conventions.reread import reread
 from ident.checks.inspection import inspect_sessions
 from ident.errors import LINE_TO_WRITE

@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 
 from ident.checks.conventions.closely import Scored
-from ident.checks.conventions.description import SEARCH, price
+from ident.checks.conventions.description import price
 from ident.checks.conventions.find import search_conventions, second_of
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis, states_as
-from ident.checks.conventions.masses import gain_of_agreeing, products_of, read_as
+from ident.checks.conventions.masses import gain_of_agreeing
+from ident.checks.conventions.model import Model
 from ident.checks.conventions.motions import Motions, both, reordered
-from ident.checks.conventions.readings import Log, Model, own_columns, read, unexplained
+from ident.checks.conventions.products import products_of, read_as
+from ident.checks.conventions.readings import Log, own_columns, read, unexplained
 from ident.checks.conventions.search import Search
+from ident.checks.conventions.settings import SEARCH
 from ident.robot.arm import ArmModel
 from tests.bench.conventions.arms import simulate
 from tests.bench.conventions.changes import spoil

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from ident.checks.conventions.closely import Scored
-from ident.checks.conventions.description import DESCRIPTION, SEARCH
 from ident.checks.conventions.find import Conventions, is_alike, is_changed, search_conventions, second_of
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
-from ident.checks.conventions.readings import Log, Model
-from ident.checks.conventions.reread import tell
+from ident.checks.conventions.model import Model
+from ident.checks.conventions.readings import Log
+from ident.checks.conventions.settings import DESCRIPTION, SEARCH
+from ident.checks.conventions.told import tell
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from tests.bench.conventions.arms import simulate

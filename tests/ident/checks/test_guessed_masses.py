@@ -10,7 +10,7 @@ from faults import inspect
 from ident.arrays import Array
 from ident.checks.conventions.find import find_conventions, has_placeholders, log_of
 from ident.checks.conventions.masses import guessed_masses
-from ident.checks.conventions.readings import Model
+from ident.checks.conventions.model import Model
 from ident.checks.report import TelemetryReport
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel

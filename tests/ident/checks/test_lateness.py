@@ -8,8 +8,8 @@ import pytest
 from faults import inspect, spoil
 
 import ident
-from ident.checks.filtered_run import LATENESS
 from ident.checks.lateness import check_lateness
+from ident.checks.settings import LATENESS
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel

@@ -8,9 +8,9 @@ import pytest
 from faults import Column, freeze_rows, inspect, spoil, spoil_column, without_velocity
 
 from ident.checks.channels import stuck_positions
-from ident.checks.filtered_run import EffortSettings, ExcitationSettings, TelemetrySettings
 from ident.checks.inspection import inspect_sessions
 from ident.checks.report import TelemetryReport
+from ident.checks.settings import EffortSettings, ExcitationSettings, TelemetrySettings
 from ident.errors import RecordingError
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel

@@ -20,7 +20,8 @@ from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.risen_residual import find_risen
 from ident.diagnosis.change.settings import CHANGE, PRIOR
 from ident.effects.added_body import PLACE
-from ident.effects.contact import ExternalContact, Push
+from ident.effects.contact import ExternalContact
+from ident.effects.pushes import Push
 from ident.effects.rigid_body import LIKE_LINK
 from ident.effects.sensing import LARGEST_OFFSET_SHARE
 from ident.effects.session_context import rated_torque

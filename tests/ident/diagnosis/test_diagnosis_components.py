@@ -12,9 +12,10 @@ from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.regression.baseline import UrdfError
+from ident.regression.factors import factorise, positive
 from ident.regression.friction_sums import FrictionSums, walking_covariance
-from ident.regression.least_squares import factorise, positive
-from ident.regression.run_spread import WALKING, _likelihood, walk_likelihood
+from ident.regression.friction_walk import WALKING, walk_likelihood
+from ident.regression.run_spread import _likelihood
 from ident.regression.settings import USUAL_REGRESSION
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import COULOMB, SLIP, VISCOUS, all_evidence, analyse, named, nothing, record

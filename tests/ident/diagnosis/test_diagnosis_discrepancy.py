@@ -10,7 +10,7 @@ from ident.arrays import Array
 from ident.diagnosis.diagnose import diagnose
 from ident.diagnosis.result import Diagnosis
 from ident.effects.catalogue import CATALOGUE, find_effect
-from ident.effects.contact import Leftover, screen_windows
+from ident.effects.pushes import Leftover, screen_windows
 from ident.motion.motion import Motion
 from ident.regression.baseline import fit_baseline
 from ident.regression.dwells import DwellRows, dwell_rows, find_holds, find_turns, join_runs, resting

@@ -6,7 +6,7 @@ import pytest
 from ident.arrays import Array, Bool
 from ident.diagnosis.diagnose import Analysis
 from ident.inference.profile import DROP, profile_interval
-from ident.regression.least_squares import solve_signed
+from ident.regression.factors import solve_signed
 from tests.ident.diagnosis.planted import all_evidence, scorer_of
 
 

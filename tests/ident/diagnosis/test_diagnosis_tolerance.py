@@ -18,14 +18,7 @@ from ident.regression.block_sums import SymmetricSums
 from ident.regression.least_squares import Prior, project
 from ident.robot.arm import ArmModel
 from ident.show.terminal import describe_name
-from tests.ident.diagnosis.planted import (
-    MASS,
-    analyse,
-    healthy_torque,
-    loaded,
-    nothing,
-    record,
-)
+from tests.ident.diagnosis.planted import MASS, analyse, healthy_torque, loaded, nothing, record
 from tests.ident.made_up import made_motions
 
 

@@ -11,9 +11,10 @@ from ident.arrays import Array
 from ident.effects.base import Effect, Interval, SessionContext, Variant, impossible
 from ident.effects.catalogue import CATALOGUE, find_effect, load_catalogue
 from ident.effects.check import check_effect
-from ident.effects.contact import ExternalContact, Push
+from ident.effects.contact import ExternalContact
 from ident.effects.effect_info import TABLE
 from ident.effects.intervals import SizePrior
+from ident.effects.pushes import Push
 from ident.effects.record import EffectRecord, read_row
 from ident.effects.session_context import friction_level, rated_torque
 from ident.errors import InputError

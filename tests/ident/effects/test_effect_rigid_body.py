@@ -11,7 +11,8 @@ from ident.arrays import Array
 from ident.effects.added_body import PLACE
 from ident.effects.base import SessionContext, Variant
 from ident.effects.catalogue import find_effect
-from ident.effects.contact import ExternalContact, Leftover, Push, _pairs, force_columns, locate, screen_windows
+from ident.effects.contact import ExternalContact
+from ident.effects.pushes import Leftover, Push, force_columns, locate, pairs_of_ends, screen_windows
 from ident.laws.acting import point_mass, shifted
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
@@ -233,10 +234,10 @@ def test_a_long_push_costs_no_more_than_a_short_one(session: SessionContext) -> 
     ]
     found = ExternalContact().screened(session, left).pushes
     assert min(abs(one.start - start) + abs(one.end - start - 12.0) for one in found) < 0.6
-    first, last = _pairs(100_000, 1, 2)
+    first, last = pairs_of_ends(100_000, 1, 2)
     assert len(first) < 25_000
     assert (last.max(), first.min()) == (100_000, 0)
-    assert set(zip(*_pairs(3, 1, 2), strict=True)) == {(0, 2), (0, 3), (1, 3)}
+    assert set(zip(*pairs_of_ends(3, 1, 2), strict=True)) == {(0, 2), (0, 3), (1, 3)}
 
 
 def test_a_push_of_which_one_sample_is_known_is_none(session: SessionContext) -> None:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ident.effects.base import SessionContext
-from ident.effects.contact import ExternalContact, force_columns
+from ident.effects.contact import ExternalContact
+from ident.effects.pushes import force_columns
 from ident.effects.ripple import find_lines
 from ident.regression.discrepancy import unusual_torque
 

@@ -7,9 +7,9 @@ import pytest
 
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
-from ident.export.into import match_joints
 from ident.export.own_file import read_own_file
 from ident.export.write import write_patch
+from ident.export.written_into import match_joints
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from tests.fuzz.guard import Guard

@@ -13,7 +13,8 @@ from ident.arrays import Array
 from ident.command_options import FitOptions
 from ident.errors import RecordingError
 from ident.fitting.fit_sums import FitSums
-from ident.fitting.identification import Identified, describe, identify
+from ident.fitting.identification import Identified, identify
+from ident.fitting.in_words import describe
 from ident.model.bodies import solve_bounded
 from ident.model.inertia import base_parameters
 from ident.model.loss import NAMES

@@ -10,7 +10,8 @@ from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
 from ident.simulation.real.cases import NEAR, OUTSIDE, before_and_after, plan_slots, plant_effects, sized
 from ident.simulation.real.moved_arm import MovedArm, model_of, rigid_torque, twist_of
-from ident.simulation.real.planted import EFFECTS, bristle
+from ident.simulation.real.planted import EFFECTS
+from ident.simulation.real.planting import bristle
 from ident.simulation.real.sources import Source, with_body
 
 LAWS = {**EFFECTS, **OUTSIDE}

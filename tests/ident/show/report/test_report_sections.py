@@ -15,9 +15,9 @@ from ident.show.report.evaluation import (
     reductions,
     worse_joints,
 )
-from ident.show.report.evaluation_figures import parameters_section
 from ident.show.report.figures import make_panel, thin, to_svg
 from ident.show.report.page import render_page
+from ident.show.report.parameter_figures import parameters_section
 from ident.show.report.words import fixed, pair
 from tests.ident.show.report.reader import read
 
