@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 
 from ident.arrays import Bool, Float
 from ident.benchmark.corpus_table import Table
-from ident.benchmark.labels import RIGHT
+from ident.benchmark.labels import RIGHT, UNKNOWN
 from ident.inference.calibration import Odds
 
 FEATURE = "unlike_any_arm"
@@ -38,8 +38,8 @@ class UnlikeFit:
 def fit_unlike(tables: Sequence[Table], odds: Odds) -> UnlikeFit:
     """Fits it to the candidates of some corpora.
 
-    An arm's own faults, which other sessions show as well, are wrong here: as the effects that
-    their figures rule out they are none. Left out are those that others measured on the arm.
+    Left out are those that are neither right nor wrong (`labels`). A recording that stands in
+    several tables counts once.
 
     Args:
         tables: Their candidates.
@@ -51,16 +51,19 @@ def fit_unlike(tables: Sequence[Table], odds: Odds) -> UnlikeFit:
     probabilities: list[float] = []
     right: list[bool] = []
     units: list[str] = []
+    seen: set[str] = set()
     for table in tables:
         labels = table.labels(table.named)
         unlike = table.features.get(FEATURE, np.zeros(len(table.rows)))
-        for k in np.flatnonzero(unlike > 0.0):
-            if labels[k] != RIGHT and table.rows[k]["known"]:
+        counted = (unlike > 0.0) & (labels != UNKNOWN)
+        for k in np.flatnonzero(counted):
+            if table.rows[k]["case"] in seen:
                 continue
             features = {name: float(column[k]) for name, column in table.features.items()}
             probabilities.append(odds.probability(features))
             right.append(labels[k] == RIGHT)
             units.append(str(table.units[k]))
+        seen |= _recorded(table)
     said = np.array(probabilities)
     is_right = np.array(right, dtype=bool)
     of_unit = np.array(units)
@@ -72,6 +75,12 @@ def fit_unlike(tables: Sequence[Table], odds: Odds) -> UnlikeFit:
         gained -= _log_score(said[inside], is_right[inside])
     count = int(is_right.sum())
     return UnlikeFit(_solve(said, is_right), count, len(right) - count, gained)
+
+
+def _recorded(table: Table) -> set[str]:
+    """Cases of a table in which nothing was planted: every corpus of real arms has them alike."""
+    sessions = table.sessions.values()
+    return {session.case for session in sessions if session.kind in ("control", "measured")}
 
 
 def _solve(said: Float[np.ndarray, " N"], right: Bool[np.ndarray, " N"]) -> float:

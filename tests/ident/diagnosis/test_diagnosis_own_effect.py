@@ -15,6 +15,7 @@ from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.loaded import load_module
 from ident.export.write import write_patch
+from ident.inference.calibration import load_calibration
 from ident.robot.arm import ArmModel
 from plan.api.exciting import excite
 from plan.experiment.hypotheses import ask
@@ -106,8 +107,10 @@ def test_its_law_goes_into_the_module(
     np.testing.assert_allclose(extra[:, 2], told["value"] * np.sin(3 * q[:, 2]), atol=1e-9)
 
 
-def test_what_lies_outside_its_range_is_not_named(short_arm: ArmModel, tmp_path: Path) -> None:
-    """Law: a class that says that no magnet has more than 1 N m is believed; the reason stands with the figures."""
+def test_what_lies_outside_its_range_is_believed_less(short_arm: ArmModel, tmp_path: Path) -> None:
+    """Law: where a class says that no magnet has more than 1 N m, the share stays by which such names of the corpus
+    were right; the reason stands first.
+    """
     path = tmp_path / "weak.py"
     bounded = """
     def physical(self, session, joint, figures):
@@ -118,13 +121,14 @@ def test_what_lies_outside_its_range_is_not_named(short_arm: ArmModel, tmp_path:
     )
     path.write_text(text)
     magnet = find_effect("magnet", load_catalogue(path))
-    diagnosis = analyse(short_arm, magnet_on_3, [magnet]).diagnosis
-    assert diagnosis.findings == ()
-    assert diagnosis.verdict == "none_of_catalogue"
-    first = diagnosis.to_dict()["reservations"][0]
-    assert (first["effect"], first["joints"]) == ("magnet", ["joint_3"])
-    assert "no magnet of this size is stronger" in first["reason"]
-    assert first["parameters"]["amplitude_Nm"]["value"] == pytest.approx(2.0, rel=0.1)
+    told = analyse(short_arm, magnet_on_3, [magnet]).conclusion
+    (weak,) = [*told.names, *told.unlikely]
+    share = load_calibration().unlike_any_arm
+    assert 0.0 < share < 1.0
+    features = weak.described.features
+    assert weak.estimate.class_probability == pytest.approx(share * load_calibration().names.probability(features))
+    assert "no magnet of this size is stronger" in weak.estimate.reasons[0].what
+    assert weak.estimate.parameters["amplitude_Nm"].value == pytest.approx(2.0, rel=0.1)
 
 
 def test_without_its_file_the_patch_says_so(diagnosis: Path, short_arm: ArmModel, tmp_path: Path) -> None:
