@@ -35,6 +35,8 @@ LONGEST = 1.0
 NEARBY = 0.1
 # Times that a step is looked for, with the limits that the one before would have passed unwatched.
 WATCHED_ANEW = 4
+# One that is no longer than this has met a kink of the cost [rad].
+KINKED = 1e-3
 # Share of a failed step that the next may be as long as.
 SHORTER = 0.3
 # The same of a step that has taught the next one something.
@@ -227,8 +229,26 @@ class _Descent:
                 continue
             if self._try(promise) or self._correct(promise, groups, model):
                 return True
+            model = self._learn_from_failure(promise[0], model)
             self._shorten(promise, groups)
         return False
+
+    def _learn_from_failure(self, step: Float[Array, " d"], model: _Model) -> _Model:
+        """The cost bent as much along a failed step as it has turned out to be.
+
+        About where power or speed changes its sign the cost is bent far more than elsewhere, and
+        a step is only as long as its model is true. Time is not bent.
+        """
+        if self.course.local.timed or np.abs(step).max() > KINKED:
+            return model
+        rise = (self._failed.cost - self.course.look.cost) / self._scale
+        seen = 2.0 * (rise - float(model.gradient @ step))
+        bent = model.curvature @ step
+        taken = float(step @ bent)
+        if taken < 1e-16 or seen <= taken:
+            return model
+        more = (seen - taken) / taken**2
+        return replace(model, curvature=model.curvature + more * np.outer(bent, bent))
 
     def _correct(self, promise: Step, groups: list[ConstraintRows], model: _Model) -> bool:
         """Whether a step pays that keeps the limits as they are where a failed one has led, too.
