@@ -22,7 +22,7 @@ BENT = 1e-2
 CLOSE = 1e-6
 # Variables beyond which an interior point is quicker where the cost is hardly bent, as that of the
 # shortest time.
-MANY = 150
+MANY = 100
 # What the active-set method returns of an optimum.
 OPTIMAL = 1
 
