@@ -45,6 +45,9 @@ def iterate_ways(
 ) -> Iterator[PlanningProblem]:
     """Initial trajectories without end, so that the one who asks decides when it is enough.
 
+    Half of the further ones are bent lines: in cluttered tasks the best motion began more often at
+    one of them than at a way of trees or through a point of the midplane.
+
     Args:
         problem: The task, started from the straight line.
         rng: Source of randomness.
@@ -68,13 +71,15 @@ def iterate_ways(
     if blocked:
         seeds = iterate_seeds(problem, trees, FURTHER)
     for number in count(1):
+        yield _least_colliding_bend(problem, rng, f"bent {number}", DRAWN if blocked else 1)
+        if number % 2 == 1:
+            further = _further_way(problem, trees) if blocked else None
+            if further is not None:
+                yield from_vias(problem, further, f"trees {(number + 1) // 2}", problem.via_count)
+            continue
         seed = next(seeds, None)
         if seed is not None and not seed.reason and len(seed.vias):
             yield from_vias(problem, seed.vias, seed.label, problem.via_count)
-        further = _further_way(problem, trees) if blocked else None
-        if further is not None:
-            yield from_vias(problem, further, f"trees {number}", problem.via_count)
-        yield _least_colliding_bend(problem, rng, f"bent {number}", DRAWN if blocked else 1)
 
 
 def _ways_of_trees(

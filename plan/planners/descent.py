@@ -11,13 +11,16 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from plan.planners.base import Ledger
-from plan.planners.local_model import LocalModel, TrajectoryValues
+from plan.planners.local_model import Linearisation, LocalModel, TrajectoryValues
 from plan.planners.subproblem import Bounds, ConstraintRows, Step, solve_step
 from plan.planners.transcription import ACTING, DEGREE
 
-# Price of the largest excess over a limit (a share of it), of the clearance's shortfall (10 cm) and
-# of the excess over a rule of the way, as shares of the cost.
-PRICES = (4.0, 20.0, 20.0)
+# Price of the largest excess over a limit (a share of it), for energy and for time, of the
+# clearance's shortfall (10 cm) and of the excess over a rule of the way, as shares of the cost. A
+# motion that is slowed down by a share keeps torques lower by up to twice that: were time's
+# price much above that, steps would be short for the little that limits bend.
+LIMIT_PRICES = (4.0, 1.5)
+PRICES = (20.0, 20.0)
 # They are raised tenfold, so many times at most, where something stays broken.
 RAISES = 3
 # A step must bring this share of what was promised.
@@ -30,6 +33,10 @@ SHORTEST = 1e-5
 LONGEST = 1.0
 # A failed step shorter than this teaches the next one what it hit [rad].
 NEARBY = 0.1
+# Times that a step is looked for, with the limits that the one before would have passed unwatched.
+WATCHED_ANEW = 4
+# One that is no longer than this has met a kink of the cost [rad].
+KINKED = 1e-3
 # Share of a failed step that the next may be as long as.
 SHORTER = 0.3
 # The same of a step that has taught the next one something.
@@ -109,13 +116,14 @@ def _stiffness(
 ) -> float:
     """How many times more the cost is bent than that, along a short way downhill."""
     scale = max(cost, 1e-9)
-    gradient, bend = (derivative / scale for derivative in local.gradient(x)[:2])
+    about = local.linearise(x)
+    gradient, bend = (derivative / scale for derivative in local.gradient(about)[:2])
     step = -np.linalg.solve(curvature + bend + 1e-9 * np.eye(len(x)), gradient)
     length = float(np.abs(step).max())
     if length < 1e-12:
         return 1.0
     step *= PROBE / length
-    change = local.gradient(x + step)[0] / scale - gradient - bend @ step
+    change = local.gradient(local.linearise(x + step))[0] / scale - gradient - bend @ step
     ratio = (change @ step) / (step @ curvature @ step)
     return float(np.clip(ratio, *STIFFEST))
 
@@ -123,7 +131,10 @@ def _stiffness(
 def first_curvature(local: LocalModel) -> Float[Array, "d d"]:
     """A second derivative to begin with: what smoothness asks for, ∫ (dq/ds)² ds."""
     grid = local.grid
-    weights = (np.diff(grid.knots)[:, None] * local.weights).reshape(-1)
+    each = local.weights
+    if local.timed:  # a search for time has no quadrature
+        each = np.full(len(grid.nodes), 1.0 / len(grid.nodes))
+    weights = (np.diff(grid.knots)[:, None] * each).reshape(-1)
     design = np.zeros((len(weights), grid.sections + DEGREE))
     rows = np.arange(len(weights))[:, None]
     design[rows, grid.first[:, None] + ACTING] = grid.bases[1]
@@ -154,11 +165,20 @@ def descend(course: Course, ledger: Ledger, steps: int, reach: float, tolerance:
         # entered.
         if ledger.remaining == 0 or ledger.seconds_left < last_step:
             break
-        before = ledger.cpu_seconds
+        before = ledger.seconds_left
         if not descent.advance():
             break
-        last_step = ledger.cpu_seconds - before
+        last_step = before - ledger.seconds_left
     return descent.course
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """The cost to second order about a course's place, and its torque to first."""
+
+    about: Linearisation
+    gradient: Float[Array, " d"]  # of the scaled cost
+    curvature: Float[Array, "d d"]
 
 
 class _Descent:
@@ -171,18 +191,20 @@ class _Descent:
         self._tolerance = tolerance
         self._limits = course.local.bounds
         self._scale = max(abs(course.look.cost), 1e-9)
-        self._prices = np.array(PRICES)
+        self._prices = np.array([LIMIT_PRICES[course.local.timed], *PRICES])
         self._raised = 0
         # Derivative of the cost where the last step began, what bends it there, and that step.
         self._slope: Array | None = None
         self._bent = np.zeros_like(course.curvature)
         self._step = np.zeros(0)
+        self._failed = course.look  # where the last failed step led
 
     def advance(self) -> bool:
         """Takes one step; false where none pays, or the budget is spent."""
         local = self.course.local
         x = self.course.x
-        gradient, bend, rows = local.gradient(x)
+        about = local.linearise(x)
+        gradient, bend, rows = local.gradient(about)
         bend = bend / self._scale
         self._ledger.count(1)
         if self._slope is not None and not local.timed:
@@ -193,15 +215,9 @@ class _Descent:
         self._slope = gradient
         self._bent = bend
         groups = [rows, local.clearance_rows(x), local.rule_rows(x)]
+        model = _Model(about, gradient / self._scale, self.course.curvature + bend)
         while self._reach > SHORTEST and self._ledger.remaining > 0:
-            promise = solve_step(
-                gradient / self._scale,
-                self.course.curvature + bend,
-                groups,
-                self._prices,
-                self._bounds(),
-                local.timed,
-            )
+            promise = self._solve(model, groups)
             if promise is None:
                 self._reach *= SHORTER
                 continue
@@ -211,9 +227,63 @@ class _Descent:
                 self._prices = self._prices * 10.0
                 self._raised += 1
                 continue
-            if self._try(promise, groups):
+            if self._try(promise) or self._correct(promise, groups, model):
                 return True
+            model = self._learn_from_failure(promise[0], model)
+            self._shorten(promise, groups)
         return False
+
+    def _learn_from_failure(self, step: Float[Array, " d"], model: _Model) -> _Model:
+        """The cost bent as much along a failed step as it has turned out to be.
+
+        About where power or speed changes its sign the cost is bent far more than elsewhere, and
+        a step is only as long as its model is true. Time is not bent.
+        """
+        if self.course.local.timed or np.abs(step).max() > KINKED:
+            return model
+        rise = (self._failed.cost - self.course.look.cost) / self._scale
+        seen = 2.0 * (rise - float(model.gradient @ step))
+        bent = model.curvature @ step
+        taken = float(step @ bent)
+        if taken < 1e-16 or seen <= taken:
+            return model
+        more = (seen - taken) / taken**2
+        return replace(model, curvature=model.curvature + more * np.outer(bent, bent))
+
+    def _correct(self, promise: Step, groups: list[ConstraintRows], model: _Model) -> bool:
+        """Whether a step pays that keeps the limits as they are where a failed one has led, too.
+
+        The second-order correction: what bends a limit is seen from there to first order.
+        """
+        step = promise[0]
+        course = self.course
+        local = course.local
+        failed = self._failed
+        if failed.limits <= course.look.limits + KEPT or self._ledger.remaining == 0:
+            return False
+        there = local.gradient(local.linearise(course.x + step))[2]
+        self._ledger.count(1)
+        seen = ConstraintRows(there.matrix, there.room + there.matrix @ step)
+        corrected = self._solve(model, [ConstraintRows.join([groups[0], seen]), *groups[1:]])
+        if corrected is None:
+            return False
+        return self._try((corrected[0], promise[1]))
+
+    def _solve(self, model: _Model, groups: list[ConstraintRows]) -> Step | None:
+        """The best step within reach; limits that it would pass unwatched join the first group."""
+        local = self.course.local
+        bounds = self._bounds()
+        for _ in range(WATCHED_ANEW):
+            promise = solve_step(
+                model.gradient, model.curvature, groups, self._prices, bounds, local.timed
+            )
+            if promise is None:
+                return None
+            passed = local.passed_limits(model.about, promise[0])
+            if len(passed.room) == 0:
+                break
+            groups[0] = ConstraintRows.join([groups[0], passed])
+        return promise
 
     def _bounds(self) -> Bounds:
         """How far the next step may go in each variable."""
@@ -225,34 +295,39 @@ class _Descent:
             span[-1] = min(self._reach, DURATION_REACH) * x[-1]
         return np.maximum(low - x, -span), np.minimum(high - x, span)
 
-    def _try(self, promise: Step, groups: list[ConstraintRows]) -> bool:
-        """Whether a step brings what it should; then it is taken, else the next one is shorter.
+    def _try(self, promise: Step) -> bool:
+        """Whether a step brings what it should; then it is taken.
 
         Args:
             promise: The step, and what it should bring.
-            groups: Limits, clearance and rules; what a step hits is added to the clearance.
         """
-        local = self.course.local
         now = self.course.look
         step, promised = promise
         x = self.course.x + step
         length = float(np.abs(step).max())
-        look = local.look(x)
+        look = self.course.local.look(x)
         self._ledger.count(1)
         brought = now.merit(self._prices, self._scale) - look.merit(self._prices, self._scale)
         share = brought / promised
+        if share < LEAST:
+            self._failed = look
+            return False
         if share > GOOD:
             self._reach = min(2.0 * max(length, 0.5 * self._reach), LONGEST)
-        elif share < LEAST:
-            teaches = look.clearance > now.clearance + KEPT and length < NEARBY
-            if teaches:
-                groups[1] = ConstraintRows.join([groups[1], _hit(local, x, step)])
-            shorter = SHORTER_TAUGHT if teaches else SHORTER
-            self._reach = shorter * min(self._reach, length)
-            return False
         self._step = step
         self.course = replace(self.course, x=x, look=look)
         return True
+
+    def _shorten(self, promise: Step, groups: list[ConstraintRows]) -> None:
+        """Makes the next step shorter than one that failed; what that hit joins the clearance."""
+        step = promise[0]
+        length = float(np.abs(step).max())
+        shorter = SHORTER
+        if self._failed.clearance > self.course.look.clearance + KEPT and length < NEARBY:
+            hit = _hit(self.course.local, self.course.x, step)
+            groups[1] = ConstraintRows.join([groups[1], hit])
+            shorter = SHORTER_TAUGHT
+        self._reach = shorter * min(self._reach, length)
 
 
 def _hit(local: LocalModel, x: Float[Array, " d"], step: Float[Array, " d"]) -> ConstraintRows:

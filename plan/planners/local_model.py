@@ -73,6 +73,25 @@ class TrajectoryValues:
 
 
 @dataclass(frozen=True, eq=False)
+class Linearisation:
+    """A trajectory at the nodes, and how its torque changes there."""
+
+    coefficients: Float[Array, "C n"]  # all of the B-spline [rad]
+    duration: float  # [s]
+    states: States  # at the nodes
+    torque: tuple[Array, Slopes]  # [N m], and its derivatives by the states
+
+
+def _passed(
+    share: Float[Array, "T n"], change: Float[Array, "T n"]
+) -> tuple[Int[Array, " r"], Int[Array, " r"], Float[Array, " r"]]:
+    """Where a limit that is not watched would be passed: nodes, joints, signs."""
+    after = share + change
+    nodes, joints = np.nonzero((np.abs(after) > 1.0) & (np.sign(after) * share <= WATCHED_SHARE))
+    return nodes, joints, np.sign(after[nodes, joints])
+
+
+@dataclass(frozen=True, eq=False)
 class LocalModel:
     """A task on one grid of coefficients.
 
@@ -176,13 +195,19 @@ class LocalModel:
         left = float(scene.sweep(splines, self.problem.margins)[0][0])
         return max(0.5 * self._extra - left, 0.0) / CLEARANCE_UNIT
 
-    def gradient(
-        self, x: Float[Array, " d"]
-    ) -> tuple[Float[Array, " d"], Float[Array, "d d"], ConstraintRows]:
-        """Slope of the cost, how its kinks bend it, and the limits that are near."""
+    def linearise(self, x: Float[Array, " d"]) -> Linearisation:
+        """States and torque of a trajectory at the nodes, with the torque's derivatives."""
         coefficients, duration = self.split(x)
         states = self.grid.states(coefficients, duration)
         torque = differentiate_torque(self._model, *states)
+        return Linearisation(coefficients, duration, states, torque)
+
+    def gradient(
+        self, about: Linearisation
+    ) -> tuple[Float[Array, " d"], Float[Array, "d d"], ConstraintRows]:
+        """Slope of the cost, how its kinks bend it, and the limits that are near."""
+        coefficients, duration = about.coefficients, about.duration
+        states, torque = about.states, about.torque
         if self.timed:
             slope = np.zeros(self.size)
             slope[-1] = self.reference
@@ -191,11 +216,57 @@ class LocalModel:
             slope = self._energy_slope(states, torque, duration)
             bent = self._energy_kinks(states, torque, duration)
         limits = [
-            self._torque_rows(states, torque, duration),
+            self._near_torque_rows(about),
             self._turn_rows(coefficients, states, duration),
             *self._kinematic_rows(coefficients, states, duration),
         ]
         return slope, bent.T @ bent, ConstraintRows.join(limits)
+
+    def passed_limits(self, about: Linearisation, step: Float[Array, " d"]) -> ConstraintRows:
+        """Limits of torque, speed and acceleration that are not watched, and that a step passes.
+
+        To first order. In a short section a short step takes acceleration from one limit to the
+        other, so that any node may come to matter.
+
+        Args:
+            about: Where the step begins.
+            step: Change of the variables.
+        """
+        changes = self._changes(about, step)
+        tau, slopes = about.torque
+        change = np.zeros_like(tau)
+        for slope, by in zip(slopes, changes, strict=True):
+            change += np.einsum("tij,tj->ti", slope, by)
+        sets = [ConstraintRows.none(self.size)]
+        share = tau / self._torque_limit
+        passed = _passed(share, change / self._torque_limit)
+        if len(passed[0]) > 0:
+            sets.append(self._torque_rows(about, *passed))
+        for order, limit in self._rate_limits:
+            if order == JERK:
+                continue
+            share = about.states[order] / limit
+            nodes, joints, signs = _passed(share, changes[order] / limit)
+            if len(nodes) > 0:
+                by_rate = np.eye(self.n)[joints] * (signs / limit[joints])[:, None]
+                local = [np.zeros_like(by_rate)] * order + [by_rate]
+                matrix = self._node_rows(nodes, local, about.states, about.duration)
+                sets.append(ConstraintRows(matrix, 1.0 - signs * share[nodes, joints]))
+        return ConstraintRows.join(sets)
+
+    def _changes(self, about: Linearisation, step: Float[Array, " d"]) -> States:
+        """How a step changes position, speed and acceleration at the nodes, to first order."""
+        count = self.grid.free * self.n
+        free = step[:count].reshape(-1, self.n)
+        still = np.zeros(self.n)
+        duration = about.duration
+        coefficients = self.grid.coefficients(free, still, still)
+        changes = self.grid.states(coefficients, duration)
+        if not self.timed:
+            return changes
+        longer = float(step[count]) * self.reference / duration
+        _, dq, ddq = about.states
+        return changes[0], changes[1] - longer * dq, changes[2] - 2.0 * longer * ddq
 
     def _energy_slope(
         self, states: States, torque: tuple[Array, Slopes], duration: float
@@ -237,7 +308,10 @@ class LocalModel:
         still = np.zeros_like(slopes)
         bases, first = self.grid.at(shares)
         matrix = self._rows(bases, first, [-slopes / CLEARANCE_UNIT, still, still])
-        return ConstraintRows(matrix, (gaps - self._extra) / CLEARANCE_UNIT)
+        # Half of what is asked for beyond the margin is let pass by `look`: were it wanted back
+        # here, a step would promise what it can't bring.
+        room = np.maximum(gaps - self._extra, np.minimum(gaps - 0.5 * self._extra, 0.0))
+        return ConstraintRows(matrix, room / CLEARANCE_UNIT)
 
     def _gaps(
         self,
@@ -372,18 +446,25 @@ class LocalModel:
         designs[:, rows, self.grid.first[:, None] + ACTING] = self.grid.bases[:3]
         return designs
 
-    def _torque_rows(
-        self, states: States, torque: tuple[Array, Slopes], duration: float
-    ) -> ConstraintRows:
-        """Torque at the nodes."""
-        tau, slopes = torque
-        share = tau / self._torque_limit
+    def _near_torque_rows(self, about: Linearisation) -> ConstraintRows:
+        """Torque at the nodes where it is near its limit."""
+        share = about.torque[0] / self._torque_limit
         nodes, joints = np.nonzero(np.abs(share) > WATCHED_SHARE)
-        near = share[nodes, joints]
-        signs = np.sign(near) / self._torque_limit[nodes, joints]
-        local = [slope[nodes, joints] * signs[:, None] for slope in slopes]
-        matrix = self._node_rows(nodes, local, states, duration)
-        return ConstraintRows(matrix, 1.0 - np.abs(near))
+        return self._torque_rows(about, nodes, joints, np.sign(share[nodes, joints]))
+
+    def _torque_rows(
+        self,
+        about: Linearisation,
+        nodes: Int[Array, " r"],
+        joints: Int[Array, " r"],
+        signs: Float[Array, " r"],
+    ) -> ConstraintRows:
+        """Torque of some joints at some nodes, against the limit of the given sign."""
+        tau, slopes = about.torque
+        limit = signs * self._torque_limit[nodes, joints]
+        local = [slope[nodes, joints] / limit[:, None] for slope in slopes]
+        matrix = self._node_rows(nodes, local, about.states, about.duration)
+        return ConstraintRows(matrix, 1.0 - tau[nodes, joints] / limit)
 
     def _turn_rows(
         self, coefficients: Float[Array, "C n"], states: States, duration: float

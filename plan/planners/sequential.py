@@ -90,7 +90,7 @@ LEAD = 3
 LEADS = (2, 1)
 # A start whose cost lies this many times above the best after a third of its steps is given up.
 FAR = 1.25
-# Where a plan is known, so is one that collides so much by then, in units of 10 cm.
+# A motion that was moved aside is given up where it collides so much by then, in units of 10 cm.
 LOST = 0.2
 # Grids are not made finer than this: a step's programme has as many variables as all joints'
 # sections.
@@ -314,16 +314,17 @@ class Sequential(Planner):
             best = polished
 
     def _try(self, course: Course, ledger: Ledger, others: Sequence[Course]) -> Course:
-        """Steps on the coarse grid; given up early where it collides or lies far above the best."""
+        """Steps on the coarse grid; given up early where it lies far above the best.
+
+        One that collides by then goes on: it may come out on the side where none other begins.
+        """
         early = self.first // 3
         course = descend(course, ledger, early, FROM_START, ROUGHLY)
         enter(course, ledger)
         if not ledger.solved:
             course, _ = self.settle(course, ledger)
         best = min((other.rank for other in others), default=(True, np.inf))
-        is_far = best < (False, course.look.cost / FAR)
-        is_lost = best < (True, 0.0) and course.look.clearance > LOST
-        if is_far or is_lost:
+        if best < (False, course.look.cost / FAR):
             return course
         course = descend(course, ledger, self.first - early, FROM_COURSE, ROUGHLY)
         return self.settle(course, ledger)[0]

@@ -92,13 +92,50 @@ def test_derivatives_are_those_of_what_is_looked_at(objective: str, monkeypatch:
     limits = replace(task.limits, acceleration=np.full(3, 60.0), jerk=np.full(3, 500.0))
     local, x = moved(replace(task, limits=limits))
     step = 1e-5 * np.random.default_rng(2).normal(size=len(x))
-    slope, _, rows = local.gradient(x)
-    ends = [local.gradient(x + sign * step)[2].room for sign in (1.0, -1.0)]
+    slope, _, rows = local.gradient(local.linearise(x))
+    ends = [local.gradient(local.linearise(x + sign * step))[2].room for sign in (1.0, -1.0)]
     assert slope @ step == pytest.approx((local.look(x + step).cost - local.look(x - step).cost) / 2, rel=1e-3)
     assert rows.matrix @ step == pytest.approx((ends[1] - ends[0]) / 2, abs=1e-9)
     clear = local.clearance_rows(x)
     assert len(clear.room) > 0
     assert clear.room.min() == pytest.approx(-local.look(x).clearance, abs=0.03)
+
+
+def test_a_limit_that_a_step_passes_is_known_though_it_was_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: watched rows and those that a step passes tell of the worst node of all, to first order."""
+    monkeypatch.setattr(LocalModel, "_turn_rows", lambda local, *_: ConstraintRows.none(local.size))
+    task = problem(duration=1.0, objective="time")
+    limits = replace(task.limits, acceleration=np.full(3, 60.0))
+    course = begin_course(replace(task, limits=limits))
+    local = course.local
+    x = course.x
+    about = local.linearise(x)
+    near = local.gradient(about)[2]
+
+    def shares(moved_x: np.ndarray) -> np.ndarray:
+        there = local.linearise(moved_x)
+        _, dq, ddq = there.states
+        _, speed = local._rate_limits[0]
+        return np.stack([there.torque[0] / local._torque_limit, dq / speed, ddq / local._rate_limits[1][1]])
+
+    rng = np.random.default_rng(3)
+    missed = 0
+    for _ in range(20):
+        step = 0.05 * rng.normal(size=len(x))
+        known = ConstraintRows.join([near, local.passed_limits(about, step)])
+        small = 1e-6 * step
+        after = shares(x) + (shares(x + small) - shares(x - small)) / 2e-6
+        assert known.shortfall_after(step) == pytest.approx(np.abs(after).max() - 1.0, rel=1e-4)
+        missed += near.shortfall_after(step) < known.shortfall_after(step)
+    assert missed > 0
+
+
+def test_a_motion_just_beyond_its_margin_promises_no_clearance() -> None:
+    """Law: rows of the clearance count as broken what `look` does, and no less."""
+    local, x = moved(problem(MONITOR, duration=1.0))
+    broken = local.clearance_rows(x).shortfall
+    assert broken > 0.0
+    assert broken <= local.look(x).clearance + 0.4 * local_model.EXTRA / local_model.CLEARANCE_UNIT
 
 
 def test_what_is_found_hardly_depends_on_the_seed() -> None:
