@@ -38,6 +38,7 @@ from ident.recordings.load import METADATA, SUFFIXES, is_dataset, is_run
 from ident.recordings.session_toml import GUESSED, NAME
 from ident.results import Result
 from ident.robot.arm import ArmModel
+from ident.robot.names import split_tip
 from ident.safe_read import LARGEST_TOML, read_bytes, toml_key
 
 SCHEMA = "ident.new/1"
@@ -178,10 +179,19 @@ def guess_session(
         signals = guess_by_data(table, arm)
     found = _complete(place_of(path), table, signals, arm)
     if robot is not None:
-        found.settings["robot"] = (
-            os.path.relpath(robot, found.file.parent) if Path(robot).is_file() else robot
-        )
+        found.settings["robot"] = _from_folder(robot, found.file.parent)
     return found
+
+
+def _from_folder(robot: str, folder: Path) -> str:
+    """A robot as a file of a folder names it: a path from there on, its arm's last joint behind it;
+    another name as it is.
+    """
+    path, tip = split_tip(robot)
+    if not Path(path).is_file():
+        return robot
+    relative = os.path.relpath(path, folder)
+    return f"{relative}:{tip}" if tip else relative
 
 
 def _complete(

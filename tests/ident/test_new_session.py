@@ -362,6 +362,24 @@ def test_percent_are_of_the_urdfs_limit(run: Recording, arm: ArmModel, tmp_path:
     np.testing.assert_allclose(read.effort, run.effort, rtol=1e-2, atol=1e-4)
 
 
+@pytest.mark.parametrize("tip", ["", ":joint_6"])
+def test_the_robot_of_a_guess_is_found_from_any_folder(
+    tip: str, run: Recording, arm: ArmModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: a path with the last joint of an arm behind it is one, too."""
+    folder = tmp_path / "session"
+    folder.mkdir()
+    names = [f"{joint}/{kind}" for kind in ("position", "effort") for joint in arm.joint_names]
+    text_table(folder / "run.csv", ["time", *names], np.column_stack([run.time, run.position, run.effort]))
+    (tmp_path / "arm.urdf").write_text(arm.urdf)
+    monkeypatch.chdir(tmp_path)
+    new("session", f"arm.urdf{tip}")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    assert inspect([folder]).reports[0].is_fit
+
+
 def test_a_second_arm_in_the_table_is_mentioned(run: Recording, tmp_path: Path) -> None:
     """Law: of two arms in one table one is taken, and it says where the other is."""
     names = ["time", *(f"{side}_{kind}{i}" for side in ("left", "right") for kind in ("q", "tau") for i in range(6))]

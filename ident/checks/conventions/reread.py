@@ -219,7 +219,8 @@ def _body_issue(
         seen: What the best readings explain.
     """
     mass, *moment = (float(value) for value in body)
-    centre = ", ".join(f"{value / mass:.2f}" for value in moment) if mass else ""
+    # Rounded to nothing it has no sign.
+    centre = ", ".join(f"{round(value / mass, 2) + 0.0:.2f}" for value in moment) if mass else ""
     payload = session.payload
     figures: dict[str, Any] = {
         "mass": abs(mass),
@@ -237,7 +238,7 @@ def _body_issue(
         figures["or_payload"] = ", or mend [payload] of session.toml"
     if mass <= 0.0:
         return issue_of("body_too_much", session, session.joints[-1:], **figures, **seen)
-    com = [round(float(value), 3) for value in whole[1:] / whole[0]]
+    com = [round(float(value), 3) + 0.0 for value in whole[1:] / whole[0]]
     table = {"mass_kg": float(f"{whole[0]:.3g}"), "com_m": com}
     line = toml_line("payload", table)
     return issue_of("body_lacks", session, session.joints[-1:], line=line, **figures, **seen)
