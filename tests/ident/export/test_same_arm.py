@@ -61,7 +61,9 @@ def test_a_urdf_that_changed_since_the_fit_is_refused(arm: ArmModel, other: Path
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic", "continuous"])
-def test_an_arm_whose_file_has_joints_that_were_not_recorded_is_exported(arm: ArmModel, kind: str, tmp_path: Path) -> None:
+def test_an_arm_whose_file_has_joints_that_were_not_recorded_is_exported(
+    arm: ArmModel, kind: str, tmp_path: Path
+) -> None:
     """Law: a joint that the recordings lack is locked in the model as it was in the fit, and the file is the arm's."""
     root = ET.fromstring(arm.urdf)
     beyond = ET.SubElement(root, "link", name="beyond")
