@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.checks.filtered_run import CHANNELS as LIMIT
-from ident.checks.report import Findings, issue_of
+from ident.checks.report import Findings, issue_of, joints_at
 from ident.recordings.blocks import FEWEST_BLOCKS, count_blocks
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 
@@ -293,6 +293,8 @@ def check_commands(session: Session) -> list[TelemetryIssue]:
         mostly_same = same.sum(axis=0) > LIMIT.command_share * moving.sum(axis=0)
         joints = np.flatnonzero(mostly_same & moving.any(axis=0))
         if len(joints):
-            first = int(joints[0])
-            issues.append(issue_of(command, session, joints, first, measured=measured))
+            places = ", ".join(joints_at(session, joints))
+            if len(joints) == len(session.joints) > 1:
+                places = "every joint"
+            issues.append(issue_of(command, session, joints, measured=measured, places=places))
     return issues

@@ -37,6 +37,7 @@ COUNTS = 4096  # of the encoders of Feetech's and Dynamixel's servos, a turn
 # A unit at the end of a column's name by which what it holds is no torque in N m, nor a current in
 # A.
 OTHER_UNIT = re.compile(r"(?:[\[( _.])(mA|%|pct|percent|prozent)[\])]?$", re.IGNORECASE)
+MILLI = "ma"  # of a current, in lower case
 # Other joints' gains that a joint's is compared with, at the least.
 FEWEST_NEIGHBOURS = 3
 # Standard deviation of a normal distribution over its median distance from the median.
@@ -286,15 +287,15 @@ def nearest_known(joint: str, joints: Sequence[str], sizes: Mapping[str, float])
 
 def torque_settings(
     signals: Signals, arm: ArmModel, states: States | None, joints: tuple[str, ...], nominal: str
-) -> tuple[str, dict[str, dict[str, Any]], list[Reason]]:
+) -> tuple[str, dict[str, Any], list[Reason]]:
     """Sign and scale of each joint's torque.
 
     By what gravity, inertia and friction of the model explain. No gain follows from inertia: what a
     motor feels beside the URDF's links is its own rotor.
 
     Returns:
-        `effort` where the columns are N m, else `current`; the tables of session.toml; and why,
-            joint by joint.
+        `effort` where the columns are N m, else `current`; keys and tables of session.toml; and
+            why, joint by joint.
     """
     if states is None:
         why = "too short a run to tell; 1 stands for a figure that nobody has given"
@@ -347,7 +348,7 @@ def torque_settings(
     gains: dict[str, float] = {}
     limits = (
         dict(zip(arm.joint_names, arm.known_limits.effort, strict=True))
-        if other and other.lower() != "ma"
+        if other and other.lower() != MILLI
         else {}
     )
     for joint in fits if channel == "current" else ():
@@ -360,17 +361,24 @@ def torque_settings(
         why = "gravity of the URDF over what the column shows of it"
         why = why if joint in sizes else f"gravity hardly shows here; {among}"
         if joint in unlike:
-            gain = f"gravity would give {1.0 / unlike[joint]:.3g}"
+            by_gravity = f"gravity would give {1.0 / unlike[joint]:.3g}"
             among = f"that of {nearest}, the nearest that is like the others"
-            why = f"{gain}, too far off the other joints to be a guess; {among}"
+            why = f"{by_gravity}, too far off the other joints to be a guess; {among}"
         size = sizes.get(nearest, scale)
         if np.isfinite(limits.get(joint, np.inf)):
             size, why = 100.0 / limits[joint], "a hundred are the URDF's limit"
-        gains[joint] = float(f"{1.0 / size:.3g}")
-        why += f"; for one {other}, in which its name says that it is" if other else ""
+        gain = 1.0 / size
+        if other.lower() == MILLI:
+            gain *= 1000.0
+        elif other:
+            why += f"; for one {other}, in which its name says that it is"
+        gains[joint] = float(f"{gain:.3g}")
         reasons.append(
             Reason(f"{GAINS}.{joint}", f"{gains[joint]:g}", f"{why}; a data sheet is better")
         )
     signs = {joint: sign for joint, (sign, _, _) in fits.items() if sign < 0}
-    tables: dict[str, dict[str, Any]] = {GAINS: gains, "effort_sign": signs}
-    return channel, {key: table for key, table in tables.items() if table}, reasons
+    settings: dict[str, Any] = {GAINS: gains, "effort_sign": signs}
+    if gains and other.lower() == MILLI:
+        settings["current_unit"] = "mA"
+        reasons.append(Reason("current_unit", "mA", "the columns' names say so"))
+    return channel, {key: value for key, value in settings.items() if value}, reasons
