@@ -11,7 +11,7 @@ import numpy as np
 from ident.checks.conventions.closely import Scored
 from ident.checks.conventions.description import DESCRIPTION, SEARCH, Orders, price
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
-from ident.checks.conventions.readings import Log, Model
+from ident.checks.conventions.readings import Log, Model, usual_orders
 from ident.checks.conventions.search import Search
 from ident.checks.filtered_run import USUAL_EFFORT, filter_run
 from ident.recordings.recording import Session
@@ -123,7 +123,7 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     best = ranked[0]
     guess = next((scored for scored in ranked if scored.hypothesis.parameters is not None), None)
     of_masses = next((scored for scored in ranked if _changes_masses(scored)), None)
-    second = second_of(ranked, model.usual_orders)
+    second = second_of(ranked, usual_orders(log, model))
     part = _part_of_urdf(ranked)
     is_guessed = has_placeholders(model.arm)
     return Conventions(as_it_is, best, second, part, guess, of_masses, is_guessed)
