@@ -204,7 +204,7 @@ def diagnose(
     numbers and the arm's.
     """
     from ident.api.diagnosing import examine, examine_until
-    from ident.show.diagnosis_lines import print_diagnosis
+    from ident.show.diagnosis_lines import PATCH, patch_call, print_diagnosis
 
     with progress_line(console, "diagnose"):
         if until is None:
@@ -249,7 +249,8 @@ def diagnose(
             )
 
     def tell() -> None:
-        print_diagnosis(console, diagnosis.to_dict(), details)
+        call = PATCH if robot is None else patch_call(str(robot), sessions, json_file, options)
+        print_diagnosis(console, diagnosis.to_dict(), details, call)
 
     places = {"page": html, "timeline": None if analysis is None else rrd}
     hand_over(diagnosis, json_file, write_page, write_rrd, places=places, tell=tell)
