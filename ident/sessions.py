@@ -16,12 +16,15 @@ from itertools import accumulate, chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from ident.arrays import in_a_line
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.inspection import inspect_parts, inspect_sessions
 from ident.checks.report import REPORTED_BY_A_FIT, TelemetryReport, as_mounted, check_accepted, overrule
 from ident.errors import RecordingError, RobotError
 from ident.model.hybrid import HybridModel
+from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion, no_motion, prepare_each
 from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.motion.stretches import FITTED_SAMPLES, hold
@@ -37,6 +40,9 @@ from ident.safe_read import read_text
 
 if TYPE_CHECKING:
     from ident.results import KnownSeries
+
+# Over all runs a joint that stands is within this [rad or m]; further apart it stood in several places (chosen).
+STANDS = 0.01
 
 Sources = Source | Sequence[Source]
 Robot = str | Path | ArmModel
@@ -239,7 +245,9 @@ def open_sessions(
             if session.robot:
                 theirs = load_robot(None, (session,))
                 common = [name for name in theirs.joint_names if name in robot.robot.joint_names]
-                robot.require_robot(theirs.keeping(common) if common else theirs, session.path or session.name)
+                if common:
+                    theirs = theirs.keeping(common, robot.robot.locked_joints)
+                robot.require_robot(theirs, session.path or session.name)
         given = Given(sessions, robot.robot)
         model = robot
     else:
@@ -266,6 +274,33 @@ def open_sessions(
         what = f"{', '.join(missing)} not recorded, but in the model"
         raise RecordingError(first.path or first.name, what, "fit a model for these joints")
     return Opened(arm, tuple(reports), held.motions, sizes, found.ledger)
+
+
+def lock_still(opened: Opened) -> Opened:
+    """The sessions with those joints locked that stand where they are in all runs, and a note of it.
+
+    A hand's joint is often logged and never moved. One that stands elsewhere from run to run stays: of it a fit says
+    that its losses can't be told.
+
+    Args:
+        opened: Sessions that something is to be fitted to.
+    """
+    motions = opened.motions
+    names = opened.arm.joint_names
+    moving = np.sum([motion.moving.sum(axis=0) for motion in motions], axis=0)
+    low = np.min([motion.q.min(axis=0) for motion in motions], axis=0)
+    high = np.max([motion.q.max(axis=0) for motion in motions], axis=0)
+    stands = (moving < LEAST_MOVING) & (high - low <= STANDS)
+    if not stands.any() or stands.all():
+        return opened
+    still = [name for name, is_still in zip(names, stands, strict=True) if is_still]
+    kept = tuple(name for name in names if name not in still)
+    arm = opened.arm.locked(still, (0.5 * (low + high))[stands].tolist())
+    first = opened.reports[0]
+    evidence = f"{first.session.name}: {', '.join(still)} stand{'s' * (len(still) == 1)} in all runs; locked there"
+    note = TelemetryIssue("joints_locked", tuple(still), "note", evidence, "none needed")
+    reports = (replace(first, issues=(*first.issues, note)), *opened.reports[1:])
+    return replace(opened, arm=arm, motions=[motion.select(kept) for motion in motions], reports=reports)
 
 
 class _Group(NamedTuple):

@@ -99,12 +99,12 @@ def fit(
 ) -> None:
     """Fits rigid body + losses + residual net; with a diagnosis, the laws that it names too."""
     from ident.api.fitting import fit_hybrid
-    from ident.sessions import open_sessions
+    from ident.sessions import lock_still, open_sessions
 
     if options.net != "none":
         import_module("safetensors")  # that a net can't be saved is told before it is fitted
     options = replace(options, accept=reading.accept)  # the model's provenance holds it
-    opened = open_sessions(sessions, robot, **vars(reading), motion=options.motion)
+    opened = lock_still(open_sessions(sessions, robot, **vars(reading), motion=options.motion))
     print_issues(console, [issue.to_dict() for issue in opened.issues])
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
     with progress_line(console, "fit"):
