@@ -256,8 +256,12 @@ def _edit_urdf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInt
             edited.insert(element, f"<dynamics {attributes}/>")
         written.joints[names[joint]] = values
     inertias = zip(arm.joint_names, losses.motor_inertia, strict=True)
-    rotors = ", ".join(f"{name} {inertia:.4g}" for name, inertia in inertias)
-    written.left.append(f"rotor inertia, for which a URDF has no place [kg m²]: {rotors}")
+    units = ["kg" if slides else "kg m²" for slides in arm.sliding_joints]
+    rotors = ", ".join(
+        f"{name} {inertia:.4g} {unit}"
+        for (name, inertia), unit in zip(inertias, units, strict=True)
+    )
+    written.left.append(f"rotor inertia, for which a URDF has no place: {rotors}")
     reason = _other_urdf(edited, arm, written)
     if reason:
         written.left.append(OTHER_LINKS.format(reason))
