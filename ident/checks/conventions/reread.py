@@ -21,6 +21,7 @@ from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, Z
 from ident.checks.conventions.words import columns_in_words, guess_in_words, in_words
 from ident.checks.effort import collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
+from ident.checks.ratings import tell_whole
 from ident.checks.report import WORDS, issue_of
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
@@ -181,7 +182,7 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         severity: Severity = "warning" if low < factor < high else "fatal"
         weight = float(arm.inertial_parameters[::10].sum())
         shown = {"weight": _three_digits(weight), "right": _three_digits(factor * weight)}
-        figures = seen | shown | {"factor": factor}
+        figures = seen | shown | {"factor": factor, "counts": tell_whole(session)}
         key = "mass_factor" if weighs_better(arm, factor) else "common_unit"
         issues.append(issue_of(key, session, joints, severity=severity, **figures))
     if "masses" in known:

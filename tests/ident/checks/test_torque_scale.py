@@ -35,6 +35,29 @@ def test_a_rotor_bends_no_scale() -> None:
     assert angle_between(np.array(turned.model.gravity.linear), GRAVITY) < 1.0
 
 
+@pytest.mark.parametrize(
+    ("joints", "count", "issue", "severity"),
+    [
+        ((2,), 0.01, "effort_not_torque", "fatal"),
+        ((3, 4, 5), 0.01, "effort_not_torque", "fatal"),
+        ((0, 1, 2, 3, 4, 5), 0.01, "effort_not_torque", "fatal"),
+        ((3, 4, 5), 0.9, "whole_numbers", "note"),
+    ],
+)
+def test_counts_in_the_place_of_torques_are_told_at_their_joints(
+    joints: tuple[int, ...], count: float, issue: str, severity: str, clean: Session, arm: ArmModel
+) -> None:
+    """Law: whole numbers are a sign of another unit, beside numbers that are not, and where all are too large."""
+    of_joint = np.isin(np.arange(arm.n), joints)
+    counted = changed(clean, "effort", lambda tau: np.where(of_joint, np.round(tau / count), tau))
+    (told,) = [each for each in found(counted, arm).issues if each.issue == issue]
+    places = "every joint" if len(joints) == arm.n else ", ".join(arm.joint_names[joint] for joint in joints)
+    assert told.severity == severity
+    assert "counts?" in told.evidence
+    assert places in told.evidence
+    assert not found(clean, arm).find("whole_numbers")
+
+
 @pytest.mark.parametrize("name", ["scara", "tiago", "upright"])
 def test_a_slide_whose_gravity_is_constant_has_no_scale(name: str) -> None:
     """Law: a weight that never changes is an offset; nothing of the joint's torque tells its size."""
