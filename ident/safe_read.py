@@ -422,7 +422,7 @@ def _no_number(name: str) -> None:
 
 
 def urdf_from(file: Path, robot: str) -> str:
-    """The robot that a file names: a URDF by its path from the file's folder on where it is there, else as named.
+    """The robot that a file names: a URDF by its path from the file's folder on, where it is there.
 
     The last joint of one of its arms may stand behind the path: `../robot.urdf:left_wrist`.
     """

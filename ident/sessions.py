@@ -41,7 +41,8 @@ from ident.safe_read import read_text
 if TYPE_CHECKING:
     from ident.results import KnownSeries
 
-# Over all runs a joint that stands is within this [rad or m]; further apart it stood in several places (chosen).
+# Over all runs a joint that stands is within this [rad or m] (chosen: else it stood in several
+# places).
 STANDS = 0.01
 
 Sources = Source | Sequence[Source]
@@ -277,10 +278,10 @@ def open_sessions(
 
 
 def lock_still(opened: Opened) -> Opened:
-    """The sessions with those joints locked that stand where they are in all runs, and a note of it.
+    """The sessions with the joints locked that stand in one place in all runs, and a note of it.
 
-    A hand's joint is often logged and never moved. One that stands elsewhere from run to run stays: of it a fit says
-    that its losses can't be told.
+    A hand's joint is often logged and never moved. One that stands elsewhere from run to run stays:
+    of it a fit says that its losses can't be told.
 
     Args:
         opened: Sessions that something is to be fitted to.
@@ -294,13 +295,15 @@ def lock_still(opened: Opened) -> Opened:
     if not stands.any() or stands.all():
         return opened
     still = [name for name, is_still in zip(names, stands, strict=True) if is_still]
-    kept = tuple(name for name in names if name not in still)
+    moved = tuple(name for name in names if name not in still)
     arm = opened.arm.locked(still, (0.5 * (low + high))[stands].tolist())
     first = opened.reports[0]
-    evidence = f"{first.session.name}: {', '.join(still)} stand{'s' * (len(still) == 1)} in all runs; locked there"
+    verb = "stands" if len(still) == 1 else "stand"
+    evidence = f"{first.session.name}: {', '.join(still)} {verb} in all runs; locked there"
     note = TelemetryIssue("joints_locked", tuple(still), "note", evidence, "none needed")
     reports = (replace(first, issues=(*first.issues, note)), *opened.reports[1:])
-    return replace(opened, arm=arm, motions=[motion.select(kept) for motion in motions], reports=reports)
+    motions = [motion.select(moved) for motion in motions]
+    return replace(opened, arm=arm, motions=motions, reports=reports)
 
 
 class _Group(NamedTuple):

@@ -50,7 +50,7 @@ def print_patch(console: Console, record: JsonRecord, out: Path) -> None:
             if formats[form]["expressed"] != "yes":
                 say(console, f"{NAMES[form]}: {formats[form]['how']}", "    ", "      ")
     if record.get("identified"):
-        told: dict[str, Any] = {
+        told: JsonRecord = {
             key: record[key] for key in ("identified", "joints", "slides") if key in record
         }
         print_numbers(console, told)

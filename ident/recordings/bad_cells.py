@@ -59,8 +59,8 @@ class Cells:
         Raises:
             RecordingError: No row is left.
         """
-        for part in (self._without_other_topics, self._at_the_rarest):
-            if (alone := part()) is not None:
+        for take_rows in (self._without_other_topics, self._at_the_rarest):
+            if (alone := take_rows()) is not None:
                 states, told = alone[0].screen()
                 return states, (alone[1], *told)
         finite = np.column_stack([np.isfinite(values) for values in self.columns.values()])

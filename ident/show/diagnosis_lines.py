@@ -93,7 +93,7 @@ def patch_call(robot: str, sessions: Sequence[Path], record: Path | None, option
     Args:
         robot: As it was given.
         sessions: The recordings, on which the files are measured.
-        record: Where the diagnosis was written; None where it was not, and `-` where it was printed.
+        record: Where the diagnosis was written; None where it was not, `-` where it was printed.
         options: How the recordings were read.
     """
     is_written = record is not None and str(record) != "-"

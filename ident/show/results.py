@@ -152,7 +152,8 @@ def print_fit(console: Console, result: FitResults) -> None:
     say(console, describe_foretold(result.model), style="bold")
     console.print("\n".join(foretold_lines(result.model)), soft_wrap=True, highlight=False)
     names = result.model.joint_names
-    slides = [name for name, is_slide in zip(names, result.model.arm.sliding_joints, strict=True) if is_slide]
+    sliding = result.model.arm.sliding_joints
+    slides = [name for name, is_slide in zip(names, sliding, strict=True) if is_slide]
     record = {"joints": names, "slides": slides, "identified": result.to_dict()["identified"]}
     print_numbers(console, record, "± 95 %, with the URDF's tolerance where its inertias count")
     console.print()
