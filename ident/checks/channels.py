@@ -296,5 +296,8 @@ def check_commands(session: Session) -> list[TelemetryIssue]:
             places = ", ".join(joints_at(session, joints))
             if len(joints) == len(session.joints) > 1:
                 places = "every joint"
-            issues.append(issue_of(command, session, joints, measured=measured, places=places))
+            share = float((same.sum(axis=0)[joints] / moving.sum(axis=0)[joints]).min())
+            issues.append(
+                issue_of(command, session, joints, measured=measured, places=places, share=share)
+            )
     return issues
