@@ -454,8 +454,13 @@ def _no_number(name: str) -> None:
 
 
 def urdf_from(file: Path, robot: str) -> str:
-    """The robot that a file names: a URDF by its path from the file's folder on where it is there,
-    else as named.
+    """The robot that a file names: a URDF by its path from the file's folder on, where it is there.
+
+    The last joint of one of its arms may stand behind the path: `../robot.urdf:left_wrist`.
     """
-    beside = file.parent / robot
-    return str(beside) if robot.endswith((".urdf", ".xml")) and beside.is_file() else robot
+    whole, colon, tip = robot.rpartition(":")
+    for path, arm in ((robot, ""), (whole, colon + tip)):
+        beside = file.parent / path
+        if path.endswith((".urdf", ".xml", ".xacro")) and beside.is_file():
+            return f"{beside}{arm}"
+    return robot

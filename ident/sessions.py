@@ -18,6 +18,8 @@ from itertools import accumulate, chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from ident.arrays import in_a_line
 from ident.checks.inspection import inspect_parts, inspect_sessions
 from ident.checks.report import (
@@ -30,6 +32,7 @@ from ident.checks.report import (
 from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
 from ident.errors import RecordingError, RobotError
 from ident.model.hybrid import HybridModel
+from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion, no_motion, prepare_each
 from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.motion.stretches import FITTED_SAMPLES, hold
@@ -45,6 +48,10 @@ from ident.safe_read import read_text
 
 if TYPE_CHECKING:
     from ident.results import KnownSeries
+
+# Over all runs a joint that stands is within this [rad or m] (chosen: else it stood in several
+# places).
+STANDS = 0.01
 
 Sources = Source | Sequence[Source]
 Robot = str | Path | ArmModel
@@ -317,8 +324,37 @@ def _require_robot_of(model: HybridModel, sessions: Sequence[Session]) -> None:
         theirs = load_robot(None, (session,))
         common = [name for name in theirs.joint_names if name in model.robot.joint_names]
         if common:
-            theirs = theirs.keeping(common)
+            theirs = theirs.keeping(common, model.robot.locked_joints)
         model.require_robot(theirs, session.path or session.name)
+
+
+def lock_still(opened: Opened) -> Opened:
+    """The sessions with the joints locked that stand in one place in all runs, and a note of it.
+
+    A hand's joint is often logged and never moved. One that stands elsewhere from run to run stays:
+    of it a fit says that its losses can't be told.
+
+    Args:
+        opened: Sessions that something is to be fitted to.
+    """
+    motions = opened.motions
+    names = opened.arm.joint_names
+    moving = np.sum([motion.moving.sum(axis=0) for motion in motions], axis=0)
+    low = np.min([motion.q.min(axis=0) for motion in motions], axis=0)
+    high = np.max([motion.q.max(axis=0) for motion in motions], axis=0)
+    stands = (moving < LEAST_MOVING) & (high - low <= STANDS)
+    if not stands.any() or stands.all():
+        return opened
+    still = [name for name, is_still in zip(names, stands, strict=True) if is_still]
+    moved = tuple(name for name in names if name not in still)
+    arm = opened.arm.locked(still, (0.5 * (low + high))[stands].tolist())
+    first = opened.reports[0]
+    verb = "stands" if len(still) == 1 else "stand"
+    evidence = f"{first.session.name}: {', '.join(still)} {verb} in all runs; locked there"
+    note = TelemetryIssue("joints_locked", tuple(still), "note", evidence, "none needed")
+    reports = (replace(first, issues=(*first.issues, note)), *opened.reports[1:])
+    motions = [motion.select(moved) for motion in motions]
+    return replace(opened, arm=arm, motions=motions, reports=reports)
 
 
 class _Group(NamedTuple):

@@ -20,7 +20,7 @@ from ident.model.hybrid import HybridModel
 from ident.progress import step
 from ident.results import Provenance, Result, files_of, runs_of
 from ident.robot.arm import ArmModel
-from ident.sessions import Opened, Robot, Sources, open_sessions
+from ident.sessions import Opened, Robot, Sources, lock_still, open_sessions
 
 if TYPE_CHECKING:
     from ident.export.identified import Diagnosed
@@ -64,6 +64,7 @@ def fit_hybrid(
         if isinstance(source, Opened)
         else open_sessions(source, robot, **{**vars(read), "accept": accept}, motion=options.motion)
     )
+    opened = lock_still(opened)
     laws = (
         None
         if named is None

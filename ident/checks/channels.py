@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.checks.report import Findings, issue_of
+from ident.checks.report import Findings, issue_of, joints_at
 from ident.checks.settings import CHANNELS as LIMIT
 from ident.recordings.blocks import FEWEST_BLOCKS, count_blocks
 from ident.recordings.recording import Recording, Session, TelemetryIssue
@@ -308,7 +308,12 @@ def check_commands(session: Session) -> list[TelemetryIssue]:
         mostly_same = same > LIMIT.command_share * moving.sum(axis=0)
         joints = np.flatnonzero(mostly_same & moving.any(axis=0))
         if len(joints):
-            first = int(joints[0])
-            issue = issue_of(command, session, joints, first, measured=measured)
+            places = ", ".join(joints_at(session, joints))
+            if len(joints) == len(session.joints) > 1:
+                places = "every joint"
+            share = float((same[joints] / moving.sum(axis=0)[joints]).min())
+            issue = issue_of(
+                command, session, joints, measured=measured, places=places, share=share
+            )
             issues.append(issue)
     return issues

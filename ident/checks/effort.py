@@ -31,6 +31,8 @@ EVERY_ROW = slice(None)
 # Width of the sign's transition at zero speed [rad/s]: a few times a filtered velocity's noise.
 TRANSITION_RAD_S = 0.02
 ORIGIN_STATES = 2000
+# Change of a gravity torque beside its size that is rounding.
+ROUNDING = 1e-9
 # A torque that a limit cuts off says nothing of gravity, nor does its filtered value so near the
 # limit, as a share of its range (chosen: as a filter settles).
 NEAR_CUT = 0.03
@@ -78,6 +80,13 @@ class States:
         change = self.gravity.std(axis=0)
         much = change > self.settings.heavy_share * change.max()
         return much & (change > self.settings.heavy_Nm)
+
+    @property
+    def varies(self) -> Bool[Array, " n"]:
+        """Which joints have a gravity torque that changes at all: that of a vertical slide is
+        constant, and so no other than an offset.
+        """
+        return self.gravity.std(axis=0) > ROUNDING * np.abs(self.gravity).max(axis=0)
 
 
 class SignedFit(NamedTuple):

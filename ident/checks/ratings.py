@@ -23,7 +23,8 @@ def check_rating(session: Session, arm: ArmModel, states: States) -> list[Teleme
     in its unit.
 
     Returns:
-        Issues about the unit, or about the URDF's limits; empty where neither is off.
+        Issues about the unit, or about the URDF's limits; empty where neither is off, and efforts
+            of some joints alone are not whole numbers.
     """
     load = arm.gravity(np.concatenate([run.position for run in session.runs]))
     rated = np.maximum(arm.rated_torque, 3.0 * np.abs(load).max(axis=0))
@@ -35,15 +36,16 @@ def check_rating(session: Session, arm: ArmModel, states: States) -> list[Teleme
         in_unit[joint] = has_own_size(states, int(joint))
     figures: dict[str, Any] = {"seen": seen, "factor": factor, "rated": rated}
     issues = []
+    whole = is_whole(session)
     in_another = beyond & ~in_unit
     if in_another.any():
         worst = int(np.argmax(np.where(in_another, factor, 0.0)))
-        whole = is_whole(session)
-        counts = ""
-        if whole.any():
-            counts = f"; whole numbers at {', '.join(joints_at(session, whole))}: counts?"
+        counts = tell_whole(session)
         joints = in_another | whole
         issues.append(issue_of("rating", session, joints, worst, counts=counts, **figures))
+    elif whole.any() and not whole.all():
+        names = ", ".join(joints_at(session, whole))
+        issues.append(issue_of("whole_numbers", session, whole, names=names))
     wrong_limits = beyond & in_unit
     if wrong_limits.any():
         worst = int(np.argmax(np.where(wrong_limits, factor, 0.0)))
@@ -63,6 +65,18 @@ def is_whole(session: Session) -> Array:
     is_whole = (effort == np.round(effort)).all(axis=0)
     changes = np.ptp(effort, axis=0) > 0.0
     return np.asarray(is_whole & changes)
+
+
+def tell_whole(session: Session) -> str:
+    """That efforts are whole numbers, and at which joints, to follow what else is off.
+
+    "" where none are.
+    """
+    whole = is_whole(session)
+    if not whole.any():
+        return ""
+    names = "every joint" if whole.all() else ", ".join(joints_at(session, whole))
+    return f"; whole numbers at {names}: counts?"
 
 
 def has_own_size(states: States, joint: int) -> bool:

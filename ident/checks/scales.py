@@ -57,10 +57,11 @@ def check_scales(session: Session, states: States, arm: ArmModel) -> list[Teleme
     """Moving joints whose whole torque is the model's at another size.
 
     A gain is off, or masses are. Where gravity changes much, a size is told that the recordings
-    tell; elsewhere one that its URDF's tolerance, too, leaves no room for.
+    tell; where it hardly does, one that its URDF's tolerance, too, leaves no room for; where it is
+    constant, none.
     """
     settings = states.settings
-    tested = np.flatnonzero(states.alive & states.moving)
+    tested = np.flatnonzero(states.alive & states.moving & states.varies)
     heavy_sure = _chance_for_all(int(states.heavy[tested].sum()), settings.pieces)
     sure = _chance_for_all(len(tested), settings.pieces)
     change = states.gravity.std(axis=0)

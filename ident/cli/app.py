@@ -99,12 +99,12 @@ def fit(
 ) -> None:
     """Fits rigid body + losses + residual net; with a diagnosis, the laws that it names too."""
     from ident.api.fitting import fit_hybrid
-    from ident.sessions import open_sessions
+    from ident.sessions import lock_still, open_sessions
 
     if options.net != "none":
         import_module("safetensors")  # that a net can't be saved is told before it is fitted
     options = replace(options, accept=reading.accept)  # the model's provenance holds it
-    opened = open_sessions(sessions, robot, **vars(reading), motion=options.motion)
+    opened = lock_still(open_sessions(sessions, robot, **vars(reading), motion=options.motion))
     print_issues(console, [issue.to_dict() for issue in opened.issues])
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
     with progress_line(console, "fit"):
@@ -205,7 +205,7 @@ def diagnose(
     numbers and the arm's.
     """
     from ident.api.diagnosing import examine, examine_until
-    from ident.show.diagnosis_lines import print_diagnosis
+    from ident.show.diagnosis_lines import PATCH, patch_call, print_diagnosis
 
     with progress_line(console, "diagnose"):
         if until is None:
@@ -227,7 +227,8 @@ def diagnose(
             write_gap_timeline(rrd, examined)
 
     def tell() -> None:
-        print_diagnosis(console, diagnosis.to_dict(), details)
+        call = PATCH if robot is None else patch_call(str(robot), sessions, json_file, options)
+        print_diagnosis(console, diagnosis.to_dict(), details, call)
 
     places = {"page": html, "timeline": None if examined.analysis is None else rrd}
     hand_over(diagnosis, json_file, write_page, write_rrd, places=places, tell=tell)

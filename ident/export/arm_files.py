@@ -18,6 +18,7 @@ from ident.export.formats import (
     Run,
     Shares,
     describe,
+    is_of_the_log,
     measure_off,
     state_arm,
     stood_in,
@@ -110,7 +111,10 @@ class ArmFiles:
         return mix({"after": stated, "tuned": tuned}, "after", names)
 
     def _near(self, form: str, stated: IdentifiedArm) -> list[Change]:
-        """Effects that a format's file holds, or comes near to by its losses."""
+        """Effects that a format's file holds, or comes near to by its losses.
+
+        A file describes the arm: what is wrong with the log alone is none of its gaps.
+        """
         changes = self.identified.changes
         shares: list[Shares] = [{} for _ in changes]
         if form in LOADED:
@@ -118,7 +122,7 @@ class ArmFiles:
         held = {_owner(change) for change in stated.changes}
         near = []
         for change, share in zip(changes, shares, strict=True):
-            if _owner(change) in held or share.get(form, 1.0) <= NEAR:
+            if is_of_the_log(change) or _owner(change) in held or share.get(form, 1.0) <= NEAR:
                 near.append(change)
         return near
 
@@ -133,6 +137,9 @@ class ArmFiles:
             if self.motions:
                 options = {}
                 for name, candidate in self.candidates.items():
+                    # Fitted without what is wrong with the log, an arm has it in its links.
+                    if name == "tuned" and any(map(is_of_the_log, self.identified.changes)):
+                        continue
                     options[name] = state_arm(candidate, form, self.runs)
                 self.chosen[form] = choose(form, options, self.motions, self.scratch / form)
                 stated = self.chosen[form].stated

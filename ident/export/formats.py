@@ -172,14 +172,18 @@ def state_arm(identified: IdentifiedArm, form: str, runs: Sequence[Run]) -> Iden
     return replace(identified, losses=losses, changes=tuple(stated))
 
 
+def is_of_the_log(change: Change) -> bool:
+    """Whether an effect is one of the recording, as a gain's error, and not of the arm."""
+    return change.kind is not None and change.kind.of_the_log
+
+
 def stood_in(changes: Iterable[Change], form: str) -> list[Change]:
     """Joints' effects that a format has no words for, so that losses have to stand in for them."""
     unsaid = []
     for change in changes:
         if form in LOADED and express(change, form).answer != "no":
             continue
-        of_the_log = change.kind is not None and change.kind.of_the_log
-        if change.joint >= 0 and not of_the_log:
+        if change.joint >= 0 and not is_of_the_log(change):
             unsaid.append(change)
     return unsaid
 

@@ -55,9 +55,11 @@ def edit_urdf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInto
             attributes = " ".join(f'{key}="{text}"' for key, text in new.items())
             edited.insert(element, f"<dynamics {attributes}/>")
         written.joints[names[joint]] = values
-    inertias = zip(arm.joint_names, losses.motor_inertia, strict=True)
-    rotors = ", ".join(f"{name} {inertia:.4g}" for name, inertia in inertias)
-    written.left.append(f"rotor inertia, for which a URDF has no place [kg m²]: {rotors}")
+    units = ["kg" if slides else "kg m²" for slides in arm.sliding_joints]
+    rotors = []
+    for name, inertia, unit in zip(arm.joint_names, losses.motor_inertia, units, strict=True):
+        rotors.append(f"{name} {inertia:.4g} {unit}")
+    written.left.append(f"rotor inertia, for which a URDF has no place: {', '.join(rotors)}")
     reason = _other_urdf(edited, arm, written)
     if reason:
         written.left.append(OTHER_LINKS.format(reason))

@@ -17,6 +17,7 @@ from ident.records import JsonRecord
 from ident.show.console import say
 from ident.show.number_lines import print_numbers
 from ident.show.palette import FLEXIBLE, NAMED, NOISE, ORANGE
+from ident.show.report.finding_words import every_place
 from ident.show.report.words import effect_name
 
 # What people call the formats, and how far one says an effect.
@@ -43,13 +44,15 @@ def print_patch(console: Console, record: JsonRecord, out: Path) -> None:
         formats = effect["formats"]
         expressed = {form: formats[form]["expressed"] for form in FORMATS}
         answers = ", ".join(f"{NAMES[form]} {ANSWERS[how]}" for form, how in expressed.items())
-        where = f"{effect_name(effect['effect'])} in {join_words(effect['joints'])}"
+        where = effect_name(effect["effect"]) + every_place(effect["effect"], effect["joints"])
         say(console, f"{where}: {answers}", "", "  ")
         for form in FORMATS:
             if formats[form]["expressed"] != "yes":
                 say(console, f"{NAMES[form]}: {formats[form]['how']}", "    ", "      ")
     if record.get("identified"):
-        told = {key: record[key] for key in ("identified", "joints")}
+        told: JsonRecord = {
+            key: record[key] for key in ("identified", "joints", "slides") if key in record
+        }
         print_numbers(console, told)
         console.print()
     for line in record["told"]:

@@ -136,6 +136,13 @@ def write_patch(
             **measured.record,
             "provenance": origin.to_dict(),
         }
+        slides = [
+            name
+            for name, is_slide in zip(record["joints"], files.nominal.sliding_joints, strict=True)
+            if is_slide
+        ]
+        if slides:
+            record["slides"] = slides
         if into is not None:
             theirs = read_own_file(into)
             stated = files.stated("mjcf" if is_mjcf(into, theirs) else "urdf")

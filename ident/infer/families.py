@@ -72,7 +72,9 @@ def judge_words(template: str) -> tuple[str | None, int]:
     """The channel that a name speaks of, and how much speaks against it."""
     name = template
     if ":" not in template:
-        name = template.rpartition("/")[2] or template
+        # Of a path the last step speaks that is more than the joint's place.
+        speaking = [step for step in template.split("/") if words_of(step)]
+        name = speaking[-1] if speaking else template
     words = words_of(name)
     if "current" in words and ("torque" in words or "effort" in words):
         words = [word for word in words if word != "current"]  # a torque made of the current

@@ -20,6 +20,7 @@ GAINS = "drive_gain_Nm_per_A"
 # A unit at the end of a column's name by which what it holds is no torque in N m, nor a current in
 # A.
 OTHER_UNIT = re.compile(r"(?:[\[( _.])(mA|%|pct|percent|prozent)[\])]?$", re.IGNORECASE)
+MILLI = "ma"  # of a current, in lower case
 # Other joints' gains that a joint's is compared with, at the least.
 FEWEST_NEIGHBOURS = 3
 # Standard deviation of a normal distribution over its median distance from the median.
@@ -111,15 +112,15 @@ class Column(NamedTuple):
 
 def torque_settings(
     signals: Signals, arm: ArmModel, states: States | None, joints: tuple[str, ...], nominal: str
-) -> tuple[str, dict[str, dict[str, Any]], list[Reason]]:
+) -> tuple[str, dict[str, Any], list[Reason]]:
     """Sign and scale of each joint's torque.
 
     By what gravity, inertia and friction of the model explain. No gain follows from inertia: what a
     motor feels beside the URDF's links is its own rotor.
 
     Returns:
-        `effort` where the columns are N m, else `current`; the tables of session.toml; and why,
-            joint by joint.
+        `effort` where the columns are N m, else `current`; keys and tables of session.toml; and
+            why, joint by joint.
     """
     if states is None:
         why = "too short a run to tell; 1 stands for a figure that nobody has given"
@@ -143,15 +144,18 @@ def torque_settings(
     if channel == "current":
         known = KnownGains(joints, sizes, unlike, scale, other)
         limits = {}
-        if other and other.lower() != "ma":
+        if other and other.lower() != MILLI:
             limits = dict(zip(arm.joint_names, arm.known_limits.effort, strict=True))
         for joint in fits:
             gain, why = known.guess(joint, limits.get(joint, np.inf))
             gains[joint] = gain
             reasons.append(Reason(f"{GAINS}.{joint}", f"{gain:g}", why))
     signs = {joint: fit.sign for joint, fit in fits.items() if fit.sign < 0}
-    tables: dict[str, dict[str, Any]] = {GAINS: gains, "effort_sign": signs}
-    return channel, {key: table for key, table in tables.items() if table}, reasons
+    settings: dict[str, Any] = {GAINS: gains, "effort_sign": signs}
+    if gains and other.lower() == MILLI:
+        settings["current_unit"] = "mA"
+        reasons.append(Reason("current_unit", "mA", "the columns' names say so"))
+    return channel, {key: value for key, value in settings.items() if value}, reasons
 
 
 def _column_of(states: States, j: int) -> Column:
@@ -218,12 +222,15 @@ class KnownGains(NamedTuple):
         if joint in self.sizes:
             why = "gravity of the URDF over what the column shows of it"
         if joint in self.unlike:
-            gain = f"gravity would give {1.0 / self.unlike[joint]:.3g}"
+            by_gravity = f"gravity would give {1.0 / self.unlike[joint]:.3g}"
             among = f"that of {nearest}, the nearest that is like the others"
-            why = f"{gain}, too far off the other joints to be a guess; {among}"
+            why = f"{by_gravity}, too far off the other joints to be a guess; {among}"
         if np.isfinite(limit):
             size = 100.0 / limit
             why = "a hundred are the URDF's limit"
-        if self.other:
+        gain = 1.0 / size
+        if self.other.lower() == MILLI:
+            gain *= 1000.0
+        elif self.other:
             why += f"; for one {self.other}, in which its name says that it is"
-        return float(f"{1.0 / size:.3g}"), f"{why}; a data sheet is better"
+        return float(f"{gain:.3g}"), f"{why}; a data sheet is better"

@@ -35,8 +35,10 @@ from ident.outputs import ELSEWHERE, require_plain
 from ident.recordings.columns import ANGLES, TIME, listed
 from ident.recordings.load import METADATA, SUFFIXES, is_dataset, is_run
 from ident.recordings.session_toml import GUESSED, NAME
+from ident.recordings.topics import at_rows, between_samples, rarest_channel
 from ident.results import Result
 from ident.robot.arm import ArmModel
+from ident.robot.names import split_tip
 from ident.safe_read import LARGEST_TOML, read_bytes, toml_key
 
 SCHEMA = "ident.new/1"
@@ -179,11 +181,19 @@ def guess_session(
         signals = guess_by_data(table, arm)
     session = _complete(place_of(path), table, signals, arm)
     if robot is not None:
-        stated = robot
-        if Path(robot).is_file():
-            stated = os.path.relpath(robot, session.file.parent)
-        session.settings["robot"] = stated
+        session.settings["robot"] = _from_folder(robot, session.file.parent)
     return session
+
+
+def _from_folder(robot: str, folder: Path) -> str:
+    """A robot as a file of a folder names it: a path from there on, its arm's last joint behind it;
+    another name as it is.
+    """
+    path, tip = split_tip(robot)
+    if not Path(path).is_file():
+        return robot
+    relative = os.path.relpath(path, folder)
+    return f"{relative}:{tip}" if tip else relative
 
 
 def _complete(
@@ -191,6 +201,10 @@ def _complete(
 ) -> NewSession:
     """Units, signs and order of the signals, as columns and settings."""
     signals = _whole_rows(signals)
+    if not len(signals.time):
+        what = "no row holds both position and torque"
+        remedy = "sort its rows by time, or put both in one row"
+        raise RecordingError(table.source, what, remedy)
     time, second, clock = time_unit(signals)
     angle, radian, turn = angle_unit(signals, arm)
     rate, rate_reason = sample_rate(signals, table.rate_hz)
@@ -257,8 +271,11 @@ def _complete(
 def _whole_rows(signals: Signals) -> Signals:
     """The rows that hold a state and a torque.
 
-    What comes in other rows only, such as commands, is interpolated.
+    What comes in other rows only, such as commands or another topic's state, is interpolated.
     """
+    apart = _rows_of_topics(signals)
+    if apart is not None:
+        return apart
     needed = [values for name, values in signals.tables.items() if name in ("position", *MEASURED)]
     whole = np.isfinite(np.column_stack([signals.time, *needed])).all(axis=1)
     rows = np.arange(len(whole))
@@ -271,6 +288,39 @@ def _whole_rows(signals: Signals) -> Signals:
                 column[:] = np.interp(rows, rows[known], column[known])
         tables[name] = filled[whole]
     return replace(signals, time=signals.time[whole], tables=tables)
+
+
+def _rows_of_topics(signals: Signals) -> Signals | None:
+    """The rows of the topic that comes most rarely, the others interpolated to its stamps.
+
+    None where state and torque come in the same rows.
+    """
+    time = signals.time
+    if signals.clock is None or not np.all(np.diff(time) >= 0.0):
+        return None
+    held = {}
+    for name, values in signals.tables.items():
+        if name in ("position", *MEASURED):
+            held[name] = np.isfinite(values).any(axis=1)
+    rarest = rarest_channel(held)
+    if rarest is None:
+        return None
+    rows = held[rarest]
+    for with_channel in held.values():
+        rows = between_samples(time, with_channel, rows)
+    if not rows.any():
+        return None
+    tables = {}
+    for name, values in signals.tables.items():
+        columns = [
+            at_rows(time, column, rows) if np.isfinite(column).any() else column[rows]
+            for column in values.T
+        ]
+        tables[name] = np.column_stack(columns)
+    others = " and ".join(name for name in held if name != rarest)
+    told = f"{rarest} comes in {int(held[rarest].sum())} of {len(rows)} rows"
+    reason = Reason("topics", f"{others} interpolated to the stamps of {rarest}", told)
+    return replace(signals, time=time[rows], tables=tables, reasons=(*signals.reasons, reason))
 
 
 def _without_wraps(signals: Signals, arm: ArmModel | None) -> Signals:

@@ -8,7 +8,7 @@ Source: paper, eq. 1.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -342,6 +342,7 @@ class HybridModel:
                 "tip": self.robot.tip,
                 "gravity_mps2": self.robot.model.gravity.linear.tolist(),
                 "joints": list(self.joint_names),
+                "locked": dict(self.nominal.locked_joints),
                 "links": self.links,
                 "urdf_sha256": self.robot.digest,
             },
@@ -399,12 +400,19 @@ def _fit_record(arm: ArmModel, loss: LossParameters) -> JsonRecord:
 
 
 def _read_arm(path: Path, robot: JsonRecord) -> ArmModel:
-    """An arm of a URDF, with gravity and the place that the record of its robot names."""
+    """An arm of a URDF, with gravity, the place and the locked joints that the record names."""
     # A name in a file is one from where that file is, not from where a command is started.
     source = (path.parent / robot["source"]).absolute() if robot["source"] else None
     gravity = np.array(robot.get("gravity_mps2", STANDARD_GRAVITY))
     urdf = read_text(path, REMEDY, ModelError)
-    return ArmModel.from_urdf(urdf, source, tip=robot.get("tip", "")).with_gravity(gravity)
+    arm = ArmModel.from_urdf(urdf, source, tip=robot.get("tip", "")).with_gravity(gravity)
+    # In its URDF they are fixed, in the file that it came from they move.
+    locked = {
+        name: float(position)
+        for name, position in robot.get("locked", {}).items()
+        if name not in arm.joint_names
+    }
+    return replace(arm, locked_joints={**arm.locked_joints, **locked})
 
 
 def _read_fit(

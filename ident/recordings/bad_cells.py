@@ -12,8 +12,9 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.errors import RecordingError
-from ident.recordings.columns import NamedColumns, Table, joint_of, unequal
+from ident.recordings.columns import TIME, NamedColumns, Table, joint_of, unequal
 from ident.recordings.recording import Severity, TelemetryIssue
+from ident.recordings.topics import MANY_ROWS, at_rows, between_samples, rarest_channel
 
 # Channels without which a row holds no joint's state.
 NEEDED = ("position", "effort", "current")
@@ -23,10 +24,9 @@ OPTIONAL = ("velocity", "acceleration", "position_command", "velocity_command", 
 NUMBER = r"^[\s\"]*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?[\s\"]*$"
 MISSING = r"(?i)^[\s\"]*[-+]?(|nan|n/a|na|null|none|inf|infinity|1\.#\w+)[\s\"]*$"
 MOST_CELLS = 0.5  # a row with half of its cells unreadable is no sample
-# Dropped rows leave gaps. One in a thousand is a logger's hiccup; one in ten leaves no continuous
-# motion.
+# Dropped rows leave gaps. One in a thousand is a logger's hiccup; one in ten, `MANY_ROWS`, leaves
+# no continuous motion.
 FEW_ROWS = 1e-3
-MANY_ROWS = 0.1
 MEND = "`ident inspect SESSION --mend DIR` writes a copy without the damaged rows"
 
 
@@ -59,9 +59,10 @@ class Cells:
         Raises:
             RecordingError: No row is left.
         """
-        if (alone := self._without_other_topics()) is not None:
-            states, told = alone[0].screen()
-            return states, (alone[1], *told)
+        for take_rows in (self._without_other_topics, self._at_the_rarest):
+            if (alone := take_rows()) is not None:
+                states, told = alone[0].screen()
+                return states, (alone[1], *told)
         finite = np.column_stack([np.isfinite(values) for values in self.columns.values()])
         numbers = np.arange(1, len(finite) + 1) if self.numbers is None else self.numbers
         watched = np.array([not name.endswith("/temperature") for name in self.columns])
@@ -135,6 +136,49 @@ class Cells:
             "topic's, skipped"
         )
         return alone, TelemetryIssue("other_topics", (), "note", evidence, "none needed")
+
+    def _at_the_rarest(self) -> tuple[Cells, TelemetryIssue] | None:
+        """The rows of the channel of a state that comes most rarely, the others interpolated there.
+
+        None where the rows with a state hold all of it, and where time does not increase: what
+        lacks then is damage.
+        """
+        time = self.columns.get(TIME)
+        if time is None or (self.text is not None and self.text.any()):
+            return None
+        if not np.all(np.diff(time) >= 0.0):
+            return None
+        held: dict[str, Bool[Array, " R"]] = {}
+        for name, values in self.columns.items():
+            channel = name.rpartition("/")[2]
+            if channel in NEEDED:
+                held[channel] = held.get(channel, False) | np.isfinite(values)
+        rarest = rarest_channel(held)
+        if rarest is None:
+            return None
+        rows = held[rarest]
+        for with_channel in held.values():
+            rows = between_samples(time, with_channel, rows)
+        if not rows.any():
+            return None
+        columns = {}
+        for name, values in self.columns.items():
+            is_filled = (
+                name.rpartition("/")[2] in (*NEEDED, *OPTIONAL) and np.isfinite(values).any()
+            )
+            columns[name] = at_rows(time, values, rows) if is_filled else values[rows]
+        numbers = np.arange(1, len(rows) + 1) if self.numbers is None else np.asarray(self.numbers)
+        alone = replace(self, columns=columns, numbers=numbers[rows], text=None)
+        others = " and ".join(channel for channel in held if channel != rarest)
+        evidence = (
+            f"{self.source.name}: {rarest} comes in {int(held[rarest].sum())} of {len(rows)} rows, "
+            f"{others} in others, too: two topics; {others} is interpolated to its stamps, "
+            f"{int(rows.sum())} rows are used"
+        )
+        remedy = (
+            "see that both topics have the stamps of one clock: what is late there is a delay here"
+        )
+        return alone, TelemetryIssue("other_topics", (), "note", evidence, remedy)
 
     def _dropped(
         self, issue: str, rows: Int[Array, " g"], kind: str, read: int

@@ -256,7 +256,7 @@ def take_run(
         source: The file, for messages.
     """
     cells, seen = columns.read(native_names(columns.names, session_file, source))
-    sound = _without_gaps_in_temperature(cells)
+    sound = _in_amperes(_without_gaps_in_temperature(cells), session_file.current_factor)
     joints = tuple(joint_of(column) for column in sound if column.endswith("/position"))
     if not joints:
         names = listed(columns.names or [*sound]) or "none"
@@ -326,6 +326,18 @@ def take_run(
         issues=(*seen, *issues),
         **channels,
     )
+
+
+def _in_amperes(
+    columns: Mapping[str, Float[Array, " T"]], factor: float
+) -> Mapping[str, Float[Array, " T"]]:
+    """Columns whose currents are in another unit."""
+    if factor == 1.0:
+        return columns
+    return {
+        name: factor * values if name.endswith("/current") else values
+        for name, values in columns.items()
+    }
 
 
 def _unread_clocks(

@@ -23,6 +23,7 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE_UNITS = {"rad": 1.0, "deg": math.radians(1.0)}
 # Of single joints' positions; "read as degrees" undoes `angle_unit`.
 JOINT_UNITS = {**ANGLE_UNITS, "turns": math.tau}
+CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
 EFFORT_KINDS = ("joint_torque", "gravity_compensated")
 # Keys that go with the session as they are: for people, and for `watch`.
 FREE = ("date", "notes", "origin")
@@ -66,6 +67,7 @@ class SessionFile:
     # LeRobot's calibration of the arm, by which shares of each joint's range are angles; None where
     # none is given.
     lerobot_calibration: Path | None = None
+    current_factor: float = 1.0  # what recorded currents are multiplied with to be amperes
     time_factor: float = 1.0  # what recorded times are multiplied with to be seconds
     # Joint -> the joint under whose name its columns stand.
     order: Mapping[str, str] = field(default_factory=dict)
@@ -135,6 +137,7 @@ def load_session_file(path: Path) -> SessionFile:
             path, "both counts_per_turn and angle_unit", "angles have one unit: keep one of them"
         )
     angles = keys.one_of("angle_unit", tuple(ANGLE_UNITS), 'write "rad" or "deg"')
+    current = keys.one_of("current_unit", tuple(CURRENT_UNITS), 'write "A" or "mA"')
     kind = keys.one_of("effort_kind", EFFORT_KINDS, f"write {' or '.join(map(repr, EFFORT_KINDS))}")
     robot = data.get("robot")
     if robot is not None and not isinstance(robot, str):
@@ -160,6 +163,7 @@ def load_session_file(path: Path) -> SessionFile:
         units=keys.joint_units(),
         effort_kind=kind,
         lerobot_calibration=None if calibration is None else path.parent / calibration,
+        current_factor=CURRENT_UNITS[current or "A"],
         time_factor=keys.time_unit(),
         order=keys.names("order"),
         effort_order=keys.names("effort_order"),

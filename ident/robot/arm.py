@@ -6,7 +6,7 @@ With `ident.robot.pinocchio_model` the only importer of Pinocchio in the identif
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
@@ -214,7 +214,10 @@ class ArmModel:
     def is_same(self, other: ArmModel) -> bool:
         """Whether both are one arm where they have joints in common, whatever they are called."""
         common = [name for name in self.joint_names if name in other.joint_names]
-        return bool(common) and self.keeping(common).content == other.keeping(common).content
+        if not common:
+            return False
+        alone = self.keeping(common, other.locked_joints)
+        return alone.content == other.keeping(common, self.locked_joints).content
 
     @property
     def neutral(self) -> Float[Array, " n"]:
@@ -361,12 +364,19 @@ class ArmModel:
         reduced = reduced.with_gravity(self.model.gravity.linear)
         return replace(reduced, locked_joints={**self.locked_joints, **fixed})
 
-    def keeping(self, joints: Sequence[str]) -> ArmModel:
-        """The arm with all joints but these fixed at neutral.
+    def keeping(
+        self, joints: Sequence[str], positions: Mapping[str, float] | None = None
+    ) -> ArmModel:
+        """The arm with all joints but these fixed.
 
-        Names that it does not have are passed over.
+        Args:
+            joints: Names; those that it does not have are passed over.
+            positions: Of the others, by name, where they are not fixed at neutral [rad or m].
         """
-        return self.locked([name for name in self.joint_names if name not in joints])
+        neutral = dict(zip(self.joint_names, self.neutral.tolist(), strict=True))
+        still = [name for name in self.joint_names if name not in joints]
+        known = {**neutral, **(positions or {})}
+        return self.locked(still, [known[name] for name in still])
 
     def forward_kinematics(self, q: Float[Array, " n"]) -> dict[str, Float[Array, "4 4"]]:
         """Pose of every link in the base frame, by its name, as homogeneous transforms [m]."""

@@ -4,12 +4,15 @@ is asked for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from ident.checks.report import MISREAD
+from ident.command_options import DiagnoseOptions
 from ident.errors import plural
 from ident.show.console import columns, print_issues, say, text_width
 from ident.show.number_lines import print_numbers
@@ -57,9 +60,16 @@ MEANINGS = {
 }
 
 
-def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool = False) -> None:
-    """The verdict and what to do about it, the arm's numbers and errors; all else where `details`
-    are asked for.
+def print_diagnosis(
+    console: Console, record: Mapping[str, Any], details: bool = False, call: str = PATCH
+) -> None:
+    """The verdict and what to do about it, the arm's numbers and errors.
+
+    Args:
+        console: Where it is printed.
+        record: The diagnosis.
+        details: Whether all else is printed, too.
+        call: The command that writes it into a user's own file, in words.
     """
     runs = int(record["session"]["runs"])
     amount = f"{plural(runs, 'run')}, {record['session']['samples']} samples"
@@ -72,7 +82,7 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
     print_issues(console, untold_issues(record, headline), "warning")
     say(console, headline, style="bold")
     if action := first_action(record):
-        say(console, f"Do: {action}", hanging="    ")
+        say(console, f"Do: {action.replace(PATCH, call)}", hanging="    ")
     if second := second_action(record):
         say(console, f"Then: {second}", hanging="    ")
     is_told = record["verdict"] == "no_gap" or leads_with_friction(record)
@@ -82,7 +92,7 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
     _print_numbers(console, record)
     _print_errors(console, record)
     if table_of(record) and action != WRITE_NUMBERS:
-        say(console, f"Into your own file: {PATCH}", hanging="    ")
+        say(console, f"Into your own file: {call}", hanging="    ")
     if details:
         _print_details(console, record)
     elif left := describe_rest(record):
@@ -91,6 +101,30 @@ def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool =
         say(console, describe_looks(until))
         if not until["enough"] and record["next_experiment"] is not None:
             say(console, f"Record next: {record['next_experiment']['motion']}", hanging="    ")
+
+
+def patch_call(
+    robot: str, sessions: Sequence[Path], record: Path | None, options: DiagnoseOptions
+) -> str:
+    """The command that writes a diagnosis into a user's own file, with the names of this run of it.
+
+    Args:
+        robot: As it was given.
+        sessions: The recordings, on which the files are measured.
+        record: Where the diagnosis was written; None where it was not, `-` where it was printed.
+        options: How the recordings were read.
+    """
+    is_written = record is not None and str(record) != "-"
+    why = shlex.quote(str(record)) if is_written else "why.json"
+    given = [("--robot", robot), *(("--on", session) for session in sessions)]
+    if options.topic != DiagnoseOptions().topic:
+        given.append(("--topic", options.topic))
+    if options.session_file is not None:
+        given.append(("--session-file", options.session_file))
+    given += [("--accept", issue) for issue in options.accept]
+    words = " ".join(f"{name} {shlex.quote(str(value))}" for name, value in given)
+    call = f"`ident patch {why} {words} --out patched --into MINE.urdf`, or MINE.xml"
+    return f"{call}." if is_written else f"{call} (why.json is what `--json why.json` writes here)."
 
 
 def untold_issues(record: Mapping[str, Any], headline: str) -> list[Mapping[str, Any]]:

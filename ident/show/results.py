@@ -174,7 +174,10 @@ def print_fit(console: Console, result: FitResults) -> None:
 
     say(console, describe_foretold(result.model), style="bold")
     console.print("\n".join(foretold_lines(result.model)), soft_wrap=True, highlight=False)
-    record = {"joints": result.model.joint_names, "identified": result.to_dict()["identified"]}
+    names = result.model.joint_names
+    sliding = result.model.arm.sliding_joints
+    slides = [name for name, is_slide in zip(names, sliding, strict=True) if is_slide]
+    record = {"joints": names, "slides": slides, "identified": result.to_dict()["identified"]}
     print_numbers(console, record, "± 95 %, with the URDF's tolerance where its inertias count")
     console.print()
     for line in [*describe_offsets(result.model), *describe_fit(result)]:

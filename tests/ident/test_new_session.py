@@ -362,6 +362,45 @@ def test_percent_are_of_the_urdfs_limit(run: Recording, arm: ArmModel, tmp_path:
     np.testing.assert_allclose(read.effort, run.effort, rtol=1e-2, atol=1e-4)
 
 
+@pytest.mark.parametrize("tip", ["", ":joint_6"])
+def test_the_robot_of_a_guess_is_found_from_any_folder(
+    tip: str, run: Recording, arm: ArmModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: a path with the last joint of an arm behind it is one, too."""
+    folder = tmp_path / "session"
+    folder.mkdir()
+    names = [f"{joint}/{kind}" for kind in ("position", "effort") for joint in arm.joint_names]
+    text_table(folder / "run.csv", ["time", *names], np.column_stack([run.time, run.position, run.effort]))
+    (tmp_path / "arm.urdf").write_text(arm.urdf)
+    monkeypatch.chdir(tmp_path)
+    new("session", f"arm.urdf{tip}")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    assert inspect([folder]).reports[0].is_fit
+
+
+@pytest.mark.parametrize("name", ["present_current_{}_mA", "I {} [mA]", "motor current {} (mA)"])
+def test_gains_of_currents_in_milliamperes_are_of_one_ampere(
+    name: str, run: Recording, arm: ArmModel, tmp_path: Path
+) -> None:
+    """Law: what is called N m/A is that, and the current is in A when it is read."""
+    gain = np.array([14.0, 13.0, 11.0, 9.0, 9.0, 9.0])
+    names = [pattern.format(j + 1) for pattern in ("q{}", name) for j in range(arm.n)]
+    table = np.column_stack([run.time, run.position, 1000.0 * run.effort / gain])
+    text_table(tmp_path / "run.csv", ["time", *names], table)
+    new(tmp_path, arm)
+    (read,) = load_session(tmp_path).runs
+    np.testing.assert_allclose(read.current, run.effort / gain, rtol=1e-5, atol=1e-6)
+    written = tomllib.loads((tmp_path / "session.toml").read_text())
+    guessed = written["drive_gain_Nm_per_A"]
+    assert written["current_unit"] == "mA"
+    assert [guessed[joint] for joint in arm.joint_names[1:3]] == pytest.approx(gain[1:3], rel=0.05)
+    (tmp_path / "session.toml").write_text('current_unit = "uA"\n')
+    with pytest.raises(InputError, match=r'current_unit = .uA.; write "A" or "mA"'):
+        load_session(tmp_path)
+
+
 def test_a_second_arm_in_the_table_is_mentioned(run: Recording, tmp_path: Path) -> None:
     """Law: of two arms in one table one is taken, and it says where the other is."""
     names = ["time", *(f"{side}_{kind}{i}" for side in ("left", "right") for kind in ("q", "tau") for i in range(6))]

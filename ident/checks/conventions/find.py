@@ -12,7 +12,7 @@ from ident.checks.conventions.closely import Scored
 from ident.checks.conventions.description import Orders, price
 from ident.checks.conventions.hypothesis import COMPENSATED, Hypothesis
 from ident.checks.conventions.model import Model
-from ident.checks.conventions.readings import Log
+from ident.checks.conventions.readings import Log, usual_orders
 from ident.checks.conventions.search import Search
 from ident.checks.conventions.settings import DESCRIPTION, SEARCH
 from ident.checks.filtered_run import filter_run
@@ -127,7 +127,7 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     best = ranked[0]
     guess = next((scored for scored in ranked if scored.hypothesis.parameters is not None), None)
     of_masses = next((scored for scored in ranked if _changes_masses(scored)), None)
-    second = second_of(ranked, model.usual_orders)
+    second = second_of(ranked, usual_orders(log, model))
     of_urdf = _part_of_urdf(ranked)
     is_guessed = has_placeholders(model.arm)
     return Conventions(as_it_is, best, second, of_urdf, guess, of_masses, is_guessed)

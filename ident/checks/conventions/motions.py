@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.checks.conventions.hypothesis import GEARS, UNITS, Hypothesis
 from ident.checks.conventions.model import Model
-from ident.checks.conventions.readings import Log
+from ident.checks.conventions.readings import Log, usual_orders
 from ident.checks.conventions.settings import SEARCH
 
 ENTRIES = ("direction", "quarters", "unit", "gear", "share")
@@ -31,7 +31,7 @@ class Motions:
     def __init__(self, log: Log, model: Model) -> None:
         self.n = log.q.shape[1]
         self.plain = Hypothesis.as_it_is(self.n)
-        self.usual_orders = model.usual_orders
+        self.usual_orders = usual_orders(log, model)
         self.after_parallel = model.after_parallel
         self.turning = [int(joint) for joint in np.flatnonzero(~model.sliding)]
         self._pairs = list(combinations(range(self.n), 2))

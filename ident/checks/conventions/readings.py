@@ -32,6 +32,9 @@ from ident.checks.conventions.settings import READINGS as LIMIT
 
 AXES = np.eye(3)
 GRAVITY = 9.81
+# Travel beside the median column's below which a column stands (chosen: it only leads to one more
+# order that is weighed).
+STANDS = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +55,18 @@ class Log:
             self.ddq[::step],
             self.tau[::step],
         )
+
+
+def usual_orders(log: Log, model: Model) -> tuple[tuple[int, ...], ...]:
+    """Orders in which logs have all columns otherwise: those of the robot's names, and what stands
+    behind all that moves. A gripper's column often stands amid the arm's.
+    """
+    travel = np.ptp(log.q, axis=0)
+    stands = travel <= STANDS * np.median(travel)
+    order = (*map(int, np.flatnonzero(~stands)), *map(int, np.flatnonzero(stands)))
+    known = model.usual_orders
+    is_new = order not in (*known, tuple(range(len(order))))
+    return (*known, order) if is_new else known
 
 
 class Sums(NamedTuple):

@@ -26,7 +26,7 @@ from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, Hypothes
 from ident.checks.conventions.masses import guessed_masses
 from ident.checks.conventions.model import Model
 from ident.checks.conventions.motions import Motions, Place, motion_of, place_of
-from ident.checks.conventions.readings import Log, evidence_of_columns, telling
+from ident.checks.conventions.readings import Log, evidence_of_columns, telling, usual_orders
 from ident.checks.conventions.screening import Body, Screening
 from ident.checks.conventions.settings import SEARCH
 from ident.checks.conventions.torques import Columns
@@ -39,7 +39,7 @@ class Search:
     def __init__(self, log: Log, model: Model) -> None:
         log = log.thinned(SEARCH.states)
         columns = Columns(evidence_of_columns(log), telling(log))
-        prices = Prices(model.usual_orders)
+        prices = Prices(usual_orders(log, model))
         self.log = log
         self.model = model
         self.motions = Motions(log, model)

@@ -10,6 +10,7 @@ from ident.checks.conventions.find import Conventions
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, ZEROS, Hypothesis
 from ident.checks.conventions.settings import MASSES, SEARCH
 from ident.checks.conventions.words import columns_in_words, in_words
+from ident.checks.ratings import tell_whole
 from ident.checks.report import WORDS, issue_of
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.records import JsonRecord
@@ -196,6 +197,7 @@ def _factor_issue(
         "weight": _three_digits(weight),
         "right": _three_digits(factor * weight),
         "factor": factor,
+        "counts": tell_whole(session),
     }
     key = "mass_factor" if weighs_better(arm, factor) else "common_unit"
     return issue_of(key, session, session.joints, severity=severity, **figures)
@@ -228,7 +230,8 @@ def _body_issue(
         seen: What the best readings explain.
     """
     mass, *moment = (float(value) for value in body)
-    centre = ", ".join(f"{value / mass:.2f}" for value in moment) if mass else ""
+    # Rounded to nothing it has no sign.
+    centre = ", ".join(f"{round(value / mass, 2) + 0.0:.2f}" for value in moment) if mass else ""
     payload = session.payload
     figures: JsonRecord = {
         "mass": abs(mass),
@@ -246,7 +249,7 @@ def _body_issue(
         figures["or_payload"] = ", or mend [payload] of session.toml"
     if mass <= 0.0:
         return issue_of("body_too_much", session, session.joints[-1:], **figures, **seen)
-    com = [round(float(value), 3) for value in whole[1:] / whole[0]]
+    com = [round(float(value), 3) + 0.0 for value in whole[1:] / whole[0]]
     table = {"mass_kg": float(f"{whole[0]:.3g}"), "com_m": com}
     line = toml_line("payload", table)
     return issue_of("body_lacks", session, session.joints[-1:], line=line, **figures, **seen)

@@ -213,7 +213,9 @@ def _first_names(listed: Sequence[Finding], most: Most, record: JsonTable) -> st
     for finding in listed[: most.names]:
         likely = is_likely(finding, BODIES if finding["effect"] in OF_THE_ARM else ())
         if likely and is_at_the_end(finding, record):
-            names.append(MASS_AT_THE_END[adds_mass(finding)])
+            mass = MASS_AT_THE_END[adds_mass(finding)]
+            if mass not in names:  # load and last link are one mass
+                names.append(mass)
         else:
             names.append(called(finding, lead, most.tied, most.brief))
     joined = "; ".join(names) if " and " in "".join(names) else join_words(names)

@@ -115,7 +115,7 @@ def numbers_of(record: JsonTable) -> list[Number]:
             figure = identified.get(joint, {}).get(key)
             if figure is None:
                 continue
-            shown = unit_for(unit, "unit" in gap)
+            shown = unit_for(unit, "unit" in gap or joint in record.get("slides", ()))
             differs = lies_outside(figure, 0.0 if key in STATED else None)
             change = sure_change(figure, 0.0 if key in STATED else None)
             matters = differs and change > gap.get("noise_floor_Nm", math.inf)

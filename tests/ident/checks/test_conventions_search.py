@@ -65,6 +65,19 @@ def test_columns_that_travel_further_than_joints_can_start_in_degrees(log: Log, 
     assert not [start for start in Motions(log, Model(arm)).starts() if len({*start.unit}) > 1]
 
 
+@pytest.mark.parametrize("place", [0, 2, 3, 5])
+def test_a_column_that_stands_amid_the_others_is_the_last_joint_s(place: int, log: Log, arm: ArmModel) -> None:
+    """Law: where a hand's column stands among the arm's, each joint has its own again; else nothing is changed."""
+    q, dq, ddq = log.q.copy(), log.dq.copy(), log.ddq.copy()
+    q[:, 5], dq[:, 5], ddq[:, 5] = 0.3, 0.0, 0.0
+    tau = arm.inverse_dynamics(q, dq, ddq) + 2.0 * dq
+    columns = np.insert(np.arange(5), place, 5)
+    written = Log(*(values[:, columns] for values in (q, dq, ddq, tau)))
+    found = search_conventions(written, Model(arm)).best.hypothesis
+    assert found.order == tuple(np.argsort(columns))
+    assert found.changes == (() if place == 5 else ("order",))
+
+
 def test_a_joint_s_own_column_costs_what_it_does_among_all(log: Log, arm: ArmModel) -> None:
     """Law: what is asked of own columns alone is what the whole table has of them."""
     model = Model(arm)

@@ -206,7 +206,9 @@ def test_a_computed_torque_is_told_from_a_measured_one(clean: Session, arm: ArmM
     assert found(report) == {"effort_is_model": "fatal"}
     assert report.issues[0].joints == arm.joint_names
     same = spoil(clean, lambda run: run.replace(effort_command=run.effort, position_command=run.position))
-    assert found(inspect(same, arm)) == {"effort_is_model": "fatal", "position_is_command": "warning"}
+    report = inspect(same, arm)
+    assert found(report) == {"effort_is_model": "fatal", "position_is_command": "warning"}
+    assert "position of every joint equals its command" in report.find("position_is_command")[0].evidence
     near = spoil(clean, lambda run: run.replace(effort_command=run.effort + 0.1, position_command=run.position + 1e-4))
     assert found(inspect(near, arm)) == {}
 

@@ -17,7 +17,7 @@ from ident.robot.arm import ArmModel
 from tests.ident.checks.faults import changed, inspect, spoil, spoil_column
 from tests.ident.checks.mounts import angle_between, mounted
 from tests.ident.checks.real_arms import load_real
-from tests.ident.made_up import made_session
+from tests.ident.made_up import joint, link, made_session, urdf
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
@@ -33,6 +33,48 @@ def test_a_rotor_bends_no_scale() -> None:
     assert [fit_scale(states, joint)[0] for joint in heavy] == pytest.approx([1.0] * int(states.heavy.sum()), abs=0.03)
     turned, _ = mounted(made, arm.with_gravity(np.array([9.81, 0.0, 0.0])))
     assert angle_between(np.array(turned.model.gravity.linear), GRAVITY) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("joints", "count", "issue", "severity"),
+    [
+        ((2,), 0.01, "effort_not_torque", "fatal"),
+        ((3, 4, 5), 0.01, "effort_not_torque", "fatal"),
+        ((0, 1, 2, 3, 4, 5), 0.01, "effort_not_torque", "fatal"),
+        ((3, 4, 5), 0.9, "whole_numbers", "note"),
+    ],
+)
+def test_counts_in_the_place_of_torques_are_told_at_their_joints(
+    joints: tuple[int, ...], count: float, issue: str, severity: str, clean: Session, arm: ArmModel
+) -> None:
+    """Law: whole numbers are a sign of another unit, beside numbers that are not, and where all are too large."""
+    of_joint = np.isin(np.arange(arm.n), joints)
+    counted = changed(clean, "effort", lambda tau: np.where(of_joint, np.round(tau / count), tau))
+    (told,) = [each for each in found(counted, arm).issues if each.issue == issue]
+    places = "every joint" if len(joints) == arm.n else ", ".join(arm.joint_names[joint] for joint in joints)
+    assert told.severity == severity
+    assert "counts?" in told.evidence
+    assert places in told.evidence
+    assert not found(clean, arm).find("whole_numbers")
+
+
+@pytest.mark.parametrize("name", ["scara", "tiago", "upright"])
+def test_a_slide_whose_gravity_is_constant_has_no_scale(name: str) -> None:
+    """Law: a weight that never changes is an offset; nothing of the joint's torque tells its size."""
+    if name == "upright":
+        slide = joint("lift", "base", "carriage", "prismatic", "0 0 1")
+        turn = joint("turn", "carriage", "rod", axis="0 1 0")
+        links = (link("base"), link("carriage", 7.0), link("rod", 2.0))
+        arm = ArmModel.from_urdf(urdf(*links, slide, turn))
+    else:
+        arm = ArmModel.load(name)
+    law = lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq) + 30.0 * dq + 2.0 * np.tanh(dq / 0.01)  # noqa: E731
+    made = made_session(arm, law, [3, 4], duration=20.0)
+    states = collect_states(made, arm)
+    slides = np.flatnonzero(arm.chain.sliding[: arm.n])
+    assert len(slides)
+    assert not states.varies[slides].any()
+    assert not found(made, arm).find("torque_scale")
 
 
 @pytest.mark.real

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,13 @@ import numpy as np
 import pytest
 
 from ident import InputError, diagnose, patch
+from ident.export.identified import Diagnosed
+from ident.export.printing import print_patch
+from ident.export.write import write_patch
+from ident.robot.arm import ArmModel
+from ident.show.console import PlainConsole
 from tests.ident import wrong_friction as arm
+from tests.ident.export.diagnoses import write_diagnosis
 
 FACTOR = 1.5
 MESH = '<mesh name="lost" file="nowhere.stl"/>'
@@ -197,3 +204,26 @@ def test_names_that_end_alike_are_one(
     own.write_text(re.sub(r'(name|joint)="(joint_\d)"', r'\1="left/\2"', own.read_text()))
     into = patch(record, urdf, tmp_path / "patch", into=own).to_dict()["into"]
     assert list(into["joints"]) == [f"left/joint_{k}" for k in range(1, 7)]
+
+
+@pytest.mark.parametrize("name", ["scara", "tiago"])
+def test_what_slides_has_its_own_units_in_what_is_printed(name: str, tmp_path: Path) -> None:
+    """Law: damping of a slide is N s/m and its rotor a mass, in the table and in what is not written."""
+    robot = ArmModel.load(name)
+    slides = [joint for joint, is_slide in zip(robot.joint_names, robot.sliding_joints, strict=True) if is_slide]
+    figure = {"nominal": 0.0, "value": 3.0, "low": 2.9, "high": 3.1, "low_with_urdf": 2.9, "high_with_urdf": 3.1}
+    keys = ("viscous_Nms_rad", "coulomb_Nm", "armature_kgm2")
+    figures = {joint: dict.fromkeys(keys, figure) for joint in robot.joint_names}
+    path = write_diagnosis(tmp_path / "why.json", robot, "payload", identified=figures)
+    own = tmp_path / "own.urdf"
+    own.write_text(robot.urdf)
+    record = write_patch(Diagnosed.load(path), robot, tmp_path / "patch", into=own)
+    assert record["slides"] == slides
+    shown = io.StringIO()
+    print_patch(PlainConsole(file=shown, width=200), record, tmp_path / "patch")
+    text = " ".join(shown.getvalue().split())
+    assert "N s/m" in text
+    for joint, is_slide in zip(robot.joint_names, robot.sliding_joints, strict=True):
+        unit = re.search(rf"{joint} [0-9.e+-]+ (kg m²|kg)\b", text.split("for which a URDF has no place:")[1])
+        assert unit is not None
+        assert unit[1] == ("kg" if is_slide else "kg m²")

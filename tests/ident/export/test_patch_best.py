@@ -25,7 +25,7 @@ from ident.laws.motion import Losses
 from ident.recordings.recording import Payload
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
-from tests.ident.export.diagnoses import COULOMB, FIGURES, ROTOR, VISCOUS, write_diagnosis
+from tests.ident.export.diagnoses import COULOMB, FIGURES, LINK_KEYS, ROTOR, VISCOUS, baseline, write_diagnosis
 from tests.ident.made_up import made_motions, made_session
 
 LOSSES = Losses(np.full(6, 0.2), np.full(6, 6.0), np.full(6, 4.0), np.full(6, 0.01), np.zeros(6))
@@ -187,6 +187,32 @@ def test_a_patch_explains_what_its_effect_does(
         assert miss(gaps[form][when]) < 0.5 * miss(gaps[form]["before"])
 
 
+@pytest.mark.parametrize(
+    ("effect", "is_measured"),
+    [
+        ("torque_gain_error", False),
+        ("torque_gain_error", True),
+        ("torque_offset", False),
+        ("torque_delay", False),
+        ("torque_saturation", False),
+    ],
+)
+def test_what_is_wrong_with_the_log_is_not_written_into_the_links(
+    effect: str, is_measured: bool, tmp_path: Path, arm: ArmModel
+) -> None:
+    """Law: links that were tuned as if the log were right are none of the arm's, though they follow its torques."""
+    gain = FIGURES["torque_gain_error"]["gain"]
+    alone = baseline(arm)
+    for j, joint in enumerate(arm.joint_names[1:], start=1):
+        numbers = gain * arm.inertial_parameters[10 * j : 10 * j + 10]
+        alone[joint]["link_change"] = dict(zip(LINK_KEYS, numbers.tolist(), strict=True))
+    path = write_diagnosis(tmp_path / "why.json", arm, effect, baseline_alone=alone)
+    motions = made_motions(arm, misread(arm), [3], duration=6.0) if is_measured else []
+    write_patch(Diagnosed.load(path), arm, tmp_path / "patch", motions)
+    written = ArmModel.load(str(tmp_path / "patch" / "robot.urdf")).inertial_parameters
+    np.testing.assert_allclose(written, arm.inertial_parameters, rtol=1e-6, atol=1e-9)
+
+
 def test_the_command_writes_measures_and_tells(tmp_path: Path, arm: ArmModel) -> None:
     """`ident patch … --on SESSION` prints what each format says, and writes the gaps."""
     diagnosis = write_diagnosis(tmp_path / "diagnosis.json", arm, "payload", "stribeck_friction")
@@ -198,7 +224,7 @@ def test_the_command_writes_measures_and_tells(tmp_path: Path, arm: ArmModel) ->
     result = CliRunner().invoke(app, ["patch", *words])
     assert result.exit_code == 0, result.output
     told = " ".join(result.output.split())
-    assert "payload in joint_1, joint_2, joint_3" in told
+    assert "payload felt at joint_1, joint_2, joint_3" in told
     assert ": URDF has it, MJCF has it, parameter file has it, Python module has it" in told
     assert "URDF has no place for it, MJCF has no place for it, parameter file has it, Python module has it" in told
     assert "measured on no recordings" not in result.output

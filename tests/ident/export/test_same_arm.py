@@ -60,6 +60,34 @@ def test_a_urdf_that_changed_since_the_fit_is_refused(arm: ArmModel, other: Path
     assert (tmp_path / "own").exists()
 
 
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "continuous"])
+def test_an_arm_whose_file_has_joints_that_were_not_recorded_is_exported(
+    arm: ArmModel, kind: str, tmp_path: Path
+) -> None:
+    """Law: a joint that the recordings lack is locked in the model as it was in the fit, and the file is the arm's."""
+    root = ET.fromstring(arm.urdf)
+    beyond = ET.SubElement(root, "link", name="beyond")
+    inertial = ET.SubElement(beyond, "inertial")
+    ET.SubElement(inertial, "origin", xyz="0.03 0 0.05")
+    ET.SubElement(inertial, "mass", value="0.4")
+    ET.SubElement(inertial, "inertia", ixx="1e-3", iyy="1e-3", izz="1e-3", ixy="0", ixz="0", iyz="0")
+    joint = ET.SubElement(root, "joint", name="not_recorded", type=kind)
+    ET.SubElement(joint, "origin", xyz="0 0 0.1", rpy="0.2 0 0")
+    ET.SubElement(joint, "parent", link=arm.links[-1])
+    ET.SubElement(joint, "child", link="beyond")
+    ET.SubElement(joint, "axis", xyz="1 0 0")
+    ET.SubElement(joint, "limit", lower="0.1", upper="0.5", effort="10", velocity="1")
+    path = tmp_path / "robot.urdf"
+    ET.ElementTree(root).write(path)
+    recorded = ArmModel.load(str(path)).keeping(arm.joint_names)
+    HybridModel(*[recorded] * 3, LOSS).save(tmp_path / "model")
+    model = HybridModel.load(tmp_path / "model")
+    assert model.robot.locked_joints == recorded.locked_joints
+    write_export(model, tmp_path / "files")
+    again = ArmModel.load(str(tmp_path / "files" / "robot.urdf"))
+    assert again.keeping(arm.joint_names).content == recorded.content
+
+
 def test_recordings_of_another_arm_are_not_evaluated(arm: ArmModel, other: Path, tmp_path: Path) -> None:
     """Law: where session.toml names a robot, it must be the model's."""
     model = HybridModel(arm, arm, arm, LOSS)

@@ -51,6 +51,25 @@ def test_settings_stand_beside_a_single_file_or_are_given(run: Recording, tmp_pa
     assert load_session(tmp_path / "run.csv", session_file=given).payload is None
 
 
+@pytest.mark.parametrize("name", ["../arm.urdf", "../arm.urdf:joint_6", "../arm.xacro", "../arm.xml:left_3"])
+def test_a_robots_file_is_named_from_the_settings_folder_on(
+    name: str, run: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: wherever a command is started, and whichever of the robot's arms is meant behind the path."""
+    folder = tmp_path / "session"
+    folder.mkdir()
+    write_recording(run, folder / "run.csv")
+    path, _, tip = name.partition(":")
+    (folder / path).write_text("<robot/>")
+    (folder / "session.toml").write_text(f'robot = "{name}"\n')
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    whole, _, end = str(load_session(folder).robot).partition(":")
+    assert Path(whole).resolve() == tmp_path / Path(path).name
+    assert end == tip
+
+
 def test_runs_have_the_same_joints_in_the_first_ones_order(run: Recording, tmp_path: Path) -> None:
     write_recording(run, tmp_path / "a.parquet")
     write_recording(run.select(("b", "a")), tmp_path / "b.parquet")

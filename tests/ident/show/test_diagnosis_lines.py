@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import copy
 import re
+import shlex
 from io import StringIO
+from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
 
+from ident.cli.app import app
+from ident.command_options import DiagnoseOptions
 from ident.show.console import PlainConsole, wrap
-from ident.show.diagnosis_lines import print_diagnosis, untold_issues
+from ident.show.diagnosis_lines import patch_call, print_diagnosis, untold_issues
 from ident.show.report.diagnosis_actions import first_action, second_action
 from ident.show.report.diagnosis_gap import describe_noise
 from ident.show.report.diagnosis_verdict import diagnosis_headline
@@ -350,3 +355,28 @@ def test_an_effect_of_the_whole_arm_is_in_no_joint() -> None:
     assert place_words("payload", ["elbow"]) == " felt at elbow"
     assert place_words("coulomb_friction", ["elbow"]) == " in elbow"
     assert place_words("payload", ["a", "b", "c", "d"]) == ""
+
+
+@pytest.mark.parametrize("record", [None, Path("-"), Path("out/why 1.json")], ids=str)
+@pytest.mark.parametrize(
+    "options",
+    [DiagnoseOptions(), DiagnoseOptions(topic="/arm/states", session_file=Path("s.toml"), accept=("mounting",))],
+    ids=["as usual", "read otherwise"],
+)
+def test_the_command_that_is_proposed_is_one_with_the_names_of_this_run(
+    record: Path | None, options: DiagnoseOptions
+) -> None:
+    """Law: what stands between the marks is taken by `ident patch` as it is, and reads what was diagnosed."""
+    told = patch_call("my arm.urdf:left", [Path("log 1"), Path("log_2")], record, options)
+    words = shlex.split(told.split("`")[1])
+    command = typer.main.get_command(app).commands["patch"]  # type: ignore[attr-defined]
+    given = command.make_context("patch", words[2:], resilient_parsing=False).params
+    assert words[:2] == ["ident", "patch"]
+    assert given["robot"] == "my arm.urdf:left"
+    assert list(map(str, given["on"])) == ["log 1", "log_2"]
+    assert given["topic"] == options.topic
+    assert str(given["session_file"]) == str(options.session_file)
+    assert list(given["accept"] or ()) == list(options.accept)
+    is_written = record == Path("out/why 1.json")
+    assert str(given["diagnosis"]) == ("out/why 1.json" if is_written else "why.json")
+    assert ("`--json why.json`" in told) is not is_written

@@ -281,6 +281,21 @@ def test_a_links_mass_and_a_body_that_the_check_has_found_say_one_thing(mass: fl
     assert order_of(finding | {"joints": ["base"], "class": ["link_inertial_error", "payload"]}, record) != "do so"
 
 
+@pytest.mark.parametrize("mass", [0.8, -0.7])
+@pytest.mark.parametrize("further", [(), ("viscous_friction",)], ids=["alone", "beside friction"])
+def test_a_load_and_the_last_link_are_one_mass_in_the_first_line(mass: float, further: tuple[str, ...]) -> None:
+    """Law: a name stands in the first line once, however many findings have it."""
+    body = {"issue": "body_differs", "joints": ["elbow"], "severity": "warning", "evidence": "…", "remedy": "…"}
+    record = acted_on("payload", 0.97, body)
+    load = record["findings"][0] | {"parameters": {"mass_kg": {"value": mass}}}
+    parameters = {"mass_change_kg": {"value": mass}}
+    link = load | {"effect": "link_inertial_error", "class": ["link_inertial_error"], "parameters": parameters}
+    record["findings"] = [load, link, *(load | {"effect": name, "class": [name]} for name in further)]
+    line = diagnosis_headline(record)
+    assert line.count("mass at the arm's end than the URDF has") == 1
+    assert ("viscous friction" in line) is bool(further)
+
+
 @pytest.mark.parametrize("is_found", [True, False])
 def test_a_gap_that_a_body_at_the_end_explains_is_not_called_unexplained(is_found: bool) -> None:
     """Law: what tuned inertias hide and the check of the recordings has weighed is told as the check has it."""
