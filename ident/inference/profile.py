@@ -82,7 +82,8 @@ class Profile:
             values: Of all points.
             on_grid: Each of these once, increasing.
         """
-        likely = values[self.log_likelihood > self.log_likelihood.max() - self.drop]
+        falls = self.log_likelihood.max() - self.log_likelihood
+        likely = values[falls < self.drop]
         # A whole number lies at one of them; a line of a spectrum anywhere up to the next.
         is_whole = np.array_equal(on_grid, np.round(on_grid))
         reach = 0.0 if is_whole else 0.5 * float(np.diff(on_grid).min())
