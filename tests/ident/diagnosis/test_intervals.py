@@ -65,12 +65,17 @@ def test_an_end_that_was_not_tried_is_open(falls: tuple[float, ...], open_: str,
     assert found.to_dict().get("open", "") == open_
 
 
+@pytest.mark.parametrize("size", [1.0, 1e24])
 @pytest.mark.parametrize(("orders", "reach"), [((1.0, 2.0, 3.0), 0.0), ((20.8, 21.0, 21.2), 0.1)])
-def test_a_line_of_a_spectrum_is_known_up_to_the_next_ones(orders: tuple[float, ...], reach: float) -> None:
-    """Law: of whole numbers the likeliest is told as it is; between the lines that were tried anything may be."""
+def test_a_line_of_a_spectrum_is_known_up_to_the_next_ones(
+    orders: tuple[float, ...], reach: float, size: float
+) -> None:
+    """Law: of whole numbers the likeliest is told as it is; between the lines that were tried anything may be; however
+    large the evidence.
+    """
     effect = find_effect("torque_ripple")
     points = tuple(Group(effect, 0, Variant({"order": order}), np.arange(2)) for order in orders)
-    falls = np.array([-40.0, 0.0, -50.0])
+    falls = size * np.array([60.0, 100.0, 50.0])
     many = (np.ones(2),) * 3, (np.eye(2),) * 3
     told = Profile(points[1], points, falls, *many).inner_parameters()["order"]
     assert (told.low, told.value, told.high) == pytest.approx((orders[1] - reach, orders[1], orders[1] + reach))
