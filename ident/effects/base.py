@@ -118,7 +118,9 @@ class Effect(EffectRecord, ABC):
     ) -> dict[str, Range]:
         """What reported parameters can be on this arm, by name.
 
-        Parameters that may be anything are left out. By default as `bounds` has it.
+        Parameters that may be anything are left out. A name whose interval lies wholly outside
+        keeps the share of its probability by which such names of the corpus were right. By default
+        as `bounds` has it.
         """
         ranges = {}
         for name, (low, high, reason) in self.bounds.items():
