@@ -222,9 +222,9 @@ class SetSearch:
         """Which of a set's coefficients can't be negative."""
         of_groups = []
         for group in chosen:
-            places = np.arange(len(group.columns))
-            of_groups.append(np.isin(places, group.signed))
-        return np.concatenate(of_groups)
+            places = range(len(group.columns))
+            of_groups += [place in group.signed for place in places]
+        return np.array(of_groups, dtype=bool)
 
     def beside(self, chosen: Sequence[Group]) -> Float[Array, "c c"]:
         """Sums of all candidates and the torque with the baseline and a set of effects integrated

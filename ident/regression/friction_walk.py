@@ -47,17 +47,18 @@ def estimate_walk(
     if len(levels) < 2:
         return settings.usual_spread, 0.0
     tried = np.geomspace(*SPREADS)
-    tables = [walk_likelihood(levels, noise, tried, share) for share in WALKING]
-    table = np.array(tables) + spread_prior(tried, settings)
-    share, spread = np.unravel_index(int(np.argmax(table)), table.shape)
-    return float(tried[spread]), WALKING[share]
+    spreads = np.tile(tried, len(WALKING))
+    shares = np.repeat(WALKING, len(tried))
+    likelihoods = walk_likelihood(levels, noise, spreads, shares)
+    best = int(np.argmax(likelihoods + spread_prior(spreads, settings)))
+    return float(spreads[best]), float(shares[best])
 
 
 def walk_likelihood(
     levels: Float[Array, "R 2"],
     noise: Float[Array, "R 2 2"],
     spreads: Float[Array, " k"],
-    walk: float,
+    walk: Float[Array, " k"] | float,
 ) -> Float[Array, " k"]:
     """Log likelihoods of friction levels that vary by so much, up to a constant [nats].
 
@@ -65,7 +66,7 @@ def walk_likelihood(
         levels: s_r, the stretches' viscous and Coulomb levels as shares of the model's.
         noise: V_r, their covariances by noise.
         spreads: Values of τ that are tried.
-        walk: w, the share of the variance that walks.
+        walk: w, the share of the variance that walks: one for each spread, or the same for all.
     """
     variance = spreads**2
     step = walk * 6.0 / (len(levels) + 1.0) * variance
