@@ -37,7 +37,7 @@ from ident.diagnosis.verdict import decide, score_outside
 from ident.effects import optional
 from ident.effects.base import Effect, SessionContext
 from ident.inference.conclusion import EVEN_ODDS, Conclusion, Named, conclude
-from ident.inference.infer import evidence_of
+from ident.inference.revision import evidence_of
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
 from ident.motion.stretches import runs_recorded

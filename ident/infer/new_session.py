@@ -35,7 +35,7 @@ from ident.outputs import ELSEWHERE, require_plain
 from ident.recordings.columns import ANGLES, TIME, listed
 from ident.recordings.load import METADATA, SUFFIXES, is_dataset, is_run
 from ident.recordings.session_toml import GUESSED, NAME
-from ident.recordings.topics import at_rows, between_samples, rarest_channel
+from ident.recordings.topics import at_rows, rows_of_rarest
 from ident.results import Result
 from ident.robot.arm import ArmModel
 from ident.robot.names import split_tip
@@ -296,20 +296,16 @@ def _rows_of_topics(signals: Signals) -> Signals | None:
     None where state and torque come in the same rows.
     """
     time = signals.time
-    if signals.clock is None or not np.all(np.diff(time) >= 0.0):
+    if signals.clock is None:
         return None
     held = {}
     for name, values in signals.tables.items():
         if name in ("position", *MEASURED):
             held[name] = np.isfinite(values).any(axis=1)
-    rarest = rarest_channel(held)
-    if rarest is None:
+    rarest_rows = rows_of_rarest(time, held)
+    if rarest_rows is None:
         return None
-    rows = held[rarest]
-    for with_channel in held.values():
-        rows = between_samples(time, with_channel, rows)
-    if not rows.any():
-        return None
+    rows = rarest_rows.rows
     tables = {}
     for name, values in signals.tables.items():
         columns = [
@@ -317,9 +313,9 @@ def _rows_of_topics(signals: Signals) -> Signals | None:
             for column in values.T
         ]
         tables[name] = np.column_stack(columns)
-    others = " and ".join(name for name in held if name != rarest)
-    told = f"{rarest} comes in {int(held[rarest].sum())} of {len(rows)} rows"
-    reason = Reason("topics", f"{others} interpolated to the stamps of {rarest}", told)
+    why = f"{rarest_rows.rarest} comes in {int(held[rarest_rows.rarest].sum())} of {len(rows)} rows"
+    what = f"{rarest_rows.others} interpolated to the stamps of {rarest_rows.rarest}"
+    reason = Reason("topics", what, why)
     return replace(signals, time=time[rows], tables=tables, reasons=(*signals.reasons, reason))
 
 

@@ -187,8 +187,8 @@ class ModelSums:
             other.whole[joint] = of_joint / self.components.dispersion[joint]
         other.components = replace(self.components, friction=friction, walk=walk)
         other.fixed_nats += float((other.friction_nats - self.friction_nats).sum())
-        other._reduce()
-        return other
+        variances = self.components.discrepancy
+        return other.with_discrepancy({joint: variances[joint] for joint in changed})
 
     def with_urdf(self, error: UrdfError) -> ModelSums:
         """A copy whose components have another belief in how far the URDF may be off."""

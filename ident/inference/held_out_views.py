@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ident.inference.infer import Inference, Inferred, evidence_of
+from ident.inference.infer import Inference, Inferred
+from ident.inference.revision import evidence_of
 from ident.regression.cross_validation import HeldOut, HeldOutScore
 from ident.regression.design import Group
 

@@ -22,7 +22,7 @@ import numpy as np
 from ident.effects.base import SessionContext
 from ident.inference.components import Components, ModelSums
 from ident.inference.names import Names
-from ident.inference.revision import revise
+from ident.inference.revision import evidence_of, revise
 from ident.inference.search import SetSearch
 from ident.inference.simple import SimplestSet, explain_simply
 from ident.inference.sums import SessionSums
@@ -169,10 +169,3 @@ def foretelling(reached: Inferred) -> Inferred:
     model = ModelSums(before.sums, before.names, before.baseline, revise(before, chosen))
     search = SetSearch.of(model)
     return Inferred.of(model, search, search.settled(chosen))
-
-
-def evidence_of(model: ModelSums) -> Evidence:
-    """A model's sums of the session, with the model's friction spread and dispersion."""
-    components = model.components
-    spread = model.sums.evidence.with_run_spread(components.friction)
-    return spread.with_dispersion(components.dispersion)

@@ -15,6 +15,7 @@ from ident.inference.settings import URDF
 from ident.regression.baseline import UrdfError
 from ident.regression.design import Group
 from ident.regression.friction_walk import estimate_walk
+from ident.regression.gram import Evidence
 
 # Whitened rows of a joint below which nothing is learnt of its discrepancy.
 FEWEST_ROWS = 20
@@ -53,6 +54,13 @@ def discrepancy_at(
     return best.variances, best.nats
 
 
+def evidence_of(model: ModelSums) -> Evidence:
+    """A model's sums of the session, with the model's friction spread and dispersion."""
+    components = model.components
+    spread = model.sums.evidence.with_run_spread(components.friction)
+    return spread.with_dispersion(components.dispersion)
+
+
 def friction_beside(model: ModelSums, joints: Sequence[int], chosen: Sequence[Group]) -> ModelSums:
     """Sums with the friction spread of some joints that is likeliest beside a set of effects.
 
@@ -61,9 +69,7 @@ def friction_beside(model: ModelSums, joints: Sequence[int], chosen: Sequence[Gr
         joints: Indices of the joints.
         chosen: The effects.
     """
-    components = model.components
-    evidence = model.sums.evidence.with_run_spread(components.friction)
-    evidence = evidence.with_dispersion(components.dispersion)
+    evidence = evidence_of(model)
     weights = model.residual(chosen).weights
     return model.with_friction({j: estimate_walk(evidence, j, weights) for j in joints})
 
@@ -76,8 +82,7 @@ def revise(model: ModelSums, chosen: Sequence[Group], warm: bool = True) -> Comp
         chosen: The effects.
         warm: Whether discrepancies begin at their present variances.
     """
-    before = model.components
-    evidence = model.sums.evidence
+    evidence = evidence_of(model)
     variances = {}
     for joint in range(evidence.layout.n):
         of_blocks, _ = discrepancy_at(model, joint, chosen, warm)
@@ -86,13 +91,11 @@ def revise(model: ModelSums, chosen: Sequence[Group], warm: bool = True) -> Comp
     error = max(urdf_errors(), key=lambda tried: model.log_evidence(chosen, tried))
     model = model.with_urdf(error)
     residual = model.residual(chosen)
-    seen = evidence.with_run_spread(before.friction)
-    seen = seen.with_dispersion(before.dispersion)
     friction = np.zeros(evidence.layout.n)
     walk = np.zeros(evidence.layout.n)
     for joint in range(evidence.layout.n):
-        friction[joint], walk[joint] = estimate_walk(seen, joint, residual.weights)
-    by_residual = before.dispersion * residual.mean_square
+        friction[joint], walk[joint] = estimate_walk(evidence, joint, residual.weights)
+    by_residual = model.components.dispersion * residual.mean_square
     dispersion = np.maximum(1.0, by_residual)
     return replace(
         model.components,

@@ -14,7 +14,7 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.errors import RecordingError
 from ident.recordings.columns import TIME, NamedColumns, Table, joint_of, unequal
 from ident.recordings.recording import Severity, TelemetryIssue
-from ident.recordings.topics import MANY_ROWS, at_rows, between_samples, rarest_channel
+from ident.recordings.topics import MANY_ROWS, at_rows, rows_of_rarest
 
 # Channels without which a row holds no joint's state.
 NEEDED = ("position", "effort", "current")
@@ -146,21 +146,15 @@ class Cells:
         time = self.columns.get(TIME)
         if time is None or (self.text is not None and self.text.any()):
             return None
-        if not np.all(np.diff(time) >= 0.0):
-            return None
         held: dict[str, Bool[Array, " R"]] = {}
         for name, values in self.columns.items():
             channel = name.rpartition("/")[2]
             if channel in NEEDED:
                 held[channel] = held.get(channel, False) | np.isfinite(values)
-        rarest = rarest_channel(held)
-        if rarest is None:
+        rarest_rows = rows_of_rarest(time, held)
+        if rarest_rows is None:
             return None
-        rows = held[rarest]
-        for with_channel in held.values():
-            rows = between_samples(time, with_channel, rows)
-        if not rows.any():
-            return None
+        rows = rarest_rows.rows
         columns = {}
         for name, values in self.columns.items():
             is_filled = (
@@ -169,11 +163,11 @@ class Cells:
             columns[name] = at_rows(time, values, rows) if is_filled else values[rows]
         numbers = np.arange(1, len(rows) + 1) if self.numbers is None else np.asarray(self.numbers)
         alone = replace(self, columns=columns, numbers=numbers[rows], text=None)
-        others = " and ".join(channel for channel in held if channel != rarest)
+        count = int(held[rarest_rows.rarest].sum())
         evidence = (
-            f"{self.source.name}: {rarest} comes in {int(held[rarest].sum())} of {len(rows)} rows, "
-            f"{others} in others, too: two topics; {others} is interpolated to its stamps, "
-            f"{int(rows.sum())} rows are used"
+            f"{self.source.name}: {rarest_rows.rarest} comes in {count} of {len(rows)} rows, "
+            f"{rarest_rows.others} in others, too: two topics; {rarest_rows.others} is interpolated to its "
+            f"stamps, {int(rows.sum())} rows are used"
         )
         remedy = (
             "see that both topics have the stamps of one clock: what is late there is a delay here"

@@ -7,6 +7,7 @@ stamps: nothing is made up between two torques.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +18,41 @@ MANY_ROWS = 0.1
 # A stretch without a sample between which nothing is interpolated, in usual intervals of the
 # channel (chosen: as long as a few messages that were lost).
 LONGEST_GAP = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class RarestRows:
+    """Rows of the channel that comes most rarely, where the others are known."""
+
+    rarest: str  # the channel
+    others: str  # the other channels, in words
+    rows: Bool[Array, " R"]  # which rows are used
+
+
+def rows_of_rarest(
+    time: Float[Array, " R"], held: Mapping[str, Bool[Array, " R"]]
+) -> RarestRows | None:
+    """Rows of the channel that comes most rarely, at or between samples of all others.
+
+    Args:
+        time: Of all rows [s, or any unit].
+        held: By channel, which rows hold it.
+
+    Returns:
+        None where time decreases, where state comes in the same rows, and where no row is left.
+    """
+    if not np.all(np.diff(time) >= 0.0):
+        return None
+    rarest = rarest_channel(held)
+    if rarest is None:
+        return None
+    rows = held[rarest]
+    for with_channel in held.values():
+        rows = between_samples(time, with_channel, rows)
+    if not rows.any():
+        return None
+    others = " and ".join(channel for channel in held if channel != rarest)
+    return RarestRows(rarest, others, rows)
 
 
 def rarest_channel(held: Mapping[str, Bool[Array, " R"]]) -> str | None:

@@ -9,7 +9,7 @@ from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
-from ident.inference.infer import evidence_of
+from ident.inference.revision import evidence_of
 from ident.inference.search import SetSearch
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload, Session

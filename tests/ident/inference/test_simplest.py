@@ -47,6 +47,21 @@ def test_another_dispersion_is_that_of_a_model_made_with_it(sprung: Analysis) ->
     assert divided.log_evidence(()) == pytest.approx(made.log_evidence(()), rel=1e-9)
 
 
+@pytest.mark.parametrize("walk", [0.0, 0.6])
+def test_other_friction_is_that_of_a_model_made_with_it(sprung: Analysis, walk: float) -> None:
+    """Law: sums in which the friction of one joint varies otherwise are those of a model that was made so."""
+    model = best_of(sprung).model
+    changed = model.with_friction({1: (0.07, walk)})
+    assert changed.components.friction[1] == 0.07
+    assert changed.components.walk[1] == walk
+    assert model.components.friction[1] != 0.07
+    made = ModelSums(model.sums, model.names, model.baseline, changed.components)
+    np.testing.assert_allclose(changed.gram, made.gram, rtol=1e-8, atol=1e-6)
+    chosen = best_of(sprung).chosen
+    assert changed.log_evidence(chosen) == pytest.approx(made.log_evidence(chosen), rel=1e-9)
+    assert changed.log_evidence(chosen) != pytest.approx(model.log_evidence(chosen), rel=1e-6)
+
+
 def test_a_name_outside_the_set_adds_what_it_would_add_last(sprung: Analysis) -> None:
     """Law: of what did not come, the gain beside the whole set is told; nothing that came is in it."""
     simplest = simplest_of(sprung)

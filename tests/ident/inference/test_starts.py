@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ident.diagnosis.diagnose import Analysis
-from ident.inference.infer import Inferred, evidence_of
+from ident.inference.infer import Inferred
+from ident.inference.revision import evidence_of
 from ident.inference.search import rest_of
 from ident.inference.unseen import without_unforetelling
 from ident.regression.cross_validation import HeldOut
