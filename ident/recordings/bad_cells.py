@@ -163,11 +163,12 @@ class Cells:
             columns[name] = at_rows(time, values, rows) if is_filled else values[rows]
         numbers = np.arange(1, len(rows) + 1) if self.numbers is None else np.asarray(self.numbers)
         alone = replace(self, columns=columns, numbers=numbers[rows], text=None)
-        count = int(held[rarest_rows.rarest].sum())
+        rarest = rarest_rows.rarest
+        others = rarest_rows.others
         evidence = (
-            f"{self.source.name}: {rarest_rows.rarest} comes in {count} of {len(rows)} rows, "
-            f"{rarest_rows.others} in others, too: two topics; {rarest_rows.others} is interpolated to its "
-            f"stamps, {int(rows.sum())} rows are used"
+            f"{self.source.name}: {rarest} comes in {int(held[rarest].sum())} of {len(rows)} rows, "
+            f"{others} in others, too: two topics; {others} is interpolated to its stamps, "
+            f"{int(rows.sum())} rows are used"
         )
         remedy = (
             "see that both topics have the stamps of one clock: what is late there is a delay here"
