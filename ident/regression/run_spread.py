@@ -26,6 +26,7 @@ from ident.arrays import Array, Float
 from ident.regression.dwells import DwellRows
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Projection
+from ident.regression.level_likelihood import walk_likelihood
 from ident.regression.settings import RegressionSettings
 
 # Holds that a joint's level of static friction, guessed by its Coulomb friction, counts as.
@@ -197,8 +198,8 @@ def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]
     if len(levels) < 2:
         return settings.usual_spread
     tried = np.geomspace(*SPREADS)
-    likelihoods = _likelihood(levels, noise, tried, settings)
-    return float(tried[np.argmax(likelihoods)])
+    likelihoods = walk_likelihood(levels, noise, tried, 0.0)
+    return float(tried[np.argmax(likelihoods + spread_prior(tried, settings))])
 
 
 def levels_left(
@@ -219,33 +220,6 @@ def levels_left(
     of_weights, noise = evidence.friction.estimate_levels(joint, misfit)
     of_joint = weights[evidence.layout.local[joint]]
     return (of_weights @ of_joint).reshape(-1, 2), noise
-
-
-def _likelihood(
-    levels: Float[Array, "R 2"],
-    noise: Float[Array, "R 2 2"],
-    spreads: Float[Array, " k"],
-    settings: RegressionSettings,
-) -> Float[Array, " k"]:
-    """Restricted log likelihoods of friction levels that vary by so much, with τ's prior [nats].
-
-    Args:
-        levels: s_r, the stretches' viscous and Coulomb levels as shares of the model's.
-        noise: V_r, their covariances by noise.
-        spreads: Values of τ that are tried.
-        settings: τ_0 and ν, `usual_spread` and `usual_runs`.
-    """
-    varying = spreads[:, None, None, None] ** 2 * np.eye(2)
-    information = np.linalg.inv(noise + varying)
-    total = information.sum(axis=1)
-    weighted = np.einsum("krab,rb->ka", information, levels)
-    mean = np.linalg.solve(total, weighted[..., None])[..., 0]
-    off = levels - mean[:, None]
-    squares = np.einsum("kra,krab,krb->k", off, information, off)
-    _, log_information = np.linalg.slogdet(information)
-    _, log_total = np.linalg.slogdet(total)
-    weight = log_information.sum(axis=1) - log_total
-    return np.asarray(0.5 * (weight - squares) + spread_prior(spreads, settings))
 
 
 def spread_prior(spread: Any, settings: RegressionSettings) -> Any:

@@ -14,9 +14,8 @@ from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.regression.baseline import UrdfError
 from ident.regression.factors import factorise, positive
 from ident.regression.friction_sums import FrictionSums, walking_covariance
-from ident.regression.friction_walk import WALKING, walk_likelihood
-from ident.regression.run_spread import _likelihood
-from ident.regression.settings import USUAL_REGRESSION
+from ident.regression.friction_walk import WALKING
+from ident.regression.level_likelihood import walk_likelihood
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import COULOMB, SLIP, VISCOUS, all_evidence, analyse, named, nothing, record
 
@@ -40,22 +39,6 @@ def test_friction_from_run_to_run_is_noise(varying: Analysis) -> None:
     assert varying.diagnosis.verdict == "no_gap"
     assert np.all((varying.evidence.spread > SPREAD / 2) & (varying.evidence.spread < SPREAD * 2))
     assert np.all(varying.evidence.floor > varying.evidence.whitening.level)
-
-
-def test_the_likelihood_of_a_spread_is_that_of_the_contrasts() -> None:
-    """Law: restricted likelihood is the normal density of what is left of the levels without their two means."""
-    rng = np.random.default_rng(5)
-    roots = 0.03 * rng.standard_normal((9, 2, 2))
-    noise, levels = roots @ np.swapaxes(roots, 1, 2), 0.05 * rng.standard_normal((9, 2))
-    contrasts = null_space(np.tile(np.eye(2), (1, 9))).T
-    none = replace(USUAL_REGRESSION, usual_runs=0.0)
-
-    def oracle(spread: float) -> float:
-        covariance = contrasts @ (block_diag(*noise) + spread**2 * np.eye(18)) @ contrasts.T
-        return float(multivariate_normal(cov=covariance).logpdf(contrasts @ levels.ravel()))
-
-    here, there = _likelihood(levels, noise, np.array([0.02, 0.08]), none)
-    assert here - there == pytest.approx(oracle(0.02) - oracle(0.08), rel=1e-9)
 
 
 @pytest.mark.parametrize("walk", WALKING)
