@@ -208,7 +208,7 @@ def test_an_own_fault_in_a_task_is_no_lost_scheduler(monkeypatch: pytest.MonkeyP
         workers.run_tasks(str, [1, 2], scheduler="tcp://nowhere:1")
 
 
-@pytest.mark.parametrize("length", [10, 10_000, 10_000_000])
+@pytest.mark.parametrize("length", [10, 10_000, 300_000])
 def test_a_message_fits_on_a_screen(length: int) -> None:
     """Law: with its beginning and its end, whatever names stand in it; its parts are whole in the error."""
     error = InputError("a" * length, "b" * length, "c" * length)

@@ -39,13 +39,14 @@ class Outcome:
     angle: tuple[float, float]  # after `REPLAYED_S` of replay, the median over windows of the worst joint [rad]
 
 
-def check(text: str, seed: int, folder: Path) -> Outcome:
+def check(text: str, seed: int, folder: Path, unseen_s: float = 30.0) -> Outcome:
     """Records an arm with more friction than its URDF says, diagnoses and patches it, and replays the file.
 
     Args:
         text: Some arm's URDF.
         seed: Of the recordings.
         folder: Gets session, URDF and patch.
+        unseen_s: Length of the motion that is replayed [s].
     """
     folder.mkdir(parents=True)
     urdf, mine = folder / "arm.urdf", folder / "mine.urdf"
@@ -64,7 +65,7 @@ def check(text: str, seed: int, folder: Path) -> Outcome:
         table=_farthest(shown, true),
         file=_farthest(np.array([after.damping, after.friction]), true),
         torque=(_torque_error(before, true), _torque_error(after, true)),
-        angle=_replay_errors(before, after, true),
+        angle=_replay_errors(before, after, true, unseen_s),
     )
 
 
@@ -85,9 +86,9 @@ def _torque_error(arm: PlainArm, true: PlainArm) -> float:
     return float(np.max(np.linalg.norm(error, axis=0) / np.linalg.norm(truth, axis=0)))
 
 
-def _replay_errors(before: PlainArm, after: PlainArm, true: PlainArm) -> tuple[float, float]:
+def _replay_errors(before: PlainArm, after: PlainArm, true: PlainArm, unseen_s: float) -> tuple[float, float]:
     """Of the worst joint [rad]."""
-    _, q, dq, ddq = motion_of(len(true.joints), UNSEEN, 30.0, 1.0 / STEP)
+    _, q, dq, ddq = motion_of(len(true.joints), UNSEEN, unseen_s, 1.0 / STEP)
     truth = true.torque(q, dq, ddq)
     steps = round(REPLAYED_S / STEP)
     starts = [k for k in range(0, len(q) - steps, steps) if _never_turns(dq[k : k + steps])]
