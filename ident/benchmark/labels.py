@@ -76,6 +76,8 @@ def says(name: Name, truth: Truth) -> bool:
     for effect, joint in name.members:
         if effect not in wanted:
             continue
+        if effect in truth.also and not name.joint:
+            return True  # the same torque, of an effect that has no joint of its own
         places = name.places_of(joint)
         if not allowed or not places or places & allowed:
             return True

@@ -10,11 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from ident.benchmark.scores import is_inside
+from ident.effects.catalogue import CATALOGUE
 from ident.records import JsonRecord, JsonTable
 from ident.simulation.real.sources import measured_causes
 
 # A class with this probability or more is named.
 CONFIDENT = 0.5
+OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
 
 Row = JsonRecord
 Finding = JsonTable
@@ -194,4 +196,6 @@ def holds(finding: Finding, effect: Row) -> bool:
     for place in finding.get("elsewhere", ()):
         if place["effect"] in wanted and place["joint"] in allowed:
             return True
+    if finding["effect"] in OF_THE_ARM and finding["effect"] in effect.get("also", ()):
+        return True  # the same torque, of an effect that has no joint of its own
     return bool(wanted & _class(finding)) and bool(allowed & set(finding["joints"]))
