@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 Record = Mapping[str, Any]
 
 STILL = "only torque beyond its static friction shows"
+# Times its noise from which on torque that is not foretold is worth a word.
+HARDLY_ABOVE_NOISE = 2.0
 # Sessions that one line names.
 MOST_SESSIONS = 6
 # Where the rest is of a result whose first screen leaves something out.
@@ -141,14 +143,38 @@ def headline(record: Record) -> tuple[str, str]:
     unforetold = join_words(describe_unforetold(record))
     kind = record["verdict"]
     untested = [row["effect"] for row in record["not_testable"]]
+    most = _most_beside_noise(record)
     if kind == "no_change" and PLAIN_FRICTION in untested:
         kind = "friction_unseen"
+    elif kind == "no_change" and most:
+        kind = "small_unseen"
     if kind == "changed_unexplained" and not changes and (unforetold or risen):
         kind = "unforetold" if unforetold else "risen"
     words, order = TABLES["changes"][kind]
     colon = f": {changes}" if changes else ""
-    told = words.format(changes=changes, colon=colon, risen=risen, unforetold=unforetold)
+    told = words.format(changes=changes, colon=colon, risen=risen, unforetold=unforetold, most=most)
     return told, "" if changes else order
+
+
+def _most_beside_noise(record: Record) -> str:
+    """Where torque that is not foretold lies furthest above its noise: nothing where it hardly
+    does.
+
+    A change has to stand out against that, not against the noise.
+    """
+    heldout = record["heldout"]
+    left = heldout["rms_before_Nm"]
+    times = {
+        joint: left[joint] / noise
+        for joint, noise in heldout["noise_Nm"].items()
+        if left.get(joint) is not None and noise
+    }
+    joint = max(times, key=lambda name: times[name], default="")
+    if not joint or times[joint] < HARDLY_ABOVE_NOISE:
+        return ""
+    unit = in_units_of([joint], record, TORQUE)
+    size = f"{significant(left[joint])} {unit} (rms) at {joint}"
+    return f"up to {size}, {times[joint]:.1f} times its noise"
 
 
 def _named_together(changes: Sequence[Record], joints: Sequence[str]) -> str:
