@@ -4,7 +4,7 @@ A law's test asks whether torque follows a function of the motion; what shakes f
 the mean square of what a model leaves of each joint is compared, later set over earlier. With l_p
 the logarithm of part p's, δ_j the difference of their means over the sets' parts and s_j its
 standard deviation from their scatter within the sets, that of the joint or of all, whichever is
-more,
+more, and at least what a mean square of so many rows scatters by,
 
     t_j = (δ_j − median δ) / √(s_j² + τ²),
 
@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import polygamma
 from scipy.stats import median_abs_deviation
 from scipy.stats import t as student
 
@@ -69,7 +70,7 @@ def find_risen(
     blocks_of = [label == number for number in range(int(label.max()) + 1)]
     total = np.stack([squares[:, blocks].sum(axis=1) for blocks in blocks_of])
     count = np.stack([rows[blocks].sum(axis=0) for blocks in blocks_of])
-    enough_rows = (count >= CHANGE.least_rows).all(axis=0)
+    enough_rows = (count >= CHANGE.fewest_rows).all(axis=0)
     seen = np.flatnonzero(enough_rows & (total > 0.0).all(axis=0)).tolist()
     if not seen:
         return ()
@@ -82,7 +83,8 @@ def find_risen(
     of_after = len(after) * after.var(axis=0)
     within = (of_before + of_after) / freedom
     # A few parts alone tell no variance: that of all joints is one.
-    within = np.maximum(within, within.mean())
+    of_rows = polygamma(1, 0.5 * count[:, seen]).mean(axis=0)
+    within = np.maximum(np.maximum(within, within.mean()), of_rows)
     freedom *= len(seen)
     scatter = np.hypot(median_abs_deviation(rise, scale="normal"), CHANGE.usual_rise)
     of_means = within * (1.0 / len(before) + 1.0 / len(after))

@@ -84,12 +84,6 @@ class ChangeSettings(Numbers):
         "between-day standard deviation of a joint's friction, as a share",
         "chosen: two kelvin",
     )
-    least_rows: float = number(
-        50.0,
-        "1",
-        "samples of a joint in each part of a set for its residuals to be compared",
-        "chosen: a mean square known to a fifth",
-    )
     fewest_rows: float = number(
         2.0,
         "1",

@@ -152,22 +152,23 @@ def test_what_changed_alike_at_many_joints_is_told_once() -> None:
     assert mixed == "What changed: friction change in a and b; torque offset in c."
 
 
+@pytest.mark.parametrize("rows", [20.0, 1.0])
 @pytest.mark.parametrize(("shared", "own"), [(1.0, 1.0), (3.0, 1.0), (1.0, 9.0)])
-def test_residuals_that_rise_alike_are_no_change(shared: float, own: float) -> None:
+def test_residuals_that_rise_alike_are_no_change(shared: float, own: float, rows: float) -> None:
     """Law: of sets whose residuals scatter from run to run, and rise at all joints alike, at most three of a hundred
-    show a rise; where one joint's alone rises to nine times its mean square, most show that.
+    show a rise; where one joint's alone rises to nine times its mean square, most show that, of ten rows a part, too.
     """
     rng, part = np.random.default_rng(4), np.repeat(np.arange(12), 10)
     later, joints, count = part >= 6, [f"joint_{j}" for j in range(7)], {True: 0, False: 0}
     for _ in range(100):
         usual = 0.3 * rng.standard_normal((7, 12)) + 0.15 * rng.standard_normal((7, 1)) * (np.arange(12) >= 6)
-        squares = np.exp(usual)[:, part] * rng.chisquare(20.0, (7, 120)) * np.where(later, shared, 1.0)
+        squares = np.exp(usual)[:, part] * rng.chisquare(rows, (7, 120)) * np.where(later, shared, 1.0)
         squares[2] *= np.where(later, own, 1.0)
-        risen = {one.joint for one in find_risen(squares, np.full((120, 7), 20.0), part, later, joints)}
+        risen = {one.joint for one in find_risen(squares, np.full((120, 7), rows), part, later, joints)}
         for third in count:
             count[third] += bool(risen & {"joint_2"} if third else risen - {"joint_2"})
     assert count[False] <= 3
-    assert (count[True] > 80) == (own > 1.0)
+    assert (count[True] > 70) == (own > 1.0)
 
 
 def test_a_change_of_a_joint_that_slides_is_of_forces_and_metres() -> None:
