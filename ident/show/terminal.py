@@ -143,11 +143,12 @@ def headline(record: Record) -> tuple[str, str]:
     unforetold = join_words(describe_unforetold(record))
     kind = record["verdict"]
     untested = [row["effect"] for row in record["not_testable"]]
-    most = _most_beside_noise(record)
+    most = ""
     if kind == "no_change" and PLAIN_FRICTION in untested:
         kind = "friction_unseen"
-    elif kind == "no_change" and most:
-        kind = "small_unseen"
+    elif kind == "no_change":
+        most = _most_beside_noise(record)
+        kind = "small_unseen" if most else kind
     if kind == "changed_unexplained" and not changes and (unforetold or risen):
         kind = "unforetold" if unforetold else "risen"
     words, order = TABLES["changes"][kind]
