@@ -72,6 +72,8 @@ class Evidence:
     # For each joint the whitened sums of its discrepancy's columns with all columns of its rows,
     # over all time, friction the same in all runs; they are zero in the sums of blocks and folds.
     flexible: tuple[Float[Array, "m p"], ...] = ()
+    # Of the rows of each block and joint those that are holds; None until `with_dwells` adds them.
+    held_rows: Float[Array, "B n"] | None = None
 
     def with_dwells(self) -> Evidence:
         """A copy with each joint's holds in the whitened sums, and no longer beside them
@@ -82,10 +84,11 @@ class Evidence:
         """
         white = list(self.free)
         plain = list(self.plain)
-        rows = np.array(self.rows)
+        rows = np.array(self.rows, dtype=float)
         weights = np.array(self.weights)
         still = weights.sum(axis=0) < LEAST_MOVING
         flexible = list(self.flexible)
+        held_rows = np.zeros_like(rows)
         for j, held in enumerate(self.dwells):
             smooth = self.layout.flexible_places[j]
             weighted = np.asarray(held.weighted, dtype=float)
@@ -98,15 +101,16 @@ class Evidence:
                 fold = self.fold_of_block[held.block]
                 plain[j] = plain[j].with_rows(level * held.weighted, fold)
                 np.add.at(weights[:, j], fold, (level / held.std) ** 2)
-            np.add.at(rows[:, j], held.block, 1.0)
+            np.add.at(held_rows[:, j], held.block, 1.0)
         return replace(
             self,
             free=tuple(white),
             plain=tuple(plain),
             flexible=tuple(flexible),
-            rows=rows,
+            rows=rows + held_rows,
             weights=weights,
             dwells=(),
+            held_rows=held_rows,
         )
 
     def with_held(self, friction: Sequence[float]) -> Evidence:

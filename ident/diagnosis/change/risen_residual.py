@@ -11,6 +11,10 @@ more, and at least what a mean square of so many rows scatters by,
 where τ is the robust scatter of the δ of all joints: sets whose motions differ leave different
 residuals everywhere, and no such difference is a joint's own.
 
+What a joint's holds leave is no measure of its noise, for static friction takes it up: of the
+earlier set all squares count as those of its rows in motion, of the later one as those of all rows,
+so that holds never make a rise.
+
 Source: Bartlett and Kendall 1946 (log variances are compared as means); Rousseeuw and Croux 1993
 (scale by medians).
 """
@@ -48,6 +52,7 @@ class RisenResidual:
 def find_risen(
     squares: Float[Array, "n B"],
     rows: Float[Array, "B n"],
+    held_rows: Float[Array, "B n"],
     label: Int[Array, " B"],
     later: Bool[Array, " B"],
     joints: Sequence[str],
@@ -57,6 +62,7 @@ def find_risen(
     Args:
         squares, rows: What a model leaves of each joint's rows in each block, in squares of the
             noise; their number.
+        held_rows: How many of them are holds.
         label, later: Part of its set and set of each block.
         joints: Names of the joints.
 
@@ -70,20 +76,22 @@ def find_risen(
     blocks_of = [label == number for number in range(int(label.max()) + 1)]
     total = np.stack([squares[:, blocks].sum(axis=1) for blocks in blocks_of])
     count = np.stack([rows[blocks].sum(axis=0) for blocks in blocks_of])
-    enough_rows = (count >= CHANGE.fewest_rows).all(axis=0)
-    seen = np.flatnonzero(enough_rows & (total > 0.0).all(axis=0)).tolist()
-    if not seen:
+    in_motion = count - np.stack([held_rows[blocks].sum(axis=0) for blocks in blocks_of])
+    enough_rows = (in_motion >= CHANGE.fewest_rows).all(axis=0)
+    seen = np.flatnonzero(enough_rows & (total > 0.0).all(axis=0))
+    if not len(seen):
         return ()
-    mean_square = total[:, seen] / count[:, seen]
-    before = np.log(mean_square[earlier_parts])
-    after = np.log(mean_square[later_parts])
+    of_earlier = np.ix_(earlier_parts, seen)
+    of_later = np.ix_(later_parts, seen)
+    before = np.log(total[of_earlier] / in_motion[of_earlier])
+    after = np.log(total[of_later] / count[of_later])
     freedom = len(before) + len(after) - 2
     rise = after.mean(axis=0) - before.mean(axis=0)
     of_before = len(before) * before.var(axis=0)
     of_after = len(after) * after.var(axis=0)
     within = (of_before + of_after) / freedom
     # A few parts alone tell no variance: that of all joints is one.
-    of_rows = polygamma(1, 0.5 * count[:, seen]).mean(axis=0)
+    of_rows = polygamma(1, 0.5 * in_motion[:, seen]).mean(axis=0)
     within = np.maximum(np.maximum(within, within.mean()), of_rows)
     freedom *= len(seen)
     scatter = np.hypot(median_abs_deviation(rise, scale="normal"), CHANGE.usual_rise)
@@ -93,7 +101,7 @@ def find_risen(
     p_values = np.minimum(len(seen) * student.sf(score, freedom), 1.0)
     reach = float(student.ppf(0.975, freedom)) * error
     risen = []
-    for k, j in enumerate(seen):
+    for k, j in enumerate(seen.tolist()):
         p_value = float(p_values[k])
         if p_value < CHANGE.risen_by_chance:
             ends = rise[k] + reach[k] * np.array([0.0, -1.0, 1.0])

@@ -164,7 +164,9 @@ def test_residuals_that_rise_alike_are_no_change(shared: float, own: float, rows
         usual = 0.3 * rng.standard_normal((7, 12)) + 0.15 * rng.standard_normal((7, 1)) * (np.arange(12) >= 6)
         squares = np.exp(usual)[:, part] * rng.chisquare(rows, (7, 120)) * np.where(later, shared, 1.0)
         squares[2] *= np.where(later, own, 1.0)
-        risen = {one.joint for one in find_risen(squares, np.full((120, 7), rows), part, later, joints)}
+        risen = {
+            one.joint for one in find_risen(squares, np.full((120, 7), rows), np.zeros((120, 7)), part, later, joints)
+        }
         for third in count:
             count[third] += bool(risen & {"joint_2"} if third else risen - {"joint_2"})
     assert count[False] <= 3
