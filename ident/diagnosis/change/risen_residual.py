@@ -4,7 +4,7 @@ A law's test asks whether torque follows a function of the motion; what shakes f
 the mean square of what a model leaves of each joint is compared, later set over earlier. With l_p
 the logarithm of part p's, δ_j the difference of their means over the sets' parts and s_j its
 standard deviation from their scatter within the sets, that of the joint or of all, whichever is
-more, and at least what a mean square of so many rows scatters by,
+more, and of each part at least what a mean square of so many rows scatters by,
 
     t_j = (δ_j − median δ) / √(s_j² + τ²),
 
@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import polygamma
@@ -49,6 +50,77 @@ class RisenResidual:
         return dict(vars(self))
 
 
+class _Mean(NamedTuple):
+    """Mean logarithm of the mean squares of a set's parts, joint by joint, and its variance."""
+
+    logs: Float[Array, " n"]
+    variance: Float[Array, " n"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """Mean squares of what a model leaves of the parts of both sets."""
+
+    logs: Float[Array, "K n"]  # their logarithms; 0 of a part that tells nothing of a joint
+    rows: Float[Array, "K n"]  # rows in motion behind each
+    tells: Bool[Array, "K n"]  # whether a part has rows enough
+    later: Bool[Array, " K"]  # its set
+
+    def of(self, later: bool) -> Bool[Array, "K n"]:
+        """The parts of a set that tell of each joint."""
+        return np.asarray(self.tells & (self.later == later)[:, None])
+
+    def freedom(self) -> Int[Array, " n"]:
+        """Parts that tell of each joint, less one a set."""
+        return np.asarray(self.tells.sum(axis=0) - 2)
+
+    def seen(self) -> Int[Array, " s"]:
+        """Joints of which two parts of either set tell, the fewest that have a scatter."""
+        fewest = np.minimum(self.of(False).sum(axis=0), self.of(True).sum(axis=0))
+        return np.flatnonzero(fewest >= 2)
+
+    def within(self) -> Float[Array, " n"]:
+        """Variance between parts of one set: the joint's or that of all joints, whichever is more.
+
+        A few parts alone tell no variance: that of all joints is one.
+        """
+        squares = np.zeros(self.logs.shape[1])
+        for side in (False, True):
+            of_side = self.of(side)
+            mean = (of_side * self.logs).sum(axis=0) / np.maximum(of_side.sum(axis=0), 1)
+            squares += (of_side * (self.logs - mean) ** 2).sum(axis=0)
+        seen = self.seen()
+        freedom = self.freedom()
+        of_all = squares[seen].sum() / max(int(freedom[seen].sum()), 1)
+        return np.maximum(squares / np.maximum(freedom, 1), of_all)
+
+    def mean(self, later: bool) -> _Mean:
+        """That of a set; a part counts by how surely it is known."""
+        of_rows = polygamma(1, 0.5 * np.maximum(self.rows, 1.0))
+        weights = self.of(later) / np.maximum(self.within(), of_rows)
+        total = np.maximum(weights.sum(axis=0), 1e-300)
+        return _Mean((weights * self.logs).sum(axis=0) / total, 1.0 / total)
+
+
+def _parts_left(
+    squares: Float[Array, "n B"],
+    rows: Float[Array, "B n"],
+    held_rows: Float[Array, "B n"],
+    label: Int[Array, " B"],
+    later: Bool[Array, " B"],
+) -> _Parts:
+    """The parts of both sets; arguments as in `find_risen`."""
+    blocks_of = [np.flatnonzero(label == number) for number in range(int(label.max()) + 1)]
+    total = np.stack([squares[:, blocks].sum(axis=1) for blocks in blocks_of])
+    count = np.stack([rows[blocks].sum(axis=0) for blocks in blocks_of])
+    in_motion = count - np.stack([held_rows[blocks].sum(axis=0) for blocks in blocks_of])
+    is_later = np.array([bool(later[blocks[0]]) for blocks in blocks_of])
+    tells = (in_motion >= CHANGE.fewest_rows) & (total > 0.0)
+    divided_by = np.where(is_later[:, None], count, in_motion)
+    ratio = np.where(tells, total, 1.0) / np.where(tells, divided_by, 1.0)
+    return _Parts(np.log(ratio), in_motion, tells, is_later)
+
+
 def find_risen(
     squares: Float[Array, "n B"],
     rows: Float[Array, "B n"],
@@ -69,34 +141,16 @@ def find_risen(
     Returns:
         Empty where nothing rose, or too few joints or parts tell.
     """
-    earlier_parts = np.unique(label[~later])
-    later_parts = np.unique(label[later])
-    if min(len(earlier_parts), len(later_parts)) < 2:
-        return ()
-    blocks_of = [label == number for number in range(int(label.max()) + 1)]
-    total = np.stack([squares[:, blocks].sum(axis=1) for blocks in blocks_of])
-    count = np.stack([rows[blocks].sum(axis=0) for blocks in blocks_of])
-    in_motion = count - np.stack([held_rows[blocks].sum(axis=0) for blocks in blocks_of])
-    enough_rows = (in_motion >= CHANGE.fewest_rows).all(axis=0)
-    seen = np.flatnonzero(enough_rows & (total > 0.0).all(axis=0))
+    parts = _parts_left(squares, rows, held_rows, label, later)
+    seen = parts.seen()
     if not len(seen):
         return ()
-    of_earlier = np.ix_(earlier_parts, seen)
-    of_later = np.ix_(later_parts, seen)
-    before = np.log(total[of_earlier] / in_motion[of_earlier])
-    after = np.log(total[of_later] / count[of_later])
-    freedom = len(before) + len(after) - 2
-    rise = after.mean(axis=0) - before.mean(axis=0)
-    of_before = len(before) * before.var(axis=0)
-    of_after = len(after) * after.var(axis=0)
-    within = (of_before + of_after) / freedom
-    # A few parts alone tell no variance: that of all joints is one.
-    of_rows = polygamma(1, 0.5 * in_motion[:, seen]).mean(axis=0)
-    within = np.maximum(np.maximum(within, within.mean()), of_rows)
-    freedom *= len(seen)
+    before = parts.mean(False)
+    after = parts.mean(True)
+    rise = (after.logs - before.logs)[seen]
+    freedom = int(parts.freedom()[seen].sum())
     scatter = np.hypot(median_abs_deviation(rise, scale="normal"), CHANGE.usual_rise)
-    of_means = within * (1.0 / len(before) + 1.0 / len(after))
-    error = np.sqrt(of_means + scatter**2)
+    error = np.sqrt((before.variance + after.variance)[seen] + scatter**2)
     score = (rise - np.median(rise)) / error
     p_values = np.minimum(len(seen) * student.sf(score, freedom), 1.0)
     reach = float(student.ppf(0.975, freedom)) * error
