@@ -152,11 +152,24 @@ def test_what_changed_alike_at_many_joints_is_told_once() -> None:
     assert mixed == "What changed: friction change in a and b; torque offset in c."
 
 
+def test_holds_make_no_rise() -> None:
+    """Law: what a joint left while it stood is no measure of what it leaves in motion."""
+    rng, part = np.random.default_rng(5), np.repeat(np.arange(8), 10)
+    later, rows = part >= 4, np.full((80, 3), 20.0)
+    squares = rng.chisquare(20.0, (3, 80))
+    held = np.zeros((80, 3))
+    held[~later, 1] = rows[~later, 1]
+    squares[1, ~later] *= 1e-3
+    assert not find_risen(squares, rows, held, part, later, list("abc"))
+    assert find_risen(squares, rows, np.zeros((80, 3)), part, later, list("abc"))
+
+
 @pytest.mark.parametrize("rows", [20.0, 1.0])
 @pytest.mark.parametrize(("shared", "own"), [(1.0, 1.0), (3.0, 1.0), (1.0, 9.0)])
 def test_residuals_that_rise_alike_are_no_change(shared: float, own: float, rows: float) -> None:
     """Law: of sets whose residuals scatter from run to run, and rise at all joints alike, at most three of a hundred
-    show a rise; where one joint's alone rises to nine times its mean square, most show that, of ten rows a part, too.
+    show a rise; where one joint's alone rises to nine times its mean square, most show that, of ten rows a part, too,
+    and though it stands in one of them.
     """
     rng, part = np.random.default_rng(4), np.repeat(np.arange(12), 10)
     later, joints, count = part >= 6, [f"joint_{j}" for j in range(7)], {True: 0, False: 0}
