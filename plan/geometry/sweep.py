@@ -265,8 +265,8 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
                 p = column[b, shape]
                 if p >= 0 and done[p] != t and (len(wanted) == 0 or wanted[t, p]):
                     done[p] = t
-                    part = tree.root[shape]
-                    out[t, p] = _world_gap(tree, bodies, b, part, 1e9, hints[p], anew, BAND)
+                    below = tree.root[shape]
+                    out[t, p] = _world_gap(tree, bodies, b, below, 1e9, hints[p], anew, BAND)
     return out
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from plan.geometry.solids import Box
-from plan.planners.local_model import CLEARANCE_UNIT, EXTRA, NEAR
-from plan.planners.sequential import SAME, _different, begin_course
+from plan.planners.courses import SAME, begin_course, different
+from plan.planners.near_pairs import CLEARANCE_UNIT, EXTRA, NEAR, clearance_rows
 from plan.planners.subproblem import ConstraintRows, solve_step
 from tests.plan.worlds import problem, random_rotation
 
@@ -43,7 +43,7 @@ def test_the_nearest_place_of_a_motion_is_watched(seed: int) -> None:
     coefficients = local.split(course.x)[0]
     dense = local.grid.positions(coefficients, np.linspace(0.0, 1.0, 8001))
     least = float((local.problem.scene.gaps(dense, NEAR) - local.problem.margins).min())
-    room = float(local.clearance_rows(course.x).room.min())
+    room = float(clearance_rows(local, course.x).room.min())
     watched = room * CLEARANCE_UNIT + (EXTRA if room > 0.0 else 0.5 * EXTRA)
     assert watched <= least + 5e-5
 
@@ -54,5 +54,5 @@ def test_of_courses_at_one_place_the_better_goes_on() -> None:
     course = begin_course(task)
     twin = begin_course(replace(task, vias=task.vias + 0.5 * SAME))
     other = begin_course(replace(task, vias=task.vias + 4.0 * SAME))
-    assert _different([course, twin, other], 3) == [course, other]
-    assert _different([course, other], 1) == [course]
+    assert different([course, twin, other], 3) == [course, other]
+    assert different([course, other], 1) == [course]
