@@ -153,17 +153,20 @@ def nearly_holds(course: Course) -> bool:
 def different(courses: Sequence[Course], most: int) -> list[Course]:
     """The first of the courses, without those that have come to where a better one is.
 
-    So many at most.
+    So many at most. Along a way that is given all come to the same place: there another grid makes
+    another course, as which of them holds the quickest time law is seen on finer ones alone.
     """
     taken: list[Course] = []
-    places: list[Array] = []
+    places: dict[int, list[Array]] = {}  # by sections of the grid, where these part courses
     for course in courses:
-        coefficients = course.local.split(course.x)[0]
-        place = course.local.grid.positions(coefficients, COMPARED)
-        if any(np.abs(place - other).max() < SAME for other in places):
+        grid = course.local.grid
+        place = grid.positions(course.local.split(course.x)[0], COMPARED)
+        sections = grid.sections if course.local.problem.way.given else 0
+        rivals = places.setdefault(sections, [])
+        if any(np.abs(place - other).max() < SAME for other in rivals):
             continue
         taken.append(course)
-        places.append(place)
+        rivals.append(place)
         if len(taken) == most:
             break
     return taken
