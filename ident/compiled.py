@@ -12,25 +12,32 @@ from typing import Any
 import numba
 from numba.core import event
 
+from ident.progress import aside
 from ident.user_cache import user_cache
 
 NUMBAS: Any = numba.config  # which no type checker knows
 # What numba calls the work of making one loop machine code, code that was kept not counted.
 COMPILING = "numba:compile"
+# What whoever waits for it is told.
+WORDS = "compiling loops, once on this computer"
 
 
 class _CompileClock(event.Listener):
-    """Adds up the processor time of compiling; one loop's may hold that of those it calls."""
+    """Adds up the time of compiling; one loop's may hold that of those it calls."""
 
     def __init__(self) -> None:
-        self.spent = 0.0
+        self.spent = 0.0  # processor time [s]
+        self.waited = 0.0  # the same on the wall [s]
         self._depth = 0
         self._began = 0.0
+        self._began_on_wall = 0.0
 
     def on_start(self, event: event.Event) -> None:
         """Begins to count where nothing is compiled yet."""
         if self._depth == 0:
+            aside(WORDS)
             self._began = time.process_time()
+            self._began_on_wall = time.monotonic()
         self._depth += 1
 
     def on_end(self, event: event.Event) -> None:
@@ -38,6 +45,7 @@ class _CompileClock(event.Listener):
         self._depth -= 1
         if self._depth == 0:
             self.spent += time.process_time() - self._began
+            self.waited += time.monotonic() - self._began_on_wall
 
 
 @cache
@@ -54,6 +62,14 @@ def compile_seconds() -> float:
     Nought where all of them were kept by a process before: so only a first run pays.
     """
     return _clock().spent
+
+
+def working_clock() -> float:
+    """The time on the wall as work goes by: it stands still while loops are compiled [s].
+
+    What is done once on a computer foretells nothing of the work that is left.
+    """
+    return time.monotonic() - _clock().waited
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

@@ -108,6 +108,16 @@ def stage(words: str, low: float = 0.0, high: float = 1.0) -> None:
         work.begin(words, low, high)
 
 
+def aside(words: str) -> None:
+    """Tells what is done beside the work, which brings it no farther.
+
+    Args:
+        words: What that is.
+    """
+    if (work := _WORK.get()) is not None:
+        work.listener(words, work.share, None)
+
+
 def step(done: int, total: int, error: float | None = None) -> None:
     """So many of a stage's equal steps are done; the error that a search or a training has come to
     is not shown.

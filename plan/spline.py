@@ -200,7 +200,8 @@ class Splines:
         """Position, velocity and acceleration at local times s ∈ [0, 1] of every section, each (B,
         S·m, n).
         """
-        shares = np.ascontiguousarray(s, dtype=float)
+        # Read-only, whoever asks: loops are compiled anew for what may be written.
+        shares = freeze(s)
         q, dq, ddq = _states(self.points, self.slopes, self.durations, shares)
         return q, dq, ddq
 

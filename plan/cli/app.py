@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -108,7 +109,7 @@ def solve(
     controller = opened.controller(options, out)
     if options.beyond:  # before anything is planned
         console.print(opened.problem.notes[0], soft_wrap=True, highlight=False)
-    with progress_line(console, f"solve by {options.method}"):
+    with _progress(f"solve by {options.method}"):
         result = opened.solve(
             options, controller=controller, began=0.0
         )  # from the process's own start
@@ -183,7 +184,7 @@ def cycle(
         from plan.problem.execution import require_writable
 
         require_writable(Path("leg.csv"), rate)
-    with progress_line(console, "cycle"):
+    with _progress("cycle"):
         # From the process's own start.
         result = plan_cycle(task, model, began=0.0, **asdict(options))
 
@@ -219,7 +220,7 @@ def compare(
     opened = open_task(task, model, options)
     if options.beyond:
         console.print(opened.problem.notes[0], soft_wrap=True, highlight=False)
-    with progress_line(console, "compare"):
+    with _progress("compare"):
         table = opened.compare(options)
 
     def write_folder() -> None:
@@ -253,7 +254,7 @@ def paper(
 
     check_outputs([model], {f"--out {out}: {name}": out / name for name in FILES})
     fitted = None if model is None else HybridModel.load(model)
-    with progress_line(console, "paper"):
+    with _progress("paper"):
         repeated = repeat_paper(fitted, options)
     console.print(f"page written to {write_page(repeated, out)}")
 
@@ -294,7 +295,7 @@ def excite(
         {"--out": (out, MOTION_KIND)},
     )
     write = _excite_writer(robot, out, capture)
-    with progress_line(console, "excite"):
+    with _progress("excite"):
         asked = asdict(options)
         excitation = find_motion(robot, diagnosis=diagnosis, catalogue=catalogue, **asked)
     hand_over(excitation, json_file, lambda: None if write is None else write(excitation))
@@ -304,6 +305,17 @@ def excite(
     console.print(f"motion written to {out}")
     if capture is not None:
         console.print(f"what to do with it, step by step: {out / 'capture.json'}")
+
+
+def _progress(job: str) -> AbstractContextManager[None]:
+    """Shows how far a job has come; what compiling takes foretells nothing of the rest.
+
+    Args:
+        job: The command's name.
+    """
+    from ident.compiled import working_clock
+
+    return progress_line(console, job, working_clock)
 
 
 def _excite_writer(

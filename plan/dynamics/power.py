@@ -218,19 +218,22 @@ def _rigid_partials(chain, q, dq, ddq, step):  # type: ignore[no-untyped-def]
     for t in range(count):
         rnea(chain, q[t], dq[t], ddq[t], work, tau[t])
         for j in range(n):
-            x[:] = ddq[t]
+            for i in range(n):
+                x[i] = ddq[t, i]
             x[j] += 1.0
             rnea(chain, q[t], dq[t], x, work, high)
             for i in range(n):
                 by_a[t, i, j] = high[i] - tau[t, i]
-            x[:] = dq[t]
+            for i in range(n):
+                x[i] = dq[t, i]
             x[j] += 1.0
             rnea(chain, q[t], x, ddq[t], work, high)
             x[j] -= 2.0
             rnea(chain, q[t], x, ddq[t], work, low)
             for i in range(n):
                 by_v[t, i, j] = 0.5 * (high[i] - low[i])
-            x[:] = q[t]
+            for i in range(n):
+                x[i] = q[t, i]
             x[j] += step
             rnea(chain, x, dq[t], ddq[t], work, high)
             x[j] -= 2.0 * step

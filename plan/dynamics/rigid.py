@@ -274,7 +274,10 @@ def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-unty
     rot = np.empty((n + 1, 3, 3))
     at = np.empty((n + 1, 3))
     for row in range(q.shape[0]):
-        if row == 0 or np.any(q[row] != q[row - 1]):
+        moved = row == 0
+        for j in range(n):
+            moved = moved or q[row, j] != q[row - 1, j]
+        if moved:
             place_frames(chain, q[row], rot, at)
         for side in range(2):
             for j in range(joints[row, side]):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, Int, freeze
 from ident.compiled import compiled
 from ident.robot.chain import Chain
 from plan.geometry.simplex import simplex_gap
@@ -53,17 +53,6 @@ class CompiledBodies(NamedTuple):
     owner: Array  # number of the shape that each belongs to
     part: Array  # the first of a hull's parts, and their number; no parts of what is convex
     parts: Array
-
-
-class Points(NamedTuple):
-    """As much of `CompiledBodies` as it takes to find a farthest point."""
-
-    placed_rot: Array
-    placed_at: Array
-    core: Array
-    first: Array
-    number: Array
-    corners: Array
 
 
 class Tree(NamedTuple):
@@ -291,7 +280,7 @@ def thin_corners(corners: Array) -> tuple[Array, float]:
         return corners, 0.0
     directions = _spread_directions(FEW_CORNERS)
     chosen = np.unique(np.argmax(corners @ directions.T, axis=0))
-    return _grown(np.ascontiguousarray(corners), chosen, MOST_CORNERS, STANDING_OUT)
+    return _grown(corners, chosen, MOST_CORNERS, STANDING_OUT)
 
 
 def _spread_directions(count: int) -> Float[Array, "{count} 3"]:
@@ -303,61 +292,118 @@ def _spread_directions(count: int) -> Float[Array, "{count} 3"]:
     return np.column_stack([level * np.cos(turn), level * np.sin(turn), height])
 
 
-@compiled(nogil=True)
-def _grown(corners, chosen, most, small):  # type: ignore[no-untyped-def]
+def _grown(
+    corners: Array, chosen: Int[Array, " k"], most: int, small: float
+) -> tuple[Array, float]:
     """Adds the corner that stands out most until all stand out little, or there are too many."""
-    count = len(corners)
     number = len(chosen)
-    grown = np.empty((max(most, number), 3))
-    for k in range(number):
-        grown[k] = corners[chosen[k]]
-    bound = np.full(count, 1e9)  # a corner never stands out more from a larger hull
-    zero = np.zeros((2, 3))
-    axes = np.zeros((2, 3, 3))
-    axes[0] = np.eye(3)
-    axes[1] = np.eye(3)
+    room = np.zeros((max(most, number) + 1, 3))  # the hull's corners, and the one looked at
+    room[:number] = corners[chosen]
+    pair = CompiledBodies(
+        carrier=np.zeros(2, dtype=np.int64),
+        rot=np.stack([np.eye(3)] * 2),
+        at=np.zeros((2, 3)),
+        placed_rot=np.stack([np.eye(3)] * 2),
+        placed_at=np.zeros((2, 3)),
+        half=np.zeros((2, 3)),
+        core=np.zeros((2, 3)),
+        radius=np.zeros(2),
+        ball=np.zeros(2),
+        first=np.array([0, len(room) - 1]),
+        number=np.array([number, 1]),
+        corners=room,
+        owner=np.arange(2),
+        part=np.zeros(2, dtype=np.int64),
+        parts=np.zeros(2, dtype=np.int64),
+    )
+    worst = _grow(freeze(np.ascontiguousarray(corners)), pair, most, small)
+    return room[: pair.number[0]].copy(), worst
+
+
+@compiled(nogil=True)
+def _grow(corners, pair, most, small):  # type: ignore[no-untyped-def]
+    """Adds corners to the first of two bodies; by how much the others stand out then [m].
+
+    Args:
+        corners: All that may be added, shape (k, 3) [m].
+        pair: The hull, with room for more corners, and a body of one corner behind that room. Their
+            numbers are read from it, as numbers that are written here are compiled apart.
+        most: Corners of the hull, at the most.
+        small: What may stand out [m].
+    """
+    hull = pair.owner[0]
+    point = pair.owner[1]
+    place = pair.first[point]
+    warm = np.empty(3)
+    bound = np.full(corners.shape[0], 1e9)  # a corner never stands out more from a larger hull
     while True:
         worst = 0.0
         which = -1
-        pair = Points(
-            axes,
-            zero,
-            zero,
-            np.array([0, number]),
-            np.array([number, 1]),
-            np.empty((number + 1, 3)),
-        )
-        pair.corners[:number] = grown[:number]
-        for k in range(count):
+        for k in range(corners.shape[0]):
             if bound[k] > worst:
-                pair.corners[number] = corners[k]
-                bound[k] = max(simplex_gap(0, 1, pair, 1e9, np.zeros(3)), 0.0)
+                for m in range(3):
+                    pair.corners[place, m] = corners[k, m]
+                    warm[m] = 0.0
+                bound[k] = max(simplex_gap(hull, point, pair, 1e9, warm), 0.0)
                 if bound[k] > worst:
                     worst = bound[k]
                     which = k
+        number = pair.number[hull]
         if worst <= small or number >= most:
-            return grown[:number].copy(), worst
-        grown[number] = corners[which]
-        number += 1
+            return worst
+        for m in range(3):
+            pair.corners[number, m] = corners[which, m]
+        pair.number[hull] = number + 1
 
 
-@compiled(nogil=True)
-def _join(items, low, high, links, used):  # type: ignore[no-untyped-def]
+def _join(
+    items: Int[Array, " k"],
+    low: Float[Array, "N 3"],
+    high: Float[Array, "N 3"],
+    nodes: Int[Array, "3 N"],
+    used: int,
+) -> tuple[int, int]:
     """Joins nodes by halves along the longest side of what holds their middles.
+
+    All parts of a level of the tree are halved together.
+
+    Args:
+        items: Numbers of the nodes.
+        low, high: Boxes of all nodes [m]; those of new ones are written.
+        nodes: Children and body of all nodes; the children of new ones are written.
+        used: Nodes that there are.
 
     Returns:
         The root and the number of nodes used.
     """
     if len(items) == 1:
-        return items[0], used
-    node = used
+        return int(items[0]), used
+    root = used
     middles = low[items] + high[items]
-    sides = np.array([middles[:, k].max() - middles[:, k].min() for k in range(3)])
-    items = items[np.argsort(middles[:, np.argmax(sides)], kind="mergesort")]
-    left, used = _join(items[: len(items) // 2], low, high, links, node + 1)
-    right, used = _join(items[len(items) // 2 :], low, high, links, used)
-    links[0, node] = left
-    links[1, node] = right
-    low[node] = np.minimum(low[left], low[right])
-    high[node] = np.maximum(high[left], high[right])
-    return node, used
+    counts = np.array([len(items)])
+    levels = []
+    while len(counts):
+        level = used + np.arange(len(counts))
+        used += len(counts)
+        levels.append(level)
+        begins = np.cumsum(counts) - counts
+        sides = np.maximum.reduceat(middles, begins) - np.minimum.reduceat(middles, begins)
+        group = np.repeat(np.arange(len(counts)), counts)
+        along = middles[np.arange(len(items)), sides.argmax(axis=1)[group]]
+        order = np.lexsort((along, group))
+        items = items[order]
+        middles = middles[order]
+        counts = np.stack([counts // 2, counts - counts // 2], axis=1).ravel()
+        parted = counts > 1
+        children = items[np.cumsum(counts) - counts]
+        children[parted] = used + np.arange(np.count_nonzero(parted))
+        nodes[:2, level] = children.reshape(-1, 2).T
+        left = np.repeat(parted, counts)
+        items = items[left]
+        middles = middles[left]
+        counts = counts[parted]
+    for level in reversed(levels):
+        left, right = nodes[:2, level]
+        low[level] = np.minimum(low[left], low[right])
+        high[level] = np.maximum(high[left], high[right])
+    return root, used

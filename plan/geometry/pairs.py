@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, freeze
 from ident.errors import InputError
 from ident.records import Record
 from ident.robot.arm import ArmModel
@@ -174,7 +174,9 @@ def _probe(
         return np.empty((PROBES, 0))
     scene = compile_scene(arm.chain, boxes, links)
     numbers = np.array(pairs, dtype=np.int64)
-    q = random_positions(arm, PROBES)
+    # Read-only as a scene's are: loops are compiled anew for what may be written.
+    numbers.setflags(write=False)
+    q = freeze(random_positions(arm, PROBES))
     return np.asarray(gaps_of_states(scene, numbers, q, 1e9, ALL))
 
 

@@ -162,9 +162,12 @@ class Scene:
             pairs = self.pairs
         if wanted is None:
             wanted = ALL
-        q = np.ascontiguousarray(q, dtype=float)
         if len(pairs) == 0:
             return np.empty((len(q), 0))
+        # Read-only, whoever asks: loops are compiled anew for what may be written.
+        q = freeze(np.ascontiguousarray(q, dtype=float))
+        pairs = pairs.view()
+        pairs.setflags(write=False)
         return np.asarray(gaps_of_states(self._world, pairs, q, beyond, wanted))
 
     def separation(

@@ -94,7 +94,7 @@ def ball_gap(i, j, bodies):  # type: ignore[no-untyped-def]
 
 
 @compiled(fastmath=True, nogil=True)
-def body_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
+def body_gap(i, j, bodies, warm, enough, band):  # type: ignore[no-untyped-def]
     """Signed separation of two bodies by number, in their places [m]; `warm` as in `simplex_gap`.
 
     What is known to be larger than `enough`, or than `band`, is not looked at closer: any lower
@@ -130,7 +130,7 @@ def body_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-
 
 
 @compiled(fastmath=True, nogil=True)
-def shape_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
+def shape_gap(i, j, bodies, warm, enough, band):  # type: ignore[no-untyped-def]
     """Signed separation of two shapes [m]; of near hulls with parts, the smallest gap of these.
 
     Args:
@@ -150,7 +150,8 @@ def shape_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped
     seen = np.empty(3)
     for a in range(first_of_i, end_of_i):
         for b in range(first_of_j, end_of_j):
-            seen[:] = warm
+            for k in range(3):
+                seen[k] = warm[k]
             least = min(least, body_gap(a, b, bodies, seen, min(enough, least), band))
     return max(gap, least)
 

@@ -36,7 +36,7 @@ REMEMBERED = 256
 
 @compiled(fastmath=True, nogil=True)
 def _world_gap(  # type: ignore[no-untyped-def]
-    tree, bodies, link, root, most, hint, seen, band=BAND
+    tree, bodies, link, root, most, hint, seen, band
 ):
     """Smallest gap between a link and the bodies below a node, or `most` if none is nearer [m].
 
@@ -244,7 +244,7 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
             if a < links and (len(wanted) == 0 or wanted[t, p]):
                 warm[:] = 0.0  # so that a gap depends on nothing that was looked at before
                 gap = ball_gap(a, b, bodies)
-                out[t, p] = gap if gap > beyond else shape_gap(a, b, bodies, warm, FAR)
+                out[t, p] = gap if gap > beyond else shape_gap(a, b, bodies, warm, FAR, BAND)
         for b in range(links):
             if root < 0 or column[b].max() < 0:
                 continue
@@ -265,7 +265,8 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
                 p = column[b, shape]
                 if p >= 0 and done[p] != t and (len(wanted) == 0 or wanted[t, p]):
                     done[p] = t
-                    out[t, p] = _world_gap(tree, bodies, b, tree.root[shape], 1e9, hints[p], anew)
+                    below = tree.root[shape]
+                    out[t, p] = _world_gap(tree, bodies, b, below, 1e9, hints[p], anew, BAND)
     return out
 
 
@@ -362,10 +363,12 @@ def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-un
                     if clear[p] <= t:
                         if p < between:
                             link = pairs[p, 1]
-                            gap = shape_gap(pairs[p, 0], link, bodies, warm[p], FAR)
+                            gap = shape_gap(pairs[p, 0], link, bodies, warm[p], FAR, BAND)
                         else:
                             link = moving[p - between]
-                            gap = _world_gap(tree, bodies, link, root, FAR, hints[link], seen[link])
+                            gap = _world_gap(
+                                tree, bodies, link, root, FAR, hints[link], seen[link], BAND
+                            )
                         gap -= margins[p]
                         worst = min(worst, gap)
                         # The gap reaches its margin no sooner than this, from either side.

@@ -12,6 +12,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from plan.planners.base import Ledger
 from plan.planners.local_model import Linearisation, LocalModel, TrajectoryValues
+from plan.planners.near_pairs import clearance_rows
 from plan.planners.subproblem import Bounds, ConstraintRows, Step, solve_step
 from plan.planners.transcription import ACTING, DEGREE
 
@@ -214,7 +215,7 @@ class _Descent:
             self.course = replace(self.course, curvature=learned)
         self._slope = gradient
         self._bent = bend
-        groups = [rows, local.clearance_rows(x), local.rule_rows(x)]
+        groups = [rows, clearance_rows(local, x), local.rule_rows(x)]
         model = _Model(about, gradient / self._scale, self.course.curvature + bend)
         while self._reach > SHORTEST and self._ledger.remaining > 0:
             promise = self._solve(model, groups)
@@ -336,7 +337,7 @@ def _hit(local: LocalModel, x: Float[Array, " d"], step: Float[Array, " d"]) -> 
     The distance of two boxes bends where another edge or face comes nearest, and a step that missed
     that knows it now.
     """
-    hit = local.clearance_rows(x)
+    hit = clearance_rows(local, x)
     missed = hit.room < 0.0
     return ConstraintRows(hit.matrix[missed], hit.room[missed] + hit.matrix[missed] @ step)
 

@@ -10,18 +10,27 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import freeze
 from ident.errors import InputError
-from plan.dynamics.power import section_nodes
 from plan.initial.limit_times import at_its_limits, quickest_of_each_joint
 from plan.initial.rule_ways import iterate_rule_ways
 from plan.initial.starts import iterate_ways
 from plan.initial.vias import straight
 from plan.planners.base import BudgetSpentError, Candidate, Ledger, Planner
+from plan.planners.courses import (
+    WIDTHS,
+    begin_course,
+    course_on,
+    different,
+    enter,
+    knots_of,
+    nearly_holds,
+    nodes_of,
+    parted,
+    peaks,
+)
 from plan.planners.descent import (
     KEPT,
-    KEPT_CLEAR,
-    KEPT_RULE,
     Course,
     begin,
     count_finer,
@@ -30,41 +39,14 @@ from plan.planners.descent import (
     refine,
 )
 from plan.planners.evolution import Evolution
-from plan.planners.local_model import LocalModel
-from plan.planners.transcription import Grid, on_steps
-from plan.problem.problem import SHARE, STRAIGHT, PlanningProblem
+from plan.planners.transcription import Grid
+from plan.problem.problem import STRAIGHT, PlanningProblem
 from plan.spline import Splines
 
 # Via points of the first grid.
 FIRST_VIAS = 2
-# Its fewest sections, for energy and for time, whatever the task asks for: more of them hold what
-# fewer can. Times of few sections hardly tell which start ends lowest.
-COARSE = (6, 12)
-# Shares of the duration by which a motion is slowed down until it keeps its limits between the
-# nodes, too.
-SLOWER = (1.0, 1.0003, 1.0006, 1.001, 1.002, 1.004, 1.008, 1.016, 1.03, 1.06)
-# Rounding of the sign of the speed [rad/s] and of the modulus of power [W]: on the first grid, and
-# on finer ones.
-WIDTHS = ((0.05, 2.0), (0.01, 0.5), (0.003, 0.1))
-# Sections from which on each is looked at in fewer places.
-MANY = 12
-# Places in a section, for time: of few sections, of many, of twice as many.
-TIMED_NODES = (7, 5, 4)
-# The same for energy, beside the section's ends: of few sections, of many.
-ENERGY_NODES = (6, 4)
-# Places of a section at which peaks are looked for: those of the ledger's evaluation among them,
-# and close enough together for the peak where a joint turns round and its friction changes sign.
-DENSE = freeze(np.unique(np.concatenate([np.linspace(0.0, 1.0, 97), section_nodes()[0]])))
-# Limits passed between the nodes, and at them by no more than this share, are aimed lower: a motion
-# slowed down for a thousandth too much torque ends per cent above one that aims a thousandth lower.
-NEARLY = 0.01
 # Times that limits are aimed lower until they hold between the nodes, too.
 SETTLED = 3
-# Trajectories whose positions differ by less than this all along are the same, and only the better
-# goes on [rad].
-SAME = 0.03
-# Places at which they are compared.
-COMPARED = freeze(np.linspace(0.0, 1.0, 17)[1:-1])
 # A descent from a start ends where less than this share of the cost is to be gained.
 ROUGHLY = 1e-4
 # The same on the first finer grid, the second, and so on: what a coarse grid leaves undone the next
@@ -109,8 +91,6 @@ IDLE = 4
 SOFT_VIAS = 3
 # Trajectories by which CMA-ES moves time stamps that are named.
 STAMPS = 4000
-# Share of its limit that a search aims at below what the ledger asks for.
-AIM = 0.9999
 
 # Cost and course on the next finer grid, of courses that were refined.
 Refined = dict[Course, tuple[float, Course]]
@@ -264,7 +244,7 @@ class Sequential(Planner):
                     course = self._try(begin_course(way, self.parts), ledger, reached)
                     reached.append(self._refine(course, ledger, 0)[1])
                 reached.sort(key=lambda course: course.rank)
-                courses = _different(reached, self.starts)
+                courses = different(reached, self.starts)
             fresh = next((course for course in courses if course not in refined), None)
             if fresh is None or ledger.remaining == 0:
                 return
@@ -288,7 +268,7 @@ class Sequential(Planner):
             beside = descend(beside, ledger, self.first // 3, FROM_COURSE, TOLERANCES[0])
             is_lost = beside.look.clearance > LOST
             is_far = beside.look.cost > DEARER * course.look.cost
-            if is_lost or is_far or len(_different([course, beside], 2)) == 1:
+            if is_lost or is_far or len(different([course, beside], 2)) == 1:
                 continue
             beside = descend(beside, ledger, self.steps, FROM_COURSE, TOLERANCES[0])
             ends.append(self.settle(beside, ledger)[0])
@@ -337,7 +317,7 @@ class Sequential(Planner):
         """
         cost = enter(course, ledger)
         for turn in range(SETTLED):
-            if ledger.remaining == 0 or not _nearly_holds(course):
+            if ledger.remaining == 0 or not nearly_holds(course):
                 break
             if turn > 0 and cost < np.inf:
                 break
@@ -409,7 +389,7 @@ class Sequential(Planner):
         first = courses
         for level in levels:
             finer: list[tuple[float, Course]] = []
-            for course in _different(courses, self.kept[min(level, len(self.kept) - 1)]):
+            for course in different(courses, self.kept[min(level, len(self.kept) - 1)]):
                 if course not in done:
                     done[course] = self._refine(course, ledger, level)
                 if ledger.remaining == 0:
@@ -430,7 +410,7 @@ class Sequential(Planner):
         sections = count_finer(course.local)
         if sections > FINEST:
             return (course.look.cost if course.kept else np.inf), course
-        nodes = _nodes(course.local.timed, sections)
+        nodes = nodes_of(course.local.timed, sections)
         refined = refine(course, *WIDTHS[min(level + 1, len(WIDTHS) - 1)], nodes)
         tolerance = TOLERANCES[min(level, len(TOLERANCES) - 1)]
         refined = descend(refined, ledger, self.steps, FROM_COURSE, tolerance)
@@ -447,64 +427,16 @@ class Sequential(Planner):
         return cost, refined
 
 
-def _nearly_holds(course: Course) -> bool:
-    """Whether a course keeps its limits all but for a little."""
-    look = course.look
-    is_clear = look.clearance <= KEPT_CLEAR and look.rules <= KEPT_RULE
-    return is_clear and look.limits <= NEARLY
-
-
-def _different(courses: Sequence[Course], most: int) -> list[Course]:
-    """The first of the courses, without those that have come to where a better one is.
-
-    So many at most.
-    """
-    taken: list[Course] = []
-    places: list[Array] = []
-    for course in courses:
-        coefficients = course.local.split(course.x)[0]
-        place = course.local.grid.positions(coefficients, COMPARED)
-        if any(np.abs(place - other).max() < SAME for other in places):
-            continue
-        taken.append(course)
-        places.append(place)
-        if len(taken) == most:
-            break
-    return taken
-
-
 def _with_vias(best: Candidate, count: int) -> Candidate:
     """The same motion, its longest sections parted until it has so many via points."""
     splines = best.splines
     times = np.concatenate([[0.0], np.cumsum(splines.durations[0])])
-    knots = _parted(times, count + 1)
+    knots = parted(times, count + 1)
     points = splines.at(knots)[0]
     points[0] = splines.points[0, 0]
     points[-1] = splines.points[0, -1]
     same = best.problem.with_initial(Splines(points[None], np.diff(knots)[None]))
     return Candidate(same, same.initial, best.cost, best.violation)
-
-
-def begin_course(problem: PlanningProblem, parts: int | None = None) -> Course:
-    """A problem's initial trajectory on a grid of its own knots.
-
-    Where these may grow, long sections are parted, and acceleration is zero at both ends.
-
-    Args:
-        problem: The task, started from the trajectory.
-        parts: Equal parts of the duration at whose ends knots are set; None for the knots' own.
-    """
-    timed = problem.objective == "time"
-    if timed:
-        problem = at_its_limits(problem)
-    knots = np.round(_knots(problem), 12)
-    knots[-1] = 1.0
-    if problem.grows:
-        knots = _parted(knots, COARSE[timed])
-    knots = np.unique(on_steps(knots, parts))
-    nodes, weights = _nodes(timed, len(knots) - 1)
-    grid = Grid(freeze(knots), problem.grows or problem.limits.jerk is not None, nodes, parts)
-    return _course_on(problem, grid, weights, WIDTHS[0])
 
 
 def descend_on_knots(problem: PlanningProblem, ledger: Ledger, steps: int) -> None:
@@ -515,91 +447,16 @@ def descend_on_knots(problem: PlanningProblem, ledger: Ledger, steps: int) -> No
         ledger: Gets what is found, until its budget ends.
         steps: Most steps, on a coarser and on a finer rounding of the signs of speed and power.
     """
-    knots = _knots(problem)
+    knots = knots_of(problem)
     knots[-1] = 1.0
-    nodes, weights = _nodes(False, len(knots) - 1)
+    nodes, weights = nodes_of(False, len(knots) - 1)
     grid = Grid(freeze(knots), True, nodes)
     if grid.free < 1:
         return
-    course = _course_on(problem, grid, weights, WIDTHS[1])
+    course = course_on(problem, grid, weights, WIDTHS[1])
     planner = Sequential(steps=steps)
     with suppress(BudgetSpentError):
         for width, power in WIDTHS[1:]:
             course = begin(replace(course.local, width=width, power=power), course.x)
             course = descend(course, ledger, steps, FROM_COURSE, TOLERANCES[-1])
             course = planner.settle(course, ledger)[0]
-
-
-def _knots(problem: PlanningProblem) -> Float[Array, " K"]:
-    """Ends of a problem's sections, as shares of its duration."""
-    ends = np.concatenate([[0.0], np.cumsum(problem.durations)])
-    return np.asarray(ends / problem.durations.sum())
-
-
-def _course_on(
-    problem: PlanningProblem, grid: Grid, weights: Array, widths: tuple[float, float]
-) -> Course:
-    """A problem's initial trajectory on a grid, with weights of its nodes and roundings."""
-    torque_aim = np.full((grid.sections, problem.n), AIM)
-    speed_aim = np.full(problem.n, AIM)
-    local = LocalModel(problem, grid, weights, *widths, torque_aim, speed_aim)
-    initial = Splines(problem.with_ends(problem.vias)[None], problem.durations[None])
-    return begin(local, local.join(grid.fit(initial), float(problem.durations.sum())))
-
-
-def _parted(knots: Float[Array, " K"], sections: int) -> Float[Array, " K"]:
-    """The knots with the longest section parted until there are so many sections."""
-    while len(knots) < sections + 1:
-        widest = int(np.argmax(np.diff(knots)))
-        middle = (knots[widest] + knots[widest + 1]) / 2
-        knots = np.insert(knots, widest + 1, middle)
-    return knots
-
-
-def _nodes(timed: bool, sections: int) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
-    """Where a section is looked at, fewer places where there are many sections; and weights."""
-    if timed:
-        count = TIMED_NODES[min(sections // MANY, len(TIMED_NODES) - 1)]
-        return freeze(np.linspace(0.0, 1.0, count)), freeze(np.zeros(count))
-    places, weights = np.polynomial.legendre.leggauss(ENERGY_NODES[sections >= MANY])
-    nodes = [0.0, *((places + 1) / 2), 1.0]
-    return freeze(nodes), freeze([0.0, *(weights / 2), 0.0])
-
-
-def peaks(course: Course) -> tuple[Float[Array, "K n"], Float[Array, " n"]]:
-    """Largest torque of each section and largest speed, as shares of what is aimed at.
-
-    Between the nodes, too.
-    """
-    local = course.local
-    limits = local.problem.limits
-    splines = local.splines(course.x)
-    tau = np.abs(local.problem.model.torque(*splines.states(DENSE))[0])
-    torque = tau.reshape(local.grid.sections, len(DENSE), local.n).max(axis=1)
-    speed = splines.top_speed[0]
-    return torque / (SHARE * AIM * limits.torque), speed / (SHARE * AIM * limits.speed)
-
-
-def enter(course: Course, ledger: Ledger) -> float:
-    """Enters a course into the ledger; where time is free it is slowed down until all limits hold.
-
-    Returns:
-        Its cost; infinite where it is not allowed.
-    """
-    splines = course.local.splines(course.x)
-    problem = course.local.problem
-    for factor in SLOWER if course.local.timed else (1.0,):
-        slower = Splines(splines.points, splines.durations * factor)
-        if ledger.solved:
-            torque = np.abs(problem.model.torque(*slower.states(DENSE))[0])
-            if np.any(torque > problem.limits.torque):
-                # The ledger looks in fewer places: it would take for allowed what the certificate
-                # refuses.
-                continue
-        carrier = problem.with_initial(slower)
-        evaluation = ledger.evaluate(carrier, carrier.initial[None])
-        if evaluation.feasible[0]:
-            return float(evaluation.cost[0])
-        if evaluation.collision[0] > 0 or evaluation.position[0] > 0:
-            break
-    return float("inf")

@@ -28,8 +28,7 @@ States = tuple[Float[Array, "m n"], Float[Array, "m n"], Float[Array, "m n"]]
 """Position [rad], speed [rad/s] and acceleration [rad/s²] at some places."""
 
 
-@compiled(nogil=True)
-def sections_of(shares, knots):  # type: ignore[no-untyped-def]
+def sections_of(shares: Float[Array, " m"], knots: Float[Array, " K"]) -> Int[Array, " m"]:
     """The section in which each share of the duration lies.
 
     Args:
@@ -40,7 +39,7 @@ def sections_of(shares, knots):  # type: ignore[no-untyped-def]
         Numbers (m,), 0 to K - 1; a knot belongs to the section that it begins.
     """
     out = np.searchsorted(knots, shares, side="right") - 1
-    return np.minimum(np.maximum(out, 0), len(knots) - 2)
+    return np.asarray(np.minimum(np.maximum(out, 0), len(knots) - 2))
 
 
 @compiled(fastmath=True, nogil=True)
@@ -158,8 +157,9 @@ class Grid:
             Position and three derivatives by the share, as in `bases`; number of the first, as in
             `first`.
         """
-        first = sections_of(shares, self.knots)
-        return _bases_at(shares, first, self.knots, self.taylor), first
+        places = freeze(shares)
+        first = sections_of(places, self.knots)
+        return _bases_at(places, first, self.knots, self.taylor), first
 
     def positions(
         self, coefficients: Float[Array, "C n"], shares: Float[Array, " m"]

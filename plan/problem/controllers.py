@@ -144,7 +144,48 @@ class Controller:
             times = np.round(knots / self.stamp_s) * self.stamp_s
             q = splines.points[0]
             dq = splines.slopes[0]
+        if self.curve == "speed":
+            speeds = self.rounded(dq)
+            return times, self._aimed(times, q, speeds), speeds
         return times, self.rounded(q), self.rounded(dq)
+
+    def _aimed(
+        self,
+        times: Float[Array, " K"],
+        q: Float[Array, "K n"],
+        dq: Float[Array, "K n"],
+    ) -> Float[Array, "K n"]:
+        """Positions to be sent so that velocities that are linear from tick to tick pass by q.
+
+        The trapezia under a section's cubic of N ticks miss, of the way d that it is sent, d / N²,
+        and of each end's velocity v they hold v T / (2 N²) too much. A section of one tick goes by
+        its velocities alone, wherever it is sent: the one before it ends where it must begin.
+
+        Args:
+            times: Times of the points [s].
+            q: Where the arm is to be then [rad].
+            dq: Velocities, as rounded as they are written [rad/s].
+
+        Returns:
+            Positions, as rounded as they are written [rad].
+        """
+        lengths = np.diff(times)
+        ticks = np.round(lengths / self.tick_s)
+        wanted = q.copy()
+        for k in range(len(lengths) - 1, -1, -1):
+            if ticks[k] == 1.0:
+                wanted[k] = wanted[k + 1] - 0.5 * self.tick_s * (dq[k] + dq[k + 1])
+        wanted[0] = q[0]
+        sent = self.rounded(wanted)
+        place = sent[0]
+        for k, length in enumerate(lengths):
+            if ticks[k] > 1.0:
+                share = 1.0 / ticks[k] ** 2
+                by_ends = 0.5 * share * length * (dq[k] + dq[k + 1])
+                way = (wanted[k + 1] - place - by_ends) / (1.0 - share)
+                sent[k + 1] = self.rounded(place + way)
+            place = _stepped_way(place, sent[k + 1], dq[k : k + 2], length, self.tick_s)[0][-1]
+        return sent
 
     def rounded(self, values: Float[Array, "K n"]) -> Float[Array, "K n"]:
         """Angles [rad] or speeds [rad/s] as they are after having been written and read.
@@ -198,20 +239,37 @@ def _stepped_speeds(
     velocities = [dq[:1]]
     for k in range(len(times) - 1):
         length = times[k + 1] - times[k]
-        steps = round(length / tick)
-        cubic = Splines(
-            np.stack([place, q[k + 1]])[None], np.array([[length]]), dq[None, k : k + 2]
-        )
-        speed = cubic.at(length * np.arange(1, steps + 1) / steps)[1]
-        speed[-1] = dq[k + 1]
-        before = np.concatenate([dq[k : k + 1], speed[:-1]])
-        way = place + np.cumsum((before + speed) * (0.5 * tick), axis=0)
+        way, speed = _stepped_way(place, q[k + 1], dq[k : k + 2], length, tick)
         place = way[-1]
         points.append(way)
         velocities.append(speed)
     every = np.concatenate(points)
     durations = np.full((1, len(every) - 1), tick)
     return Splines(every[None], durations, np.concatenate(velocities)[None])
+
+
+def _stepped_way(
+    start: Float[Array, " n"],
+    goal: Float[Array, " n"],
+    dq: Float[Array, "2 n"],
+    length: float,
+    tick: float,
+) -> tuple[Float[Array, "N n"], Float[Array, "N n"]]:
+    """Positions and velocities of a section at the ends of its ticks [rad, rad/s].
+
+    Args:
+        start: Where the arm is [rad].
+        goal: Where the section is sent [rad].
+        dq: Velocities at its ends [rad/s].
+        length: Its duration [s].
+        tick: Period of the controller [s].
+    """
+    steps = round(length / tick)
+    cubic = Splines(np.stack([start, goal])[None], np.array([[length]]), dq[None])
+    speed = cubic.at(length * np.arange(1, steps + 1) / steps)[1]
+    speed[-1] = dq[1]
+    before = np.concatenate([dq[:1], speed[:-1]])
+    return start + np.cumsum((before + speed) * (0.5 * tick), axis=0), speed
 
 
 def load_controllers() -> tuple[Controller, ...]:

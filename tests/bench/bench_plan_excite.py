@@ -28,7 +28,8 @@ from plan.command_options import ExciteOptions
 from plan.experiment.design import Designer
 from plan.experiment.feasible import Feasibility
 from plan.experiment.hypotheses import ask
-from plan.experiment.run_set import SIZES, SPREAD, TEXTBOOK, Stage, duration_of
+from plan.experiment.run_set import SIZES, SPREAD, TEXTBOOK, duration_of
+from plan.experiment.stage import Stage
 
 # Ticks of which each is looked at once, and what noise is as a share of the rated torque.
 THINNING, NOISE = 8, 0.005

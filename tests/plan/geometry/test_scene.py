@@ -157,7 +157,7 @@ OrientedBox = tuple[np.ndarray, np.ndarray, np.ndarray]
 def signed_separation(first: OrientedBox, second: OrientedBox) -> float:
     """The compiled loop's answer [m]."""
     bodies = compile_bodies([Box("", 0, *one) for one in (first, second)])
-    return float(body_gap(0, 1, bodies, np.zeros(3), 1e9))
+    return float(body_gap(0, 1, bodies, np.zeros(3), 1e9, BAND))
 
 
 def theorem(first: OrientedBox, second: OrientedBox) -> float:

@@ -1,13 +1,18 @@
 """What each step of a descent rests on: programmes that promise something, and the nearest places in view."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from plan.api.planning import open_task
+from plan.command_options import TaskOptions
 from plan.geometry.solids import Box
-from plan.planners.local_model import CLEARANCE_UNIT, EXTRA, NEAR
-from plan.planners.sequential import SAME, _different, begin_course
+from plan.initial.line_pace import timed_line
+from plan.planners.courses import SAME, begin_course, different, nodes_of
+from plan.planners.descent import Course, count_finer, refine
+from plan.planners.near_pairs import CLEARANCE_UNIT, EXTRA, NEAR, clearance_rows
 from plan.planners.subproblem import ConstraintRows, solve_step
 from tests.plan.worlds import problem, random_rotation
 
@@ -43,7 +48,7 @@ def test_the_nearest_place_of_a_motion_is_watched(seed: int) -> None:
     coefficients = local.split(course.x)[0]
     dense = local.grid.positions(coefficients, np.linspace(0.0, 1.0, 8001))
     least = float((local.problem.scene.gaps(dense, NEAR) - local.problem.margins).min())
-    room = float(local.clearance_rows(course.x).room.min())
+    room = float(clearance_rows(local, course.x).room.min())
     watched = room * CLEARANCE_UNIT + (EXTRA if room > 0.0 else 0.5 * EXTRA)
     assert watched <= least + 5e-5
 
@@ -54,5 +59,21 @@ def test_of_courses_at_one_place_the_better_goes_on() -> None:
     course = begin_course(task)
     twin = begin_course(replace(task, vias=task.vias + 0.5 * SAME))
     other = begin_course(replace(task, vias=task.vias + 4.0 * SAME))
-    assert _different([course, twin, other], 3) == [course, other]
-    assert _different([course, other], 1) == [course]
+    assert different([course, twin, other], 3) == [course, other]
+    assert different([course, other], 1) == [course]
+    assert different([course, on_finer_grid(course)], 2) == [course]
+
+
+def on_finer_grid(course: Course) -> Course:
+    return refine(course, 0.01, 0.5, nodes_of(course.local.timed, count_finer(course.local)))
+
+
+def test_along_a_given_way_another_grid_is_another_course() -> None:
+    """Law: a tool's line leaves one way; which grid holds the quickest time law is seen on finer ones alone."""
+    scene = Path(__file__).parents[3] / "examples/scenes/straight_4.toml"
+    task = open_task(scene, options=TaskOptions("time")).problem
+    assert task.rules is not None
+    course = begin_course(timed_line(task, task.rules))
+    finer = on_finer_grid(course)
+    assert different([course, finer], 2) == [course, finer]
+    assert different([course, course], 2) == [course]

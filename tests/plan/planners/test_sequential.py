@@ -10,10 +10,12 @@ from plan.dynamics.power import METRICS
 from plan.initial.limit_times import quickest_of_each_joint
 from plan.paper.brute_force import BruteForce
 from plan.planners import local_model, subproblem, velocity_reversals
+from plan.planners.courses import SAME, begin_course
 from plan.planners.descent import begin, choose_parts, count_finer, descend, move_aside, refine
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
-from plan.planners.sequential import POLISHED, SAME, Sequential, begin_course
+from plan.planners.near_pairs import CLEARANCE_UNIT, EXTRA, clearance_rows
+from plan.planners.sequential import POLISHED, Sequential
 from plan.planners.subproblem import ConstraintRows, solve_step
 from plan.planners.transcription import Grid
 from plan.problem.certificate import certify
@@ -96,7 +98,7 @@ def test_derivatives_are_those_of_what_is_looked_at(objective: str, monkeypatch:
     ends = [local.gradient(local.linearise(x + sign * step))[2].room for sign in (1.0, -1.0)]
     assert slope @ step == pytest.approx((local.look(x + step).cost - local.look(x - step).cost) / 2, rel=1e-3)
     assert rows.matrix @ step == pytest.approx((ends[1] - ends[0]) / 2, abs=1e-9)
-    clear = local.clearance_rows(x)
+    clear = clearance_rows(local, x)
     assert len(clear.room) > 0
     assert clear.room.min() == pytest.approx(-local.look(x).clearance, abs=0.03)
 
@@ -133,9 +135,9 @@ def test_a_limit_that_a_step_passes_is_known_though_it_was_far(monkeypatch: pyte
 def test_a_motion_just_beyond_its_margin_promises_no_clearance() -> None:
     """Law: rows of the clearance count as broken what `look` does, and no less."""
     local, x = moved(problem(MONITOR, duration=1.0))
-    broken = local.clearance_rows(x).shortfall
+    broken = clearance_rows(local, x).shortfall
     assert broken > 0.0
-    assert broken <= local.look(x).clearance + 0.4 * local_model.EXTRA / local_model.CLEARANCE_UNIT
+    assert broken <= local.look(x).clearance + 0.4 * EXTRA / CLEARANCE_UNIT
 
 
 def test_what_is_found_hardly_depends_on_the_seed() -> None:

@@ -168,6 +168,25 @@ def test_a_motion_that_brakes_hard_is_not_slowed_down() -> None:
     assert run.q == pytest.approx(curve.at(np.minimum(run.times, float(curve.total[0])))[0], abs=1e-8)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_speeds_from_tick_to_tick_end_where_the_plan_ends(seed: int) -> None:
+    """Law: however hard a motion accelerates, UR's lines between speeds pass by its knots, and end at its goal."""
+    controller = CONTROLLERS["ur_spline"]
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-2.0, 2.0, (1, 7, 6))
+    splines = Splines(points, rng.uniform(0.1, 0.4, (1, 6)))
+    assert float(splines.top_acceleration.max()) > 100.0
+    on_step = controller.put_on_step(splines, TimeLaw(float(splines.total[0])))
+    times, q, dq = controller.sent(on_step)
+    run = by_speedj(Points(times, q, dq), controller.tick_s)
+    rounding = 0.5 * 10.0**-controller.digits * (1.0 + controller.tick_s * len(times))
+    assert np.abs(run.q[-1] - points[0, -1]).max() < 2.0 * rounding
+    at_knots = [run.q[np.argmin(np.abs(run.times - time))] for time in times]
+    assert np.abs(np.array(at_knots) - on_step.points[0]).max() < 1e-5
+    untouched = by_speedj(Points(times, on_step.points[0], dq), controller.tick_s)
+    assert np.abs(untouched.q[-1] - points[0, -1]).max() > 10.0 * rounding
+
+
 def test_the_arm_and_the_file_name_the_controller() -> None:
     """By the file's ending and the robot; what does not fit is refused with what does."""
     tm, ur, panda = (ArmModel.load(name) for name in ("tm5-900", "ur5", "panda"))

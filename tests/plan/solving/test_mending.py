@@ -11,8 +11,8 @@ import pytest
 from plan.command_options import SolveOptions
 from plan.planners import base
 from plan.planners.base import Candidate, Ledger
+from plan.planners.courses import begin_course
 from plan.planners.descent import descend
-from plan.planners.sequential import begin_course
 from plan.problem.certificate import Certificate, certify, keeps_limits
 from plan.problem.controllers import Controller, load_controllers
 from plan.problem.problem import PlanningProblem
