@@ -12,7 +12,7 @@ from ident.effects import optional
 from ident.effects.base import Effect, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import STATE
-from ident.effects.interval import UNIT_SCALE
+from ident.effects.interval import UNIT_SCALE, WITH_DEGREES
 from ident.export.identified import Change
 from ident.laws.acting import LAWS, link_change, payload_parameters, read_log, turned_gravity
 from ident.laws.motion import Losses, MovingArm
@@ -162,7 +162,11 @@ def numbers_of_sentence(effect: Effect, values: Figures, reported: Sequence[str]
     for _, name, how, _ in Formatter().parse(effect.sentence):
         if name is None or name == "where" or (how or "").startswith(WORD):
             continue
-        numbers.append(UNIT_SCALE.get((how or "").lstrip("=|"), 1.0) * values[name])
+        unit = (how or "").lstrip("=|")
+        if unit == WITH_DEGREES:
+            numbers += [UNIT_SCALE["mrad"] * values[name], np.degrees(values[name])]
+            continue
+        numbers.append(UNIT_SCALE.get(unit, 1.0) * values[name])
     return numbers
 
 
