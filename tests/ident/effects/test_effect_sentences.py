@@ -12,7 +12,7 @@ from ident.effects import optional
 from ident.effects.base import Effect, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import STATE
-from ident.effects.interval import UNIT_SCALE, WITH_DEGREES
+from ident.effects.interval import UNIT_SCALE
 from ident.export.identified import Change
 from ident.laws.acting import LAWS, link_change, payload_parameters, read_log, turned_gravity
 from ident.laws.motion import Losses, MovingArm
@@ -108,9 +108,14 @@ def read(name: str, p: Figures, torque: float) -> float:
     return float(read_log([(name, 0, p)], np.array([[torque]]), 0.0)[0, 0])
 
 
+def milliradians_and_degrees(angle: float) -> list[float]:
+    """An angle [rad] as a sentence tells it."""
+    return [1e3 * angle, np.degrees(angle)]
+
+
 def tilt(p: Figures) -> list[float]:
     x, y = (turned_gravity(np.array([0.0, 0.0, -1.0]), {**p, f"tilt_{gone}_rad": 0.0}) for gone in "yx")
-    return [1e3 * np.arcsin(abs(x[1])), 1e3 * np.arcsin(abs(y[0]))]
+    return [*milliradians_and_degrees(np.arcsin(abs(x[1]))), *milliradians_and_degrees(np.arcsin(abs(y[0])))]
 
 
 # Of effects whose sentence names what the law gives at some state, the numbers of the sentence.
@@ -139,7 +144,7 @@ EVALUATED: dict[str, Callable[[Figures], list[float]]] = {
         read("torque_saturation", p, p["at_peak_Nm"]),
         p["at_peak_Nm"],
     ],
-    "encoder_offset": lambda p: [1e3 * p["offset_rad"]],
+    "encoder_offset": lambda p: milliradians_and_degrees(p["offset_rad"]),
 }
 # How a place in a sentence that shows a number, not a word, does not begin.
 WORD = "?"
@@ -162,11 +167,7 @@ def numbers_of_sentence(effect: Effect, values: Figures, reported: Sequence[str]
     for _, name, how, _ in Formatter().parse(effect.sentence):
         if name is None or name == "where" or (how or "").startswith(WORD):
             continue
-        unit = (how or "").lstrip("=|")
-        if unit == WITH_DEGREES:
-            numbers += [UNIT_SCALE["mrad"] * values[name], np.degrees(values[name])]
-            continue
-        numbers.append(UNIT_SCALE.get(unit, 1.0) * values[name])
+        numbers.append(UNIT_SCALE.get((how or "").lstrip("=|"), 1.0) * values[name])
     return numbers
 
 
