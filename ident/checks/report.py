@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import string
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -258,6 +259,14 @@ def issue_of(
     return TelemetryIssue(
         row["issue"], joints_at(session, columns), severity or row["severity"], reported, remedy
     )
+
+
+def with_reach(value: float, reach: float) -> str:
+    """A multiple with how far it may be off: to two places, or to the first digit of the latter."""
+    places = 2
+    if 0.0 < reach < 0.005:
+        places = min(-math.floor(math.log10(reach)), 6)
+    return f"{value:.{places}f} ± {reach:.{places}f}"
 
 
 def joints_at(session: Session, columns: Iterable[Any]) -> tuple[str, ...]:
