@@ -335,6 +335,21 @@ def test_the_example_is_the_number_that_is_surest() -> None:
     assert describe_numbers(record).startswith("Your URDF states no friction; elbow has")
 
 
+def test_friction_that_differs_from_run_to_run_is_no_noise_in_silence() -> None:
+    """Law: what no single number of friction fits is said where nothing else is left; a warm arm's spread is not."""
+    record = healthy(1.5)
+    for gap in record["gap"].values():
+        gap["noise_floor_Nm"] = gap["rms_Nm"]
+    steady = told(record)
+    record["gap"]["shoulder"]["friction_spread"] = 0.01
+    record["gap"]["elbow"]["friction_spread"] = 0.02
+    assert told(record) == steady
+    record["gap"]["elbow"]["friction_spread"] = 0.325
+    assert "friction that differs from run to run, by 32 % at elbow" in diagnosis_headline(record)
+    assert "the friction of elbow changes" in second_action(record)
+    assert "by 32 % (standard deviation) at elbow" in describe_noise(record)
+
+
 def test_a_command_is_not_broken_over_lines() -> None:
     command = "`plan excite --robot my_arm.urdf --separate spring_torque,payload --joint elbow`"
     lines = wrap(f"record this to tell them apart: {command}, then 4.45 N m more", 40).splitlines()
