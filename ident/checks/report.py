@@ -264,8 +264,8 @@ def issue_of(
 def with_reach(value: float, reach: float) -> str:
     """A multiple with how far it may be off: to two places, or to the first digit of the latter."""
     places = 2
-    if 0.0 < reach < 0.005:
-        places = min(-math.floor(math.log10(reach)), 6)
+    if 0.0 < reach < 1.0:
+        places = max(places, -math.floor(math.log10(reach)))
     return f"{value:.{places}f} ± {reach:.{places}f}"
 
 

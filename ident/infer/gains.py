@@ -163,7 +163,8 @@ def torque_settings(
     if states is None:
         why = "too short a run to tell; 1 stands for a figure that nobody has given"
         if nominal != "current":
-            return nominal, *_unit_settings(unit, "the columns' names say so")
+            stated, reasons = _unit_settings(unit, "the columns' names say so")
+            return nominal, {**stated}, reasons
         return nominal, {GAINS: dict.fromkeys(joints, 1.0)}, [Reason("effort", nominal, why)]
     if nominal == "current":
         states = hang_by_current(states, arm.keeping(joints))
@@ -207,7 +208,7 @@ def is_of_torque(scale: float) -> bool:
     return USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high
 
 
-def _unit_settings(unit: str | None, why: str) -> tuple[dict[str, Any], list[Reason]]:
+def _unit_settings(unit: str | None, why: str) -> tuple[dict[str, str], list[Reason]]:
     """The key of a unit of torque and its reason; none of N m, which needs no word."""
     if unit is None or EFFORT_UNITS[unit] == 1.0:
         return {}, []

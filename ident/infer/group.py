@@ -40,9 +40,9 @@ def likeliest_group(signals: Signals, arm: ArmModel, read: Callable[[Signals], S
     for first in range(arm.n - count + 1):
         joints = arm.joint_names[first : first + count]
         session = session_of(read(replace(signals, joints=joints)), arm)
-        found = session and find_conventions(session, arm.keeping(joints))
-        if found:
-            searched[joints] = found
+        conventions = session and find_conventions(session, arm.keeping(joints))
+        if conventions:
+            searched[joints] = conventions
     if signals.joints not in searched:
         return signals
     likeliest = min(searched, key=lambda joints: searched[joints].best.cost)

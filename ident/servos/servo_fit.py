@@ -42,6 +42,7 @@ FIGURES: dict[str, dict[str, Any]] = TEXT["figures"]
 COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
 SCHEMA = "ident.servo/1"
 ZERO = COLUMNS.index("zero_rad")  # the only column whose coefficient may have either sign
+LEAST = 1e-10  # share of the largest singular value below which one is rounding
 # Figures that say how late a joint is after its goals.
 LATE = {"delay_s", "total_lag_s"}
 
@@ -273,7 +274,7 @@ def _held_out(rows: Rows, without: int | None = None) -> Float[Array, " P"]:
         unseen = x[out]
         normal = whole - unseen.T @ unseen
         right = target - unseen.T @ error[out]
-        beta = least_squares(normal, right, 1e-10)
+        beta = least_squares(normal, right, LEAST)
         if (beta[limited] < 0.0).any():
             beta = _not_negative(normal, right, limited)
         left[out] = error[out] - unseen @ beta
@@ -289,7 +290,7 @@ def _not_negative(
         normal, right: The equations, of columns of unit length.
         limited: Of which columns; others may have either sign.
     """
-    root = np.linalg.cholesky(normal + 1e-10 * np.trace(normal) * np.eye(len(normal))).T
+    root = np.linalg.cholesky(normal + LEAST * np.trace(normal) * np.eye(len(normal))).T
     free = np.flatnonzero(~limited)
     signed = np.concatenate([root, -root[:, free]], axis=1)
     both, _ = nnls(signed, np.linalg.solve(root.T, right))
@@ -367,13 +368,13 @@ def _solve(rows: Rows) -> tuple[Float[Array, " k"], Float[Array, " k"], int]:
     x = columns / scale
     normal = x.T @ x
     right = x.T @ error
-    bread = np.linalg.pinv(normal, rcond=1e-10, hermitian=True)
+    bread = np.linalg.pinv(normal, rcond=LEAST, hermitian=True)
     beta = bread @ right
     limited = np.arange(x.shape[1]) != ZERO
     if (beta[limited] < 0.0).any():
         beta = _not_negative(normal, right, limited)
         x = np.where(limited & (beta <= 0.0), 0.0, x)
-        bread = np.linalg.pinv(x.T @ x, rcond=1e-10, hermitian=True)
+        bread = np.linalg.pinv(x.T @ x, rcond=LEAST, hermitian=True)
     left = error - x @ beta
     names, index = np.unique(piece, return_inverse=True)
     scores = np.zeros((len(names), x.shape[1]))
