@@ -71,6 +71,10 @@ def unit_for(unit: str, slides: bool) -> str:
 
 
 def in_linear_units(sentence: str) -> str:
-    """A sentence about a joint that turns with its units replaced by those of one that slides."""
+    """A sentence about a joint that turns with its units replaced by those of one that slides.
+
+    Degrees that stand in brackets beside an angle have nothing beside a length.
+    """
+    sentence = re.sub(r" \([^()°]*°\)", "", sentence)
     units = "|".join(re.escape(unit) for unit in SLIDING)
     return re.sub(rf"(?<!\w)({units})(?!\w)", lambda match: SLIDING[match[0]], sentence)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.checks.effort import States, collect_states, fit_signed, jackknife, joint_terms
-from ident.checks.report import MISREAD, JointEffort, issue_of
+from ident.checks.report import MISREAD, JointEffort, issue_of, with_reach
 from ident.checks.scales import fit_scale
 from ident.checks.settings import EFFORT_KIND as LIMIT
 from ident.recordings.recording import Recording, Session, TelemetryIssue
@@ -155,8 +155,8 @@ def tell_gravity(fit: GravityFit, counted: str = "") -> str:
         fit: Of a joint's torque.
         counted: What of the model is a guess, to be said behind it.
     """
-    gravity = f"{fit.gravity:.2f} ± {2.0 * fit.gravity_error:.2f}"
-    inertia = f"{fit.inertia:.2f} ± {2.0 * fit.inertia_error:.2f}"
+    gravity = with_reach(fit.gravity, 2.0 * fit.gravity_error)
+    inertia = with_reach(fit.inertia, 2.0 * fit.inertia_error)
     share = f"its gravity is {gravity} times the model's{counted}"
     if fit.tells_nothing:
         share = f"whether gravity{counted} is in it can't be told ({gravity} times the model's)"

@@ -20,7 +20,7 @@ from ident.checks.effort import check_effort, collect_states
 from ident.checks.effort_kind import judge_effort, mend_effort_kind
 from ident.checks.excitation import Amount
 from ident.checks.gains import Gains, check_gains
-from ident.checks.information import check_information
+from ident.checks.information import mend_information
 from ident.checks.lateness import check_lateness
 from ident.checks.odd_runs import check_odd_runs
 from ident.checks.ratings import check_placeholders, check_rating
@@ -288,6 +288,7 @@ def check_rows(session: Session, arm: ArmModel | None) -> tuple[Session, list[Te
         check_stated_rate,
         mend_time_base,
         mend_jitter,
+        mend_information,
         drop_stuck,
         drop_stuck_velocity,
         lambda session_so_far: split_at_jumps(session_so_far, arm),
@@ -306,7 +307,7 @@ def check_rows(session: Session, arm: ArmModel | None) -> tuple[Session, list[Te
 
 def _check_channels(session: Session) -> list[TelemetryIssue]:
     """What the channels show of themselves, without a model."""
-    return check_clipping(session) + check_commands(session) + check_information(session)
+    return check_clipping(session) + check_commands(session)
 
 
 def _whole_rows(session: Session) -> Session:

@@ -28,7 +28,7 @@ WORDS = {
     "zero": "the zero of {joints} is moved by {size:.2f} rad",
     "clock": "the clock goes at {size:.3g} times its speed",
     OTHER_ARM: (
-        "nothing is as in the other runs: another arm, another load, or columns of other joints"
+        "the torque is not the other runs': another arm, another load, or columns of other joints"
     ),
 }
 
@@ -36,20 +36,29 @@ WORDS = {
 def check_odd_runs(session: Session, arm: ArmModel) -> tuple[Session, list[TelemetryIssue]]:
     """Finds runs that have one convention otherwise than the rest.
 
+    Of the runs that are left others may differ otherwise: they are looked at again.
+
     Returns:
-        The session without them, for later checks, and the issue; as it was, and none, where all
-        runs are alike.
+        The session without them, for later checks, and an issue for each difference; as it was, and
+        none, where all runs are alike.
     """
+    issues: list[TelemetryIssue] = []
+    while (difference := find_odd(session, arm)) is not None:
+        issues.append(tell(difference, session))
+        rest = [run for run in session.runs if run.name not in difference.odd]
+        session = session.replace(runs=rest)
+    return session, issues
+
+
+def find_odd(session: Session, arm: ArmModel) -> RunDifference | None:
+    """What runs of a session have otherwise than the rest; None where they are alike."""
     compared = ComparedRuns(session, arm)
     difference = find_difference(compared)
     if difference is None:
         difference = find_zero_step(compared)
         if difference is not None and not is_step_as_mounted(session, arm):
-            difference = None
-    if difference is None:
-        return session, []
-    rest = [run for run in session.runs if run.name not in difference.odd]
-    return session.replace(runs=rest), [tell(difference, session)]
+            return None
+    return difference
 
 
 def is_step_as_mounted(session: Session, arm: ArmModel) -> bool:

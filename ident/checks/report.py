@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import string
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -258,6 +259,14 @@ def issue_of(
     return TelemetryIssue(
         row["issue"], joints_at(session, columns), severity or row["severity"], reported, remedy
     )
+
+
+def with_reach(value: float, reach: float) -> str:
+    """A multiple with how far it may be off: to two places, or to the first digit of the latter."""
+    places = 2
+    if 0.0 < reach < 1.0:
+        places = max(places, -math.floor(math.log10(reach)))
+    return f"{value:.{places}f} ± {reach:.{places}f}"
 
 
 def joints_at(session: Session, columns: Iterable[Any]) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from scipy.special import stdtrit
 
 from ident.arrays import Array, Float
 from ident.checks.effort import TRANSITION_RAD_S, States, jackknife
-from ident.checks.report import issue_of
+from ident.checks.report import issue_of, with_reach
 from ident.checks.settings import ARRANGEMENT
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
@@ -85,7 +85,7 @@ def check_scales(session: Session, states: States, arm: ArmModel) -> list[Teleme
     scales.sort(key=lambda off: -abs(np.log(max(off.scale, 1e-9))))
     words = []
     for joint, scale, error in scales:
-        interval = f"{scale:.2f} ± {2.0 * error:.2f}"
+        interval = with_reach(scale, 2.0 * error)
         times = f"{interval} times the model's gravity torque{states.counted}"
         words.append(f"{session.joints[joint]} reads {times}")
     joints = [off.joint for off in scales]

@@ -104,7 +104,8 @@ def diagnose(
     limits = find_limits(conclusion, session)
     maps = _map(remaining, models, arm, seed, settings)
     findings = _findings(conclusion, arm, remaining, models)
-    verdict = decide(conclusion.names, remaining.gap_probability)
+    judged = sum(int(item.valid.sum()) for item in remaining.series)
+    verdict = decide(conclusion.names, remaining.gap_probability, judged)
     old = conclusion.ladder[0].rms
     new = conclusion.ladder[-1].rms
     shrink = measure_shrink(old, new, remaining.floors) if findings else 0.0
@@ -127,7 +128,7 @@ def diagnose(
         verdict=verdict,
         session=_facts(motions),
         telemetry=tuple(telemetry),
-        gap=joint_gaps(arm, models, remaining),
+        gap=joint_gaps(arm, models, remaining) if judged else {},
         where=() if verdict == "no_gap" else places,
         findings=findings,
         heldout=HeldOutGain(old, new, shrink, remaining.improvement),

@@ -229,6 +229,7 @@ def joint_gaps(arm: ArmModel, models: Models, remaining: Remaining) -> dict[str,
             unexplained=ceilings[j].kind,
             tuned_away=float(tolerance.torque[j]) if tolerance.exceeded else 0.0,
             energy_error=(float(energy[:, j].mean()), energy_spread(energy[:, j : j + 1])),
+            friction_spread=float(models.evidence.spread[j]),
             slides=bool(arm.sliding_joints[j]),
         )
     return gaps

@@ -112,6 +112,8 @@ class JointGap:
         tuned_away: Torque that only inertias beyond the URDF's tolerance explain [N m].
         energy_error: Mean and standard deviation over the runs [J]; None for a single run.
         model_rms: Error of the user's own model [N m]; None without one.
+        friction_spread: Standard deviation of its friction from stretch to stretch, as a share of
+            the friction; None where that is not known.
         slides: Whether the joint is prismatic: units are N then.
     """
 
@@ -123,6 +125,7 @@ class JointGap:
     tuned_away: float
     energy_error: tuple[float, float | None]
     model_rms: float | None = None
+    friction_spread: float | None = None
     slides: bool = False
 
     def to_dict(self) -> JsonRecord:
@@ -131,10 +134,13 @@ class JointGap:
         Returns:
             `rms_Nm`, `fixed_rms_Nm`, `noise_floor_Nm`, `ceiling_rms_Nm`, `unexplained`,
             `tuned_away_Nm`, `energy_error_J` (`mean` and `std`; `std_missing` says why that is
-            None), `unit` of a prismatic joint, and `model_rms_Nm` with a model of the user's.
+            None), `unit` of a prismatic joint, `model_rms_Nm` with a model of the user's, and
+            `friction_spread`.
         """
         mean, std = self.energy_error
         of_user_model = {} if self.model_rms is None else {"model_rms_Nm": self.model_rms}
+        if self.friction_spread is not None:
+            of_user_model["friction_spread"] = self.friction_spread
         return {
             **({"unit": FORCE} if self.slides else {}),
             "rms_Nm": self.rms,

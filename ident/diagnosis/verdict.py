@@ -12,19 +12,25 @@ from ident.inference.conclusion import EVEN_ODDS, Named
 from ident.records import JsonTable
 
 
-def decide(names: Sequence[Named], gap_probability: Float[np.ndarray, " n"]) -> str:
+def decide(
+    names: Sequence[Named], gap_probability: Float[np.ndarray, " n"], judged: int = 1
+) -> str:
     """The verdict.
 
     Args:
         names: Effects that are likelier than not.
         gap_probability: For each joint the probability that a cause without a name is left there.
+        judged: Samples, of all joints, at which the model was held against the recordings.
 
     Returns:
-        `named`, `partial` (named, and more is left), `none_of_catalogue` or `no_gap`.
+        `named`, `partial` (named, and more is left), `none_of_catalogue`, `no_gap`, or
+        `not_testable` where nothing was named and nothing was there to be judged.
     """
     unexplained = bool(np.any(gap_probability >= EVEN_ODDS))
     if names:
         return "partial" if unexplained else "named"
+    if not judged:
+        return "not_testable"
     return "none_of_catalogue" if unexplained else "no_gap"
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 # Units that sentences use for those of parameters: how many there are in one.
 UNIT_SCALE = {"mrad": 1e3, "ms": 1e3, "%": 100.0}
+# Milliradians with degrees beside them, of angles that people set by a level or a display.
+WITH_DEGREES = "mrad°"
 
 
 @dataclass(frozen=True)
@@ -75,12 +78,25 @@ class Interval:
         if how.startswith("?"):
             return how[1:].split(",")[self.value <= 0.0]
         unit = how.lstrip("=|")
+        if unit == WITH_DEGREES:
+            degrees = _three_digits(math.degrees(self.value), self._resolution(180.0 / math.pi))
+            return f"{self.words('mrad', 1e3)} ({degrees}°)"
         scale = UNIT_SCALE.get(unit, 1.0)
         if not unit:
             return str(round(self.value))
         if how.startswith("="):
             return self.reported(unit, scale)
         return self.words(unit, scale, size=how.startswith("|"))
+
+    def _resolution(self, scale: float) -> float:
+        """The last of three digits of the farther end: what of the value is less is nothing.
+
+        Args:
+            scale: What the ends are multiplied by.
+        """
+        farther = scale * max(abs(self.low), abs(self.high))
+        known = 0.0 < farther < math.inf
+        return 10.0 ** (math.floor(math.log10(farther)) - 2) if known else 0.0
 
     def words(self, unit: str, scale: float = 1.0, size: bool = False) -> str:
         """The estimate with its interval as a person reads it; of an open one the end that is
@@ -94,7 +110,7 @@ class Interval:
         """
         factor = -scale if size and scale * self.value < 0.0 else scale
         ends = sorted((factor * self.low, factor * self.high))
-        middle = _three_digits(factor * self.value)
+        middle = _three_digits(factor * self.value, self._resolution(scale))
         least = _three_digits(ends[0])
         most = _three_digits(ends[1])
         unit = f" {unit}" if unit else ""
@@ -106,8 +122,14 @@ class Interval:
         return known.get(self.open, f"{middle}{unit} [{least}, {most}]")
 
 
-def _three_digits(value: float) -> str:
-    """A number as people write it: a true minus, none before 0, thousands in full."""
+def _three_digits(value: float, least: float = 0.0) -> str:
+    """A number as people write it: a true minus, none before 0, thousands in full.
+
+    Args:
+        value: The number.
+        least: What is smaller than half of it is 0.
+    """
+    value = 0.0 if abs(value) < 0.5 * least else value
     text = f"{value + 0.0:.3g}"
     if 1e3 <= abs(value) < 1e6:
         text = f"{float(text):.0f}"

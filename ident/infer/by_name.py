@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +27,15 @@ FURTHER = (
     *("position_command", "velocity_command", "temperature"),
 )
 
-Joints = tuple[tuple[str, ...], tuple[str, ...], str]
-"""Labels of the joints that are taken, what they are called, and why."""
+
+class Joints(NamedTuple):
+    """The joints of a table."""
+
+    labels: tuple[str, ...]  # of those that are taken
+    names: tuple[str, ...]  # what they are called
+    why: str
+    # Whether they are called so by their places alone: nothing in the file names them.
+    by_place: bool = False
 
 
 def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
@@ -53,8 +61,8 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
     if arm is not None:
         count = min(count, arm.n)
     chosen = _choose_channels(table, families, position, arm, count)
-    labels, joints, why = _joints(position, arm, count, table.texts)
-    columns = {channel: _ordered(family, labels) for channel, family in chosen.items()}
+    joints = _joints(position, arm, count, table.texts)
+    columns = {channel: _ordered(family, joints.labels) for channel, family in chosen.items()}
     reasons = []
     if clock is not None:
         says_so = clock == find_time(names)
@@ -64,7 +72,7 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
         span = f"{columns[channel][0]!r} to {columns[channel][-1]!r}"
         before = unnamed if family is position else ""
         reasons.append(Reason(channel, span, f"{before}named {family.title!r}"))
-    reasons.append(Reason("joints", ", ".join(joints), why))
+    reasons.append(Reason("joints", ", ".join(joints.names), joints.why))
     reasons += _other_arm(families, position)
     time = np.arange(len(table.columns[names[0]]), dtype=float)
     if clock is not None:
@@ -72,7 +80,9 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
     tables = {}
     for channel, of_joints in columns.items():
         tables[channel] = np.column_stack([table.columns[name] for name in of_joints])
-    return Signals(joints, columns, tables, clock, time, tuple(reasons))
+    return Signals(
+        joints.names, columns, tables, clock, time, tuple(reasons), by_place=joints.by_place
+    )
 
 
 def _choose(
@@ -153,22 +163,22 @@ def _joints(
     taken = [label for label, name in said.items() if arm is None or name in arm.joint_names]
     if taken:
         names = tuple(said[label] for label in taken)
-        return tuple(taken), names, f"the rows name them: {', '.join(names)}"
+        return Joints(tuple(taken), names, f"the rows name them: {', '.join(names)}")
     labels = position.labels[:count]
     numbered = all(label.isdecimal() for label in position.labels)
     if arm is None:
         if numbered:
             names = tuple(f"joint_{place + 1}" for place in range(count))
-            return labels, names, "numbered by the file"
-        return labels, labels, "named by the file"
+            return Joints(labels, names, "numbered by the file")
+        return Joints(labels, labels, "named by the file")
     same_name = tuple(label for label in position.labels if label in arm.joint_names)
     matched = same_name  # a whole robot's log has more
     if not same_name and not numbered:
         matched = _match_names(position.labels, arm)
     if matched:
-        return same_name or labels, matched[: arm.n], "the file's names are the robot's"
+        return Joints(same_name or labels, matched[: arm.n], "the file's names are the robot's")
     why = f"the file's {', '.join(labels)} in the robot's order, base to tip"
-    return labels, arm.joint_names[:count], why
+    return Joints(labels, arm.joint_names[:count], why, by_place=True)
 
 
 def _match_names(labels: Sequence[str], arm: ArmModel) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from ident.checks.scales import fit_scale
 from ident.checks.settings import USUAL_EFFORT
 from ident.infer.guess import Reason, Signals
 from ident.infer.settings import UNITS as LIMIT
+from ident.recordings.session_toml import EFFORT_UNITS, effort_unit_near
 from ident.robot.arm import ArmModel
 
 GAINS = "drive_gain_Nm_per_A"
@@ -21,8 +22,20 @@ GAINS = "drive_gain_Nm_per_A"
 # A.
 OTHER_UNIT = re.compile(r"(?:[\[( _.])(mA|%|pct|percent|prozent)[\])]?$", re.IGNORECASE)
 MILLI = "ma"  # of a current, in lower case
+# How names of columns write the units of torques, in lower case and without marks between.
+WRITTEN = {unit.lower(): unit for unit in EFFORT_UNITS} | {
+    "nmm": "mNm",
+    "kgcm": "kgfcm",
+    "kgm": "kgfm",
+    "ozin": "ozfin",
+    "lbin": "lbfin",
+    "inlb": "lbfin",
+    "lbft": "lbfft",
+    "ftlb": "lbfft",
+}
 # Other joints' gains that a joint's is compared with, at the least.
 FEWEST_NEIGHBOURS = 3
+FEWEST_OF_UNIT = 2  # joints that have a unit in common
 # Standard deviation of a normal distribution over its median distance from the median.
 MAD_TO_STD = 1.4826
 
@@ -94,6 +107,29 @@ def nearest_known(joint: str, joints: Sequence[str], sizes: Mapping[str, float])
     return min(sizes, key=how_far, default="")
 
 
+def named_unit(column: str) -> str | None:
+    """The unit of torque at the end of a column's name, one of `EFFORT_UNITS`; None without one."""
+    words = re.findall("[a-z]+", column.lower())
+    for start in range(max(len(words) - 3, 0), len(words)):
+        unit = WRITTEN.get("".join(words[start:]))
+        if unit is not None:
+            return unit
+    return None
+
+
+def shown_unit(sizes: Mapping[str, float]) -> str | None:
+    """The unit of torque in which all joints' columns are the model's, as surely as a gain is.
+
+    None where there is none; one joint says nothing.
+
+    Args:
+        sizes: Gravity in a column over the URDF's, by joint.
+    """
+    if len(sizes) < FEWEST_OF_UNIT:
+        return None
+    return effort_unit_near(sizes.values(), LIMIT.sure_gain)
+
+
 class SignFit(NamedTuple):
     """What the model says of the sign of a joint's torque."""
 
@@ -122,10 +158,13 @@ def torque_settings(
         `effort` where the columns are N m, else `current`; keys and tables of session.toml; and
             why, joint by joint.
     """
+    name = signals.columns[nominal][0]
+    unit = named_unit(name) if nominal == "effort" else None
     if states is None:
         why = "too short a run to tell; 1 stands for a figure that nobody has given"
         if nominal != "current":
-            return nominal, {}, []
+            stated, reasons = _unit_settings(unit, "the columns' names say so")
+            return nominal, {**stated}, reasons
         return nominal, {GAINS: dict.fromkeys(joints, 1.0)}, [Reason("effort", nominal, why)]
     if nominal == "current":
         states = hang_by_current(states, arm.keeping(joints))
@@ -135,11 +174,17 @@ def torque_settings(
     shown = {joint: column.size for joint, column in columns.items() if column.size is not None}
     sizes, unlike = without_outliers(shown, swings)
     scale = common_scale(sizes, swings)
-    other_units = OTHER_UNIT.findall(signals.columns[nominal][0])
-    other = next(iter(other_units), "")
-    is_torque = not other and USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high
+    other = next(iter(OTHER_UNIT.findall(name)), "")
+    why = "the columns' names say so"
+    if unit is None and nominal == "effort" and not other and not is_of_torque(scale):
+        unit = shown_unit(shown)
+        seen = ", ".join(f"{joint} {1.0 / size:.3g}" for joint, size in shown.items())
+        why = f"gravity of the URDF over what the columns show of it: {seen}"
+    factor = EFFORT_UNITS[unit or "Nm"]
+    is_torque = not other and is_of_torque(factor * scale)
     channel = nominal if nominal == "current" or is_torque else "current"
-    reasons = _reasons_of_signs(fits)
+    of_unit, of_reasons = _unit_settings(unit if is_torque else None, why)
+    reasons = [*of_reasons, *_reasons_of_signs(fits)]
     gains: dict[str, float] = {}
     if channel == "current":
         known = KnownGains(joints, sizes, unlike, scale, other)
@@ -151,11 +196,23 @@ def torque_settings(
             gains[joint] = gain
             reasons.append(Reason(f"{GAINS}.{joint}", f"{gain:g}", why))
     signs = {joint: fit.sign for joint, fit in fits.items() if fit.sign < 0}
-    settings: dict[str, Any] = {GAINS: gains, "effort_sign": signs}
+    settings: dict[str, Any] = {**of_unit, GAINS: gains, "effort_sign": signs}
     if gains and other.lower() == MILLI:
         settings["current_unit"] = "mA"
         reasons.append(Reason("current_unit", "mA", "the columns' names say so"))
     return channel, {key: value for key, value in settings.items() if value}, reasons
+
+
+def is_of_torque(scale: float) -> bool:
+    """Whether columns at such a multiple of the model's torque are one."""
+    return USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high
+
+
+def _unit_settings(unit: str | None, why: str) -> tuple[dict[str, str], list[Reason]]:
+    """The key of a unit of torque and its reason; none of N m, which needs no word."""
+    if unit is None or EFFORT_UNITS[unit] == 1.0:
+        return {}, []
+    return {"effort_unit": unit}, [Reason("effort_unit", unit, why)]
 
 
 def _column_of(states: States, j: int) -> Column:

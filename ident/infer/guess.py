@@ -86,6 +86,8 @@ class Signals:
     clock: str | None  # name of the time's column, or None
     time: Float[Array, " T"]  # time [unit of the file]; sample numbers where there is none
     reasons: tuple[Reason, ...] = ()  # why
+    # Whether the joints are called so by their columns' places alone.
+    by_place: bool = False
 
     def run(self, torque: Float[Array, "T n"], joints: Sequence[str] | None = None) -> Recording:
         """A recording of the motion with a torque.

@@ -22,6 +22,7 @@ from ident.files import atomic_write
 from ident.infer.by_data import guess_by_data
 from ident.infer.by_name import MEASURED, guess_by_name
 from ident.infer.gains import GAINS, torque_settings
+from ident.infer.group import likeliest_group
 from ident.infer.guess import ForeignTable, Reason, Signals, read_foreign
 from ident.infer.units import (
     angle_unit,
@@ -206,7 +207,6 @@ def _complete(
         remedy = "sort its rows by time, or put both in one row"
         raise RecordingError(table.source, what, remedy)
     time, second, clock = time_unit(signals)
-    angle, radian, turn = angle_unit(signals, arm)
     rate, rate_reason = sample_rate(signals, table.rate_hz)
     if signals.clock is None and rate is None:
         what = "no column is time, and nothing tells the rate"
@@ -217,19 +217,18 @@ def _complete(
         raise RecordingError(table.source, what, remedy)
     if rate is not None:
         second = 1.0 / rate
+    if arm is not None and any(name in signals.tables for name in MEASURED):
+        signals = likeliest_group(signals, arm, lambda group: _in_si(group, arm, second))
+    angle, _, turn = angle_unit(signals, arm)
     slides, sliding = slide_scales(signals, arm)
-    scale = np.array([slides.get(name, radian) for name in signals.joints])
-    tables = {}
-    for name, values in signals.tables.items():
-        tables[name] = scale * values if name in ANGLES else values
-    scaled = replace(signals, time=second * signals.time, tables=tables)
-    signals, velocity, refused = check_velocity(_without_wraps(scaled, arm))
-    reasons = [*signals.reasons, clock, rate_reason, turn, *sliding, velocity]
+    as_logged = signals
+    signals, velocity, refused = check_velocity(_in_si(signals, arm, second))
     nominal = next((name for name in MEASURED if name in signals.tables), "")
     joints = signals.joints
     torques = signals.joints
     channel = nominal
     settings: dict[str, Any] = {}
+    further: list[Reason] = []
     if arm is not None and nominal:
         read = search_columns(signals, arm)
         joints = read.joints
@@ -237,10 +236,16 @@ def _complete(
         known = tuple(name for name in arm.joint_names if name in joints)
         channel, of_torque, seen = torque_settings(signals, arm, read.states, known, nominal)
         settings |= read.settings | of_torque
-        reasons += [*read.reasons, *seen]
+        further = [*read.reasons, *seen]
+        moved = angle_unit(replace(as_logged, joints=joints), arm)
+        turn = moved[2] if moved[0] == angle else turn
     elif nominal == "current":
         settings[GAINS] = dict.fromkeys(joints, 1.0)
-        reasons.append(Reason(GAINS, "1", "without a robot nothing tells it: give the figures"))
+        further = [Reason(GAINS, "1", "without a robot nothing tells it: give the figures")]
+    known_reasons = [*signals.reasons, clock, rate_reason, turn, *sliding, velocity]
+    # What the search says of the joints replaces what their places say.
+    replaced = {"joints"}.intersection(reason.what for reason in further)
+    told = [reason for reason in known_reasons if reason and reason.what not in replaced]
     if time != "s":
         settings["time_unit"] = time
     if turn is not None and angle != "rad":
@@ -264,8 +269,24 @@ def _complete(
     unused = [name for name in table.columns if name not in columns]
     if unused:
         left.append(f"not used: {listed(unused)}")
-    told = tuple(reason for reason in reasons if reason is not None)
-    return NewSession(place, columns, settings, told, tuple(left))
+    return NewSession(place, columns, settings, (*told, *further), tuple(left))
+
+
+def _in_si(signals: Signals, arm: ArmModel | None, second: float) -> Signals:
+    """The signals in seconds, radians and metres, turns unwrapped.
+
+    Args:
+        signals: In the units of the file.
+        arm: The robot, by whose limits units are told.
+        second: What makes seconds of the file's time.
+    """
+    _, radian, _ = angle_unit(signals, arm)
+    slides, _ = slide_scales(signals, arm)
+    scale = np.array([slides.get(name, radian) for name in signals.joints])
+    tables = {}
+    for name, values in signals.tables.items():
+        tables[name] = scale * values if name in ANGLES else values
+    return _without_wraps(replace(signals, time=second * signals.time, tables=tables), arm)
 
 
 def _whole_rows(signals: Signals) -> Signals:

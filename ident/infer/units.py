@@ -20,6 +20,7 @@ from ident.checks.conventions.told import describe, rivals
 from ident.checks.conventions.words import in_words
 from ident.checks.effort import States, collect_states
 from ident.checks.filtered_run import compare_velocities
+from ident.checks.inspection import check_rows
 from ident.infer.families import words_of
 from ident.infer.guess import Reason, Signals
 from ident.infer.settings import UNITS as LIMIT
@@ -162,12 +163,19 @@ def torque_of(signals: Signals) -> Array:
     return signals.tables["effort" if "effort" in signals.tables else "current"]
 
 
-def states_of(signals: Signals, arm: ArmModel, joints: Sequence[str]) -> States | None:
-    """The filtered motion with the torque's columns as they stand, its joints called so."""
-    run = signals.run(torque_of(signals), joints)
+def session_of(signals: Signals, arm: ArmModel) -> Session | None:
+    """The motion of the robot's joints with the torque's columns as they stand.
+
+    As a check of its rows leaves it: through a gap, or a row that is broken, nothing is derived.
+    None where no joint is the robot's.
+    """
+    run = signals.run(torque_of(signals))
     present = [name for name in arm.joint_names if name in run.joints]
+    if not present:
+        return None
     session = Session("guess", (run.select(present),))
-    return collect_states(session, arm.keeping(run.joints))
+    mended, _ = check_rows(session, None)
+    return mended if mended.samples else session
 
 
 class Reread(NamedTuple):
@@ -185,19 +193,12 @@ def search_columns(signals: Signals, arm: ArmModel) -> Reread:
 
     See `ident.checks.conventions`. Signs and gains of the torque are asked for after it.
     """
-    same = Reread(
-        joints=signals.joints,
-        torques=signals.joints,
-        settings={},
-        states=states_of(signals, arm, signals.joints),
-        reasons=[],
-    )
-    run = signals.run(torque_of(signals))
-    present = [name for name in arm.joint_names if name in run.joints]
-    if not present:
+    same = Reread(signals.joints, signals.joints, settings={}, states=None, reasons=[])
+    session = session_of(signals, arm)
+    if session is None:
         return same
-    session = Session("guess", (run.select(present),))
-    recorded = arm.keeping(run.joints)
+    recorded = arm.keeping(signals.joints)
+    same = same._replace(states=collect_states(session, recorded))
     conventions = find_conventions(session, recorded)
     if conventions is None or not is_changed(conventions):
         return same
@@ -209,11 +210,14 @@ def search_columns(signals: Signals, arm: ArmModel) -> Reread:
     for key in ("direction", "zero_rad", "unit", "gravity_mps2"):
         if key in known:
             settings[key] = known[key]
-    joints = _moved(signals.joints, present, hypothesis.order)
-    torques = _moved(signals.joints, present, hypothesis.effort_order)
-    reasons = [Reason(key, json.dumps(value), why) for key, value in settings.items()]
+    joints = _moved(signals.joints, session.joints, hypothesis.order)
+    torques = _moved(signals.joints, session.joints, hypothesis.effort_order)
+    reasons = []
     if joints != signals.joints or torques != signals.joints:
         reasons.append(Reason("joints", ", ".join(joints), why))
+    for key, value in settings.items():
+        evidence = f"as {reasons[0].what} above" if reasons else why
+        reasons.append(Reason(key, json.dumps(value), evidence))
     turned = recorded
     if not isinstance(hypothesis.gravity, str):
         turned = recorded.with_gravity(np.array(hypothesis.gravity))

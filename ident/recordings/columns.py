@@ -256,7 +256,7 @@ def take_run(
         source: The file, for messages.
     """
     cells, seen = columns.read(native_names(columns.names, session_file, source))
-    sound = _in_amperes(_without_gaps_in_temperature(cells), session_file.current_factor)
+    sound = _in_si(_without_gaps_in_temperature(cells), session_file)
     joints = tuple(joint_of(column) for column in sound if column.endswith("/position"))
     if not joints:
         names = listed(columns.names or [*sound]) or "none"
@@ -328,16 +328,21 @@ def take_run(
     )
 
 
-def _in_amperes(
-    columns: Mapping[str, Float[Array, " T"]], factor: float
+def _in_si(
+    columns: Mapping[str, Float[Array, " T"]], session_file: SessionFile
 ) -> Mapping[str, Float[Array, " T"]]:
-    """Columns whose currents are in another unit."""
-    if factor == 1.0:
-        return columns
-    return {
-        name: factor * values if name.endswith("/current") else values
-        for name, values in columns.items()
+    """Columns whose currents are amperes, and whose efforts are N m."""
+    factors = {
+        "current": session_file.current_factor,
+        "effort": session_file.effort_factor,
+        "effort_command": session_file.effort_factor,
     }
+    scaled = dict(columns)
+    for name, values in columns.items():
+        factor = factors.get(name.rpartition("/")[2], 1.0)
+        if factor != 1.0:
+            scaled[name] = factor * values
+    return scaled
 
 
 def _unread_clocks(

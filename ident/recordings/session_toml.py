@@ -6,9 +6,11 @@ import difflib
 import math
 import os
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from ident.errors import RecordingError
 from ident.recordings.recording import Payload
@@ -24,6 +26,20 @@ ANGLE_UNITS = {"rad": 1.0, "deg": math.radians(1.0)}
 # Of single joints' positions; "read as degrees" undoes `angle_unit`.
 JOINT_UNITS = {**ANGLE_UNITS, "turns": math.tau}
 CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
+# Of torques, in N m.
+EFFORT_UNITS = {
+    "Nm": 1.0,
+    "mNm": 1e-3,
+    "Ncm": 1e-2,
+    "kNm": 1e3,
+    "kgfcm": 0.0980665,
+    "kgfm": 9.80665,
+    "ozfin": 0.00706155,
+    "lbfin": 0.1129848,
+    "lbfft": 1.3558179,
+}
+# Of these those by which no usual gain of a motor's current [N m/A] is mistaken.
+DECIMAL_EFFORT_UNITS = ("mNm", "Ncm", "kNm")
 EFFORT_KINDS = ("joint_torque", "gravity_compensated")
 # Keys that go with the session as they are: for people, and for `watch`.
 FREE = ("date", "notes", "origin")
@@ -31,6 +47,22 @@ FREE = ("date", "notes", "origin")
 # By key what the reference shows of it: `unit`, `default`, `meaning`, and a line of the file as an
 # `example`.
 KEYS = tomllib.loads(Path(__file__).with_name("session_keys.toml").read_text(encoding="utf-8"))
+
+
+def effort_unit_near(multiples: Iterable[float], share: float) -> str | None:
+    """The unit of torque in which columns at such multiples of the torque in N m would be.
+
+    One of `DECIMAL_EFFORT_UNITS`; None where they are in none of them.
+
+    Args:
+        multiples: What columns are of the torque in N m, say 100 for N cm.
+        share: By how much a multiple may be off, as a logarithm.
+    """
+    logs = np.log(np.array(list(multiples)))
+    for unit in DECIMAL_EFFORT_UNITS:
+        if np.abs(logs + np.log(EFFORT_UNITS[unit])).max(initial=0.0) <= share:
+            return unit
+    return None
 
 
 @dataclass(frozen=True)
@@ -68,6 +100,7 @@ class SessionFile:
     # none is given.
     lerobot_calibration: Path | None = None
     current_factor: float = 1.0  # what recorded currents are multiplied with to be amperes
+    effort_factor: float = 1.0  # what recorded efforts are multiplied with to be N m
     time_factor: float = 1.0  # what recorded times are multiplied with to be seconds
     # Joint -> the joint under whose name its columns stand.
     order: Mapping[str, str] = field(default_factory=dict)
@@ -138,6 +171,9 @@ def load_session_file(path: Path) -> SessionFile:
         )
     angles = keys.one_of("angle_unit", tuple(ANGLE_UNITS), 'write "rad" or "deg"')
     current = keys.one_of("current_unit", tuple(CURRENT_UNITS), 'write "A" or "mA"')
+    effort = keys.one_of(
+        "effort_unit", tuple(EFFORT_UNITS), f"write one of {', '.join(EFFORT_UNITS)}"
+    )
     kind = keys.one_of("effort_kind", EFFORT_KINDS, f"write {' or '.join(map(repr, EFFORT_KINDS))}")
     robot = data.get("robot")
     if robot is not None and not isinstance(robot, str):
@@ -164,6 +200,7 @@ def load_session_file(path: Path) -> SessionFile:
         effort_kind=kind,
         lerobot_calibration=None if calibration is None else path.parent / calibration,
         current_factor=CURRENT_UNITS[current or "A"],
+        effort_factor=EFFORT_UNITS[effort or "Nm"],
         time_factor=keys.time_unit(),
         order=keys.names("order"),
         effort_order=keys.names("effort_order"),

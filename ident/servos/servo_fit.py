@@ -6,7 +6,8 @@
 Inertia over gain, lag, half the dead band, offset of the zero, and droop under load stand linear in
 what is measured; the delay is searched on a grid. As everywhere, a parameter is reported only if
 leaving it out costs on stretches that the fit never saw, more than chance would among all
-parameters and joints.
+parameters and joints. All but the zero's offset are positive in every fit: beside an inertia or a
+droop below zero a later delay and a wider dead band fit as well.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.optimize import nnls
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int, least_squares
@@ -39,6 +41,8 @@ TEXT = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="
 FIGURES: dict[str, dict[str, Any]] = TEXT["figures"]
 COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
 SCHEMA = "ident.servo/1"
+ZERO = COLUMNS.index("zero_rad")  # the only column whose coefficient may have either sign
+LEAST = 1e-10  # share of the largest singular value below which one is rounding
 # Figures that say how late a joint is after its goals.
 LATE = {"delay_s", "total_lag_s"}
 
@@ -256,6 +260,7 @@ def _held_out(rows: Rows, without: int | None = None) -> Float[Array, " P"]:
     """
     error, columns, piece = rows
     used = [k for k in range(columns.shape[1]) if k != without]
+    limited = np.array([k != ZERO for k in used])
     x = columns[:, used]
     scale = np.linalg.norm(x, axis=0)
     x = x / np.where(scale > 0.0, scale, 1.0)
@@ -269,9 +274,29 @@ def _held_out(rows: Rows, without: int | None = None) -> Float[Array, " P"]:
         unseen = x[out]
         normal = whole - unseen.T @ unseen
         right = target - unseen.T @ error[out]
-        beta = least_squares(normal, right, 1e-10)
+        beta = least_squares(normal, right, LEAST)
+        if (beta[limited] < 0.0).any():
+            beta = _not_negative(normal, right, limited)
         left[out] = error[out] - unseen @ beta
     return np.bincount(index, left**2, minlength=len(names))
+
+
+def _not_negative(
+    normal: Float[Array, "k k"], right: Float[Array, " k"], limited: Bool[Array, " k"]
+) -> Float[Array, " k"]:
+    """Least squares by normal equations under coefficients that are not below zero.
+
+    Args:
+        normal, right: The equations, of columns of unit length.
+        limited: Of which columns; others may have either sign.
+    """
+    root = np.linalg.cholesky(normal + LEAST * np.trace(normal) * np.eye(len(normal))).T
+    free = np.flatnonzero(~limited)
+    signed = np.concatenate([root, -root[:, free]], axis=1)
+    both, _ = nnls(signed, np.linalg.solve(root.T, right))
+    beta = both[: len(normal)].copy()
+    beta[free] -= both[len(normal) :]
+    return beta
 
 
 def no_worse(
@@ -333,14 +358,23 @@ def _linear(rows: Rows, near: Sequence[Rows], reach: float) -> tuple[Figures, di
 def _solve(rows: Rows) -> tuple[Float[Array, " k"], Float[Array, " k"], int]:
     """Least squares, standard deviations by how the pieces differ, and their number.
 
+    A coefficient that would be below zero is zero, without a deviation.
+
     Source: Liang and Zeger 1986, the sandwich over clusters.
     """
     error, columns, piece = rows
     scale = np.linalg.norm(columns, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     x = columns / scale
-    bread = np.linalg.pinv(x.T @ x, rcond=1e-10, hermitian=True)
-    beta = bread @ (x.T @ error)
+    normal = x.T @ x
+    right = x.T @ error
+    bread = np.linalg.pinv(normal, rcond=LEAST, hermitian=True)
+    beta = bread @ right
+    limited = np.arange(x.shape[1]) != ZERO
+    if (beta[limited] < 0.0).any():
+        beta = _not_negative(normal, right, limited)
+        x = np.where(limited & (beta <= 0.0), 0.0, x)
+        bread = np.linalg.pinv(x.T @ x, rcond=LEAST, hermitian=True)
     left = error - x @ beta
     names, index = np.unique(piece, return_inverse=True)
     scores = np.zeros((len(names), x.shape[1]))

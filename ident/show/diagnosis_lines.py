@@ -30,6 +30,7 @@ from ident.show.report.diagnosis_gap import (
     describe_findings,
     describe_noise,
     energy_pair,
+    joints_tuned_away,
     noise_is_left,
 )
 from ident.show.report.diagnosis_verdict import diagnosis_headline
@@ -55,6 +56,7 @@ from ident.units import TORQUE
 
 # What a model is whose error has a column.
 MEANINGS = {
+    "untuned": "untuned: its links as your URDF has them, for tuned ones can hide what is named",
     "tuned": "tuned: with your arm's numbers above",
     "named": "named: with the named effects, too",
 }
@@ -193,14 +195,25 @@ def _print_numbers(console: Console, record: Mapping[str, Any]) -> None:
 def _print_errors(console: Console, record: Mapping[str, Any]) -> None:
     """Torque error of each joint: of the URDF as a simulator loads it, tuned, with the names; and
     noise.
+
+    Where tuned links hide a name, what it closes is told against the untuned ones: these have a
+    column then.
     """
     if not record["gap"]:
         return
-    keys = {"URDF": "urdf_rms_Nm", "tuned": "rms_Nm", "named": "", "noise": "noise_floor_Nm"}
+    keys = {
+        "URDF": "urdf_rms_Nm",
+        "untuned": "fixed_rms_Nm",
+        "tuned": "rms_Nm",
+        "named": "",
+        "noise": "noise_floor_Nm",
+    }
     after = record["heldout"].get("rms_after_Nm", {}) if record["findings"] else {}
     shown = set()
     for gap in record["gap"].values():
         shown |= set(gap)
+    if not joints_tuned_away(record):
+        del keys["untuned"]
     known = [name for name, key in keys.items() if key in shown]
     if after:
         known.insert(len(known) - 1, "named")

@@ -13,7 +13,7 @@ from ident.api.daily import new
 from ident.api.inspecting import inspect
 from ident.cli.app import app
 from ident.errors import InputError
-from ident.infer.gains import common_scale, without_outliers
+from ident.infer.gains import common_scale, shown_unit, without_outliers
 from ident.recordings.load import load_session
 from ident.recordings.recording import Payload, Recording
 from ident.robot.arm import ArmModel
@@ -399,6 +399,70 @@ def test_gains_of_currents_in_milliamperes_are_of_one_ampere(
     (tmp_path / "session.toml").write_text('current_unit = "uA"\n')
     with pytest.raises(InputError, match=r'current_unit = .uA.; write "A" or "mA"'):
         load_session(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "factor"),
+    [
+        ("tau_{}_mNm", "mNm", 1e-3),
+        ("Torque {} [N cm]", "Ncm", 1e-2),
+        ("effort{} (kgf·cm)", "kgfcm", 0.0980665),
+        ("tau_{}_Nm", None, 1.0),
+        ("tau{}", "Ncm", 1e-2),
+        ("tau{}", "mNm", 1e-3),
+    ],
+)
+def test_torques_in_another_unit_are_torques(
+    name: str, unit: str | None, factor: float, run: Recording, arm: ArmModel, tmp_path: Path
+) -> None:
+    """Law: what a name says, or all joints show, is the unit of an effort; it is no current with a gain for each."""
+    names = [pattern.format(j + 1) for pattern in ("q{}", name) for j in range(arm.n)]
+    text_table(tmp_path / "run.csv", ["time", *names], np.column_stack([run.time, run.position, run.effort / factor]))
+    found = new(tmp_path, arm)
+    assert found.settings.get("effort_unit") == unit
+    assert "drive_gain_Nm_per_A" not in found.settings
+    assert_same(tmp_path, run, velocity=False)
+
+
+def test_a_unit_is_shown_by_all_joints_alike() -> None:
+    """Law: one joint, joints that differ, and gains of 10 N m/A (a kgf m is 9.8 N m) show no unit."""
+    assert shown_unit({"a": 100.0}) is None
+    assert shown_unit({"a": 100.0, "b": 30.0}) is None
+    assert shown_unit({"a": 0.1, "b": 0.102}) is None
+    assert shown_unit({"a": 104.0, "b": 97.0}) == "Ncm"
+
+
+def test_a_clock_that_is_set_on_leaves_gravity_as_it_is(run: Recording, arm: ArmModel, tmp_path: Path) -> None:
+    """Law: nothing is derived through a leap of the clock: signs and sizes are those of the pieces."""
+    names = [pattern.format(j + 1) for pattern in ("q{}", "current{}") for j in range(arm.n)]
+    gains = {}
+    for leap in (0.0, 37.2):
+        folder = tmp_path / f"leap_{leap}"
+        folder.mkdir()
+        time = run.time + leap * (np.arange(len(run)) > len(run) // 2)
+        text_table(folder / "run.csv", ["time", *names], np.column_stack([time, run.position, run.effort / 9.0]))
+        gains[leap] = new(folder, arm).settings["drive_gain_Nm_per_A"]
+    for joint in arm.joint_names[1:3]:
+        assert gains[37.2][joint] == pytest.approx(gains[0.0][joint], rel=0.05)
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_of_more_joints_those_are_taken_that_move_so(reverse: bool, arm: ArmModel, tmp_path: Path) -> None:
+    """Law: columns without names, fewer than the robot's joints, are those that explain the torque, in any order."""
+    lower = made_session(arm, driven(arm), [5], duration=20.0).runs[0]
+    position = lower.position.copy()
+    position[:, 0] = 0.0
+    speed = np.gradient(position, lower.time, axis=0)
+    torque = driven(arm)(position, speed, np.gradient(speed, lower.time, axis=0))
+    order = range(arm.n - 1, 0, -1) if reverse else range(1, arm.n)
+    names = [f"{kind}{place}" for kind in ("q", "tau") for place in range(arm.n - 1)]
+    table = np.column_stack([lower.time, position[:, list(order)], torque[:, list(order)]])
+    text_table(tmp_path / "run.csv", ["time", *names], table)
+    found = new(tmp_path, arm)
+    assert [found.columns[f"q{place}"] for place in range(arm.n - 1)] == [
+        f"{arm.joint_names[j]}/position" for j in order
+    ]
+    assert sum(reason.what == "joints" for reason in found.reasons) == 1
 
 
 def test_a_second_arm_in_the_table_is_mentioned(run: Recording, tmp_path: Path) -> None:

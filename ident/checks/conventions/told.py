@@ -12,7 +12,9 @@ from ident.checks.conventions.settings import MASSES, SEARCH
 from ident.checks.conventions.words import columns_in_words, in_words
 from ident.checks.ratings import tell_whole
 from ident.checks.report import WORDS, issue_of
+from ident.checks.settings import USUAL_EFFORT
 from ident.recordings.recording import Session, Severity, TelemetryIssue
+from ident.recordings.session_toml import effort_unit_near
 from ident.records import JsonRecord
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_line
@@ -200,6 +202,10 @@ def _factor_issue(
         "counts": tell_whole(session),
     }
     key = "mass_factor" if weighs_better(arm, factor) else "common_unit"
+    unit = effort_unit_near([factor], USUAL_EFFORT.scale_off)
+    if key == "common_unit" and unit is not None:
+        key = "known_unit"
+        figures["line"] = toml_line("effort_unit", unit)
     return issue_of(key, session, session.joints, severity=severity, **figures)
 
 

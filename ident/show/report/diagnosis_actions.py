@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import setup_for
 from ident.records import JsonTable
-from ident.show.report.diagnosis_gap import overtuned_joints, tuned_away_joints
+from ident.show.report.diagnosis_gap import overtuned_joints, tuned_away_joints, varying_friction
 from ident.show.report.finding_words import BODIES, MOST_TIED, OF_THE_ARM, Finding, is_likely
 from ident.show.report.leading_joint import (
     acts_on,
@@ -46,6 +46,11 @@ PATCH = (
 )
 WRITE_NUMBERS = f"Write these numbers into your model: {PATCH}"
 # Verdicts of which no name tells what to do.
+# Of an arm without a gap whose friction is not one number.
+OF_VARYING_FRICTION = (
+    "Find out when the friction of {} changes: `ident compare` tells earlier runs from later ones, "
+    "in folders of their own; a cold arm is one cause."
+)
 WITHOUT_ACTION = ("not_testable", "none_of_catalogue")
 # Verdicts after which no motion is asked for.
 WITHOUT_MOTION = ("no_gap", "refused")
@@ -83,8 +88,15 @@ def first_action(record: JsonTable) -> str:
 
 
 def second_action(record: JsonTable) -> str:
-    """What to do about the leading joint where the URDF's friction comes first; else ""."""
-    return _action_at_the_lead(record) if leads_with_friction(record) else ""
+    """What to do about the leading joint where the URDF's friction comes first; of an arm without a
+    gap, about friction that differs from run to run; else "".
+    """
+    if leads_with_friction(record):
+        return _action_at_the_lead(record)
+    joint, _ = varying_friction(record)
+    if record["verdict"] != "no_gap" or not joint:
+        return ""
+    return OF_VARYING_FRICTION.format(joint)
 
 
 def _action_at_the_lead(record: JsonTable) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from ident.diagnosis.next_experiment import joints_shown
 from ident.errors import join_words
 from ident.records import JsonTable
+from ident.regression.settings import USUAL_REGRESSION
 from ident.show.report.finding_words import in_units_of, units_of
 from ident.show.report.words import fixed, pair, percent, significant
 from ident.units import TORQUE
@@ -74,7 +75,27 @@ def describe_noise(record: JsonTable) -> str:
     sure = f"is a cause without a name {likelier}"
     if not at_all:
         sure = f"no cause without a name is {likelier}"
-    return f"{where} is counted as noise: {there} {sure}."
+    joint, share = varying_friction(record)
+    varies = ""
+    if joint in alike:
+        by_run = f"differs from run to run, by {percent(share)} (standard deviation) at {joint}"
+        varies = f" A part of it is friction that {by_run}."
+    return f"{where} is counted as noise: {there} {sure}.{varies}"
+
+
+def varying_friction(record: JsonTable) -> tuple[str, float]:
+    """The joint whose friction differs most from run to run, and by which share of it.
+
+    A standard deviation; "" and 0 where it is nowhere more than a warm arm's.
+    """
+    spreads = {
+        joint: float(gap.get("friction_spread", 0.0))
+        for joint, gap in record.get("gap", {}).items()
+    }
+    joint = max(spreads, key=spreads.__getitem__, default="")
+    if not joint or spreads[joint] <= USUAL_REGRESSION.wide_spread:
+        return "", 0.0
+    return joint, spreads[joint]
 
 
 def tuned_away_joints(record: JsonTable) -> list[str]:

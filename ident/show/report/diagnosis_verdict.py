@@ -17,7 +17,7 @@ from ident.show.report.diagnosis_actions import (
     is_beside_the_body,
     leads_with_friction,
 )
-from ident.show.report.diagnosis_gap import describe_largest_rest, likeliest_doubt
+from ident.show.report.diagnosis_gap import describe_largest_rest, likeliest_doubt, varying_friction
 from ident.show.report.finding_words import (
     BODIES,
     OF_THE_ARM,
@@ -183,15 +183,21 @@ def _words_without_gap(words: str, record: JsonTable, misread: bool, brief: bool
     """
     wrong = describe_numbers(record, brief)
     joint, share = likeliest_doubt(record)
-    doubt = f" With {percent(share)} an unnamed cause is left at {joint}." if joint else ""
+    varying, spread = varying_friction(record)
+    doubt = ""
+    righted = RIGHTED
+    if joint:
+        doubt = f" With {percent(share)} an unnamed cause is left at {joint}."
+        righted = (
+            f"Put right, nothing is left, or with {percent(share)} an unnamed cause at {joint}."
+        )
+    elif varying:
+        by_run = f"differs from run to run, by {percent(spread)} at {varying}"
+        doubt = f" But friction {by_run}."
+        righted = f"Put right, what is left is noise, and friction that {by_run}."
     if not wrong:
         return f"{words}{doubt}"
-    if misread:
-        return f"{wrong}{doubt}"
-    if joint:
-        left = f"with {percent(share)} an unnamed cause at {joint}"
-        return f"{wrong} Put right, nothing is left, or {left}."
-    return f"{wrong} {RIGHTED}"
+    return f"{wrong}{doubt}" if misread else f"{wrong} {righted}"
 
 
 def _largest_error(findings: Sequence[Finding], record: JsonTable) -> str:

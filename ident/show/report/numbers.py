@@ -296,7 +296,7 @@ def describe_most(record: JsonTable, joint: str) -> str:
     at_joint = [number for number in wrong if number.joint == joint]
     if not at_joint:
         return f"Most of the error: {what}."
-    worst = max(at_joint, key=lambda number: number.figure["change_rms_Nm"])
+    worst = max(at_joint, key=lambda number: sure_change(number.figure, 0.0))
     said = f" (URDF: {worst.nominal})" if worst.figure["nominal"] else ""
     return f"Most of the error: {what}; {joint} has {worst.name} {worst.value} {worst.unit}{said}."
 
@@ -312,7 +312,7 @@ def describe_numbers(record: JsonTable, brief: bool = False) -> str:
     if not wrong:
         return ""
     stated = [number for number in wrong if number.figure["nominal"]]
-    worst = max(wrong, key=lambda number: number.figure["change_rms_Nm"])
+    worst = max(wrong, key=lambda number: sure_change(number.figure, 0.0))
     there = [worst] if brief else [number for number in wrong if number.joint == worst.joint]
     if not stated:
         sizes = join_words([f"{number.name} {number.value} {number.unit}" for number in there])

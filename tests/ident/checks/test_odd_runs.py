@@ -183,6 +183,16 @@ def test_the_recording_is_refused_and_nobody_else_accused(eight: Session, arm: A
     assert [issue.issue for issue in report.fatal] == ["effort_sign_flipped"]
 
 
+def test_runs_that_differ_each_in_its_own_way_are_all_named(eight: Session, arm: ArmModel) -> None:
+    """Law: a second odd run is told as itself; it accuses no torque of the others."""
+    twice = spoil(spoil(eight, torque([0, 1, 2, 3, 4, 5], -1.0), 2), torque([1], -1.0), 5)
+    report = inspect(twice, arm)
+    assert [issue.issue for issue in report.fatal] == ["effort_sign_flipped"] * 2
+    told = sorted(issue.evidence for issue in report.fatal)
+    assert ["run2:" in told[0], "run5:" in told[1]] == [True, True]
+    assert {run.name for run in report.session.runs} == {f"run{k}" for k in (0, 1, 3, 4, 6, 7)}
+
+
 def test_every_run_stands_alone_once_and_the_fewer_stand_out() -> None:
     assert partings(5) == [(0,), (1,), (2,), (3,), (4,), (0, 1), (3, 4)]
     assert all(2 * len(odd) <= 9 for odd in partings(9))

@@ -89,12 +89,14 @@ def inspect_written(session: Session, arm: ArmModel, folder: Path, lines: str = 
 SPOILT = {name: spoil_it for name, (spoil_it, _) in CHANGES.items() if name != "nothing"}
 
 
-@pytest.mark.parametrize("change", [*SPOILT, "clock", "mount", "body"])
+@pytest.mark.parametrize("change", [*SPOILT, "clock", "mount", "body", "N cm", "N mm"])
 def test_what_is_written_mends_it(change: str, clean: Session, arm: ArmModel, tmp_path: Path) -> None:
     """Law: with the lines of its remedies at the top of session.toml, nothing is said of the session any more."""
     others = {
         "clock": slowed,
         "mount": of_another_arm(arm, gravity_turned(arm)),
+        "N cm": lambda run: run.replace(effort=100.0 * run.effort),
+        "N mm": lambda run: run.replace(effort=1000.0 * run.effort),
         "body": of_another_arm(arm, arm.with_payload(Payload(4.0, (0.02, 0.05, 0.1)))),
     }
     spoilt = spoil(clean, {**SPOILT, **others}[change])

@@ -24,6 +24,12 @@ def test_a_verdict_says_what_is_likelier_than_not(names: int, left: tuple[float,
     assert decide(some, np.array(left)) == verdict
 
 
+@pytest.mark.parametrize(("names", "verdict"), [(0, "not_testable"), (1, "named")])
+def test_where_nothing_was_judged_silence_is_no_verdict(names: int, verdict: str) -> None:
+    """Law: a model that was held against no sample has not been found good."""
+    assert decide(cast(Any, [object()] * names), np.zeros(6), judged=0) == verdict
+
+
 def test_sessions_rank_by_the_likeliest_cause_without_a_name() -> None:
     """Law: the score lies between zero and one, and rises with any joint's probability."""
     quiet, odd = (score_outside(np.array(left)) for left in ((0.1, 0.2), (0.1, 0.8)))

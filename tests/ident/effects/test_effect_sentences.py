@@ -108,9 +108,14 @@ def read(name: str, p: Figures, torque: float) -> float:
     return float(read_log([(name, 0, p)], np.array([[torque]]), 0.0)[0, 0])
 
 
+def milliradians_and_degrees(angle: float) -> list[float]:
+    """An angle [rad] as a sentence tells it."""
+    return [1e3 * angle, np.degrees(angle)]
+
+
 def tilt(p: Figures) -> list[float]:
     x, y = (turned_gravity(np.array([0.0, 0.0, -1.0]), {**p, f"tilt_{gone}_rad": 0.0}) for gone in "yx")
-    return [1e3 * np.arcsin(abs(x[1])), 1e3 * np.arcsin(abs(y[0]))]
+    return [*milliradians_and_degrees(np.arcsin(abs(x[1]))), *milliradians_and_degrees(np.arcsin(abs(y[0])))]
 
 
 # Of effects whose sentence names what the law gives at some state, the numbers of the sentence.
@@ -139,7 +144,7 @@ EVALUATED: dict[str, Callable[[Figures], list[float]]] = {
         read("torque_saturation", p, p["at_peak_Nm"]),
         p["at_peak_Nm"],
     ],
-    "encoder_offset": lambda p: [1e3 * p["offset_rad"]],
+    "encoder_offset": lambda p: milliradians_and_degrees(p["offset_rad"]),
 }
 # How a place in a sentence that shows a number, not a word, does not begin.
 WORD = "?"

@@ -63,11 +63,13 @@ def _run(goal: np.ndarray, hold: int, late: int, figures: np.ndarray, steps: int
     return out
 
 
-def record(servo: Servo, seed: int, seconds: float = 20.0, rate: float = 50.0, quick: bool = True) -> Recording:
-    """One run: goals as a hand would lead them, and the positions that came."""
+def record(
+    servo: Servo, seed: int, seconds: float = 20.0, rate: float = 50.0, quick: bool = True, ramped: bool = False
+) -> Recording:
+    """One run: goals as a hand would lead them, or in ramps of one speed, and the positions that came."""
     rng = np.random.default_rng(seed)
     time = np.arange(int(seconds * rate)) / rate
-    goal = hand_led(rng, quick)(time)
+    goal = (in_ramps(rng) if ramped else hand_led(rng, quick))(time)
     hold = round(1.0 / rate / STEP)
     steps = len(time) * hold
     figures = np.array([servo.gain, servo.inertia, servo.damping, servo.friction, servo.zero, servo.load])
@@ -83,3 +85,13 @@ def hand_led(rng: np.random.Generator, quick: bool) -> Callable[[np.ndarray], np
     reach = rng.uniform([0.6, 0.2, 0.05, 0.02], [0.9, 0.4, 0.12, 0.05]) * (1.0 if quick else np.eye(4)[0])
     phase = rng.uniform(0.0, 2.0 * np.pi, 4)
     return lambda t: np.sin(2.0 * np.pi * np.outer(t, hertz) + phase) @ reach
+
+
+def in_ramps(rng: np.random.Generator) -> Callable[[np.ndarray], np.ndarray]:
+    """Ramps of one speed from place to place, each held for a while, as a program of moves."""
+    places = rng.uniform(-0.7, 0.7, 200)
+    holds = rng.uniform(0.3, 0.9, 200)
+    ramps = np.abs(np.diff(places, prepend=places[0])) / 1.2
+    ends = np.cumsum(ramps + holds)
+    stamps = np.column_stack([ends - holds, ends]).ravel()
+    return lambda t: np.interp(t, stamps, np.repeat(places, 2))

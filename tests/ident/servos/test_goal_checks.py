@@ -24,9 +24,9 @@ def followed(seconds: float = 24.0) -> Session:
     goal = 0.8 * np.sin(1.9 * time[:, None] + phases) + 0.4 * np.sign(np.sin(0.7 * time[:, None] + 2.0 * phases))
     position = np.empty_like(goal)
     state = goal[0]
-    for row, target in enumerate(goal):
-        state = state + (target - state) / (LAG * RATE)
+    for row, target in enumerate(goal):  # what a goal moves is seen from the next row on
         position[row] = state
+        state = state + (target - state) / (LAG * RATE)
     position += 3e-4 * rng.standard_normal(position.shape)
     run = Recording("run", ("pan", "lift"), time, position, np.zeros_like(position), position_command=goal)
     return Session("servos", (run,))

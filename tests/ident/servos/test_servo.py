@@ -71,6 +71,17 @@ def test_what_is_not_there_is_not_told(arm: ArmModel) -> None:
     assert wrong == []
 
 
+@pytest.mark.parametrize("inertia", [0.01, 0.02])
+def test_moves_at_one_speed_tell_no_dead_band(inertia: float) -> None:
+    """Law: where delay, lag and dead band fit nearly alike, none is told beside an inertia below zero."""
+    servo_ = Servo(inertia=inertia, friction=0.0, zero=0.0, load=0.0)
+    session = Session("ramps", (record(servo_, 71, 90.0, ramped=True),))
+    (joint,) = servo(session).joints
+    assert "dead_band_rad" not in joint.figures
+    for name in ("delay_s", "lag_s", "total_lag_s"):
+        assert joint.figures[name][0] == pytest.approx(truth(servo_)[name], rel=0.1), name
+
+
 def test_slow_motion_tells_the_sum_of_delay_and_lag_but_not_the_delay(arm: ArmModel) -> None:
     one = Servo(noise=0.01)
     found, joint = seen(one, arm, 40, quick=False)

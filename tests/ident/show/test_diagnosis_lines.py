@@ -313,6 +313,43 @@ def test_noise_that_is_all_that_is_left_has_no_column() -> None:
     assert describe_noise(record) == ""
 
 
+def test_what_a_name_closes_begins_at_an_error_of_the_table() -> None:
+    """Law: where tuned links hide a name, the error of the untuned ones stands beside theirs; else it has no column."""
+    record = named(8.0, 0.3)
+    assert "untuned" not in told(record)
+    (finding,) = record["findings"]
+    finding["evidence"] = {**finding.get("evidence", {}), "judged_against": "urdf"}
+    for gap in record["gap"].values():
+        gap["fixed_rms_Nm"] = 7.448
+    text = told(record)
+    header = next(line for line in text.splitlines() if line.split()[:1] == ["URDF"])
+    assert header.split()[:3] == ["URDF", "untuned", "tuned"]
+    assert "7.448" in text
+
+
+def test_the_example_is_the_number_that_is_surest() -> None:
+    """Law: the largest number, if hardly known, is no example of what is wrong."""
+    record = healthy(stated=None)
+    record["identified"]["shoulder"]["coulomb_Nm"] = figure(None, 11.0, 10.9)
+    record["identified"]["shoulder"]["viscous_Nms_rad"] = figure(None, 30.0, 29.0)
+    assert describe_numbers(record).startswith("Your URDF states no friction; elbow has")
+
+
+def test_friction_that_differs_from_run_to_run_is_no_noise_in_silence() -> None:
+    """Law: what no single number of friction fits is said where nothing else is left; a warm arm's spread is not."""
+    record = healthy(1.5)
+    for gap in record["gap"].values():
+        gap["noise_floor_Nm"] = gap["rms_Nm"]
+    steady = told(record)
+    record["gap"]["shoulder"]["friction_spread"] = 0.01
+    record["gap"]["elbow"]["friction_spread"] = 0.02
+    assert told(record) == steady
+    record["gap"]["elbow"]["friction_spread"] = 0.325
+    assert "friction that differs from run to run, by 32 % at elbow" in diagnosis_headline(record)
+    assert "the friction of elbow changes" in second_action(record)
+    assert "by 32 % (standard deviation) at elbow" in describe_noise(record)
+
+
 def test_a_command_is_not_broken_over_lines() -> None:
     command = "`plan excite --robot my_arm.urdf --separate spring_torque,payload --joint elbow`"
     lines = wrap(f"record this to tell them apart: {command}, then 4.45 N m more", 40).splitlines()
