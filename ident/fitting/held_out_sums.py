@@ -51,6 +51,10 @@ class HeldOutSums:
     laws: tuple[NamedLaw, ...]  # laws whose columns follow a joint's own
     # Of each joint, what is left of the torque by the URDF's bodies last.
     squares: tuple[Float[Array, "f p p"], ...]
+    # The share of these that lies in rows clear of starts, stops and reversals, where friction has
+    # turned round; and how many rows these are.
+    clear: tuple[Float[Array, "f p p"], ...]
+    clear_counts: Float[Array, "f n"]
     work: tuple[Float[Array, "f p"], ...]  # likewise
     counts: Float[Array, "f n"]  # rows
     torques: Float[Array, "f n"]  # sums of the torque's squares over them [N² m²]
@@ -59,6 +63,20 @@ class HeldOutSums:
     def parts(self) -> int:
         """Number f of parts that are left out in turn."""
         return len(self.counts)
+
+    def clear_rmse(
+        self, clear: Float[Array, "f n"], others: Float[Array, " n"]
+    ) -> Float[Array, " n"]:
+        """Torque error of each joint clear of starts, stops and reversals [N m].
+
+        Args:
+            clear: Squares left of each part's clear rows.
+            others: What is taken of joints with fewer such rows than parts.
+        """
+        counts = self.clear_counts.sum(axis=0)
+        rmse = np.sqrt(clear.sum(axis=0) / np.maximum(counts, 1.0))
+        is_known = (counts >= self.parts) & (rmse > 0.0)
+        return np.where(is_known, rmse, others)
 
     def law_columns(self, number: int) -> Int[Array, " k"]:
         """Where the columns of a law stand among those of its joint."""
@@ -108,6 +126,7 @@ def gather_sums(
     laws: Sequence[NamedLaw] = (),
     tuned: ArmModel | None = None,
     widths: Float[Array, " n"] | None = None,
+    dryness: Float[Array, " n"] | None = None,
 ) -> HeldOutSums:
     """One pass over the runs.
 
@@ -118,6 +137,8 @@ def gather_sums(
         laws: Laws of joints that may be asked for.
         tuned: The arm whose torque loads the joints in these laws; the nominal one if None.
         widths: Speed over which friction turns round in them [rad/s]; needed where there are laws.
+        dryness: Dry friction of each joint over its noise; with it rows in which friction still
+            turns round are less clear (`turned`).
     """
     n = nominal.n
     parts = split_parts(motions)
@@ -126,22 +147,52 @@ def gather_sums(
     for law in laws:
         sizes[law.joint] += law.size
     squares = tuple(np.zeros((count, size, size)) for size in sizes)
+    clear = tuple(np.zeros((count, size, size)) for size in sizes)
     work = tuple(np.zeros((count, size)) for size in sizes)
     counts = np.zeros((count, n))
+    clear_counts = np.zeros((count, n))
     torques = np.zeros((count, n))
     for motion, part_of_row in zip(motions, parts, strict=True):
         tables = _tables(motion, nominal, base, laws, tuned or nominal, widths)
         speed = motion.dq[motion.coarse]
         step = motion.interval * motion.lowpass.factor
+        moving = motion.moving
+        clear_weights = motion.settled.astype(float)
+        if dryness is not None and widths is not None:
+            clear_weights *= turned(speed, widths, dryness)
         for j, table in enumerate(tables):
             for number in np.unique(part_of_row):
-                rows = motion.moving[:, j] & (part_of_row == number)
-                squares[j][number] += table[rows].T @ table[rows]
-                power = speed[rows, j] @ table[rows]
+                rows = moving[:, j] & (part_of_row == number)
+                columns = table[rows]
+                weights = clear_weights[rows, j]
+                squares[j][number] += columns.T @ columns
+                clear[j][number] += columns.T @ (weights[:, None] * columns)
+                power = speed[rows, j] @ columns
                 work[j][number] += step * power
                 counts[number, j] += rows.sum()
+                clear_counts[number, j] += weights.sum()
                 torques[number, j] += np.sum(motion.tau_filtered[rows, j] ** 2)
-    return HeldOutSums(nominal, base, tuple(laws), squares, work, counts, torques)
+    return HeldOutSums(
+        nominal, base, tuple(laws), squares, clear, clear_counts, work, counts, torques
+    )
+
+
+def turned(
+    speed: Float[Array, "t n"], widths: Float[Array, " n"], dryness: Float[Array, " n"]
+) -> Float[Array, "t n"]:
+    """How clear of friction's turning each row is: 1 / (1 + d² (1 - |tanh(v / v₀)|)²).
+
+    While friction turns round it is known to no more than what it lacks of its level: a joint may
+    stick, creep, or turn in another way than by a tanh. What is lacking adds to the noise, and a
+    row counts by one over its variance.
+
+    Args:
+        speed: Speeds [rad/s].
+        widths: Speed over which each joint's friction turns round [rad/s].
+        dryness: d, dry friction of each joint over its noise.
+    """
+    lacking = dryness * (1.0 - np.abs(np.tanh(speed / widths)))
+    return np.asarray(1.0 / (1.0 + lacking**2))
 
 
 def _tables(

@@ -21,6 +21,7 @@ from ident.model.inertia import base_prior
 from ident.robot.tolerance import parameter_scale
 
 LOSSES = 3
+COULOMB = 2  # which of them is dry friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +127,12 @@ def _places_of_own_columns(
     return [np.array(place, dtype=int) for place in places], size
 
 
+def coulomb_of(sums: HeldOutSums, unknowns: Float[Array, " m"]) -> Float[Array, " n"]:
+    """Dry friction of each joint among the unknowns [N m]."""
+    first = sums.base.rank + COULOMB
+    return unknowns[first : first + LOSSES * sums.nominal.n : LOSSES]
+
+
 def solve(
     sums: HeldOutSums, problem: NormalEquations, kind: Inertia, share: float, signed: bool = True
 ) -> Float[Array, " m"]:
@@ -212,6 +219,7 @@ class Errors:
     """What a model leaves of each part that it was not fitted to."""
 
     squares: Float[Array, "f n"]  # sum of squares where each joint moves [N² m²]
+    clear: Float[Array, "f n"]  # the share of these in rows clear of starts, stops and reversals
     work: Float[Array, "f n"]  # work that it errs by [J]
     counts: Float[Array, "f n"]
 
@@ -251,6 +259,7 @@ def left_out(
     n = sums.nominal.n
     parts = np.arange(sums.parts)
     squares = np.zeros((sums.parts, n))
+    clear = np.zeros((sums.parts, n))
     work = np.zeros((sums.parts, n))
     solutions = []
     for number in parts:
@@ -260,8 +269,18 @@ def left_out(
         for j in range(n):
             weights = problem.row_weights(sums, unknowns, j)
             squares[number, j] = weights @ sums.squares[j][number] @ weights
+            clear[number, j] = weights @ sums.clear[j][number] @ weights
             work[number, j] = weights @ sums.work[j][number]
-    return Errors(np.maximum(squares, 0.0), work, sums.counts), solutions
+    errors = Errors(np.maximum(squares, 0.0), np.maximum(clear, 0.0), work, sums.counts)
+    return errors, solutions
+
+
+@dataclass(frozen=True, eq=False)
+class OwnErrors:
+    """What a joint's model leaves of each part."""
+
+    squares: Float[Array, " f"]  # sum of squares where it moves [N² m²]
+    work: Float[Array, " f"]  # work that it errs by [J]
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,6 +289,9 @@ class OwnColumns:
 
     gram: Float[Array, "f q q"]  # of own columns and, last, the torque left; over each part
     rest: Float[Array, "f q q"]  # over all other parts
+    # The same two over rows clear of starts, stops and reversals alone.
+    clear: Float[Array, "f q q"]
+    clear_rest: Float[Array, "f q q"]
     work: Float[Array, "f q"]
 
     @classmethod
@@ -284,8 +306,11 @@ class OwnColumns:
         rank = sums.base.rank
         size = sums.squares[joint].shape[1]
         total = sums.squares[joint].sum(axis=0)
+        clear_total = sums.clear[joint].sum(axis=0)
         grams = []
         rest = []
+        clear = []
+        clear_rest = []
         work = []
         for number, change in enumerate(changes):
             lift = np.zeros((size, size - rank))
@@ -294,20 +319,41 @@ class OwnColumns:
             gram = lift.T @ sums.squares[joint][number] @ lift
             grams.append(gram)
             rest.append(lift.T @ total @ lift - gram)
+            clear_gram = lift.T @ sums.clear[joint][number] @ lift
+            clear.append(clear_gram)
+            clear_rest.append(lift.T @ clear_total @ lift - clear_gram)
             work.append(lift.T @ sums.work[joint][number])
-        return cls(np.array(grams), np.array(rest), np.array(work))
+        every = (grams, rest, clear, clear_rest, work)
+        return cls(*map(np.array, every))
 
-    def errors(self, columns: Int[Array, " c"], signed: Bool[Array, " c"]) -> tuple[Array, Array]:
-        """Squares and work left of each part by some of the columns, fitted to the others."""
+    def errors(self, columns: Int[Array, " c"], signed: Bool[Array, " c"]) -> OwnErrors:
+        """What some of the columns, fitted to the other parts, leave of each part."""
         squares = np.zeros(len(self.gram))
         work = np.zeros(len(self.gram))
-        bounded = np.flatnonzero(signed)
-        index = np.append(columns, -1)
         for number, rest in enumerate(self.rest):
-            coefficients = solve_partly_non_negative(rest[index[:, None], index], bounded)
-            weights = np.zeros(rest.shape[0])
-            weights[columns] = -coefficients
-            weights[-1] = 1.0
+            weights = _row_weights(rest, columns, signed)
             squares[number] = weights @ self.gram[number] @ weights
             work[number] = weights @ self.work[number]
-        return squares, work
+        return OwnErrors(squares, work)
+
+    def clear_squares(
+        self, columns: Int[Array, " c"], signed: Bool[Array, " c"]
+    ) -> Float[Array, " f"]:
+        """Squares left of each part's clear rows by some of the columns, fitted to the others'."""
+        squares = np.zeros(len(self.clear))
+        for number, rest in enumerate(self.clear_rest):
+            weights = _row_weights(rest, columns, signed)
+            squares[number] = weights @ self.clear[number] @ weights
+        return squares
+
+
+def _row_weights(
+    gram: Float[Array, "q q"], columns: Int[Array, " c"], signed: Bool[Array, " c"]
+) -> Float[Array, " q"]:
+    """What columns fitted to some rows leave of a row is the row's product with these."""
+    index = np.append(columns, -1)
+    within = gram[index[:, None], index]
+    weights = np.zeros(len(gram))
+    weights[columns] = -solve_partly_non_negative(within, np.flatnonzero(signed))
+    weights[-1] = 1.0
+    return weights

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.optimize import nnls
 
 from ident.arrays import Array, Float, Int
@@ -28,6 +29,8 @@ MARGIN = 1e-7
 ROUNDING = 1e-13
 # Least unit of a mass, and of a moment.
 LEAST_UNIT = 1e-12
+# Pivot of scaled sums below which more than half of their digits are lost.
+LEAST_PIVOT = 1e-4
 
 
 def pseudo_inertia(link: Float[Array, "... 10"]) -> Float[Array, "... 4 4"]:
@@ -145,7 +148,11 @@ def solve_partly_non_negative(
     positive = np.flatnonzero(seen & is_bounded)
     free = np.flatnonzero(seen & ~is_bounded)
     scale = np.sqrt(np.where(power > 0.0, power, 1.0))
-    values, vectors = np.linalg.eigh(sums / (scale[:, None] * scale))
+    scaled = sums / (scale[:, None] * scale)
+    unbounded = _solve_definite(scaled)
+    if unbounded is not None and np.all(unbounded[is_bounded] >= 0.0):
+        return unbounded * scale[-1] / scale[:-1]
+    values, vectors = np.linalg.eigh(scaled)
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T  # rootᵀ root: the scaled sums
     columns = [*free, *positive, -1]
     triangle = np.asarray(np.linalg.qr(root[:, columns], mode="r"))
@@ -160,3 +167,12 @@ def solve_partly_non_negative(
     of_free = triangle[:count, :count]
     solution[free] = np.linalg.lstsq(of_free, left, rcond=None)[0]
     return solution * scale[-1] / scale[:-1]
+
+
+def _solve_definite(sums: Float[Array, "k+1 k+1"]) -> Float[Array, " k"] | None:
+    """Least squares by sums scaled to a diagonal of one; None where they tell nothing of some."""
+    factor, failed = dpotrf(sums[:-1, :-1], lower=1)
+    if failed or np.min(np.diag(factor), initial=1.0) < LEAST_PIVOT:
+        return None
+    solution, _ = dpotrs(factor, sums[:-1, -1], lower=1)
+    return np.asarray(solution)

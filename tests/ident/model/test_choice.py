@@ -1,6 +1,6 @@
 """Laws of what a fit's model is made of: chosen by runs left out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +68,43 @@ def test_friction_that_runs_left_out_ask_for_is_a_law_of_its_joint(two_joints: A
     assert ("load_dependent_friction", 1) in {(law.effect, law.joint) for law in found.laws}
     assert choose(made_runs(two_joints, nothing), two_joints).laws == ()
     assert choose(made_runs(two_joints, loaded), two_joints, tried=False).laws == ()
+
+
+def paced_runs(arm: ArmModel, paces: Sequence[float], friction: Callable[[Array], Array], seed: int) -> list[Motion]:
+    """Runs at so many shares of a usual pace, with plain losses but for their dry friction."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(int(10.0 * RATE)) / RATE
+    motions = []
+    for k, pace in enumerate(paces):
+        q, dq, ddq = (pace * part for part in multisine(rng, time, 2))
+        tau = arm.inverse_dynamics(q, dq, ddq) + OWN[:, 0] * ddq + OWN[:, 1] * dq + friction(dq)
+        tau = tau + 0.5 * NOISE * rng.standard_normal(dq.shape)
+        motions.append(exact_motion(time, (q, dq, ddq), tau, arm.joint_names, f"run_{k}"))
+    return motions
+
+
+def test_how_friction_turns_round_is_no_law(two_joints: ArmModel) -> None:
+    """Joints that stick and creep below 0.02 rad/s, in no way that a tanh turns, are told their plain losses."""
+
+    def sticking(dq: Array) -> Array:
+        return OWN[:, 2] * np.sign(dq) * np.clip((dq / 0.02) ** 2, 0.3, 1.0)
+
+    runs = paced_runs(two_joints, (0.05, 0.05, 0.5, 0.8, 1.0), sticking, seed=1)
+    assert choose(runs, two_joints).laws == ()
+    loss = fit_hybrid(runs, two_joints, FitOptions(net="none")).model.loss
+    assert np.allclose(loss.viscous, OWN[:, 1], rtol=0.05)
+    assert np.allclose(loss.coulomb, OWN[:, 2], rtol=0.05)
+
+
+def test_a_law_that_one_slow_run_shows_is_found(two_joints: ArmModel) -> None:
+    """Friction that falls over the first 0.1 rad/s is named at its joint, though four of five runs are faster."""
+
+    def falling(dq: Array) -> Array:
+        extra = np.array([0.0, 1.5]) * np.exp(-np.abs(dq) / 0.1)
+        return (OWN[:, 2] + extra) * np.tanh(dq / 1e-3)
+
+    found = choose(paced_runs(two_joints, (0.1, 0.5, 0.5, 1.0, 1.0), falling, seed=0), two_joints)
+    assert [(law.effect, law.joint) for law in found.laws] == [("stribeck_friction", 1)]
 
 
 def test_the_width_of_friction_is_found(two_joints: ArmModel) -> None:
