@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arrays import Array, Float, Int
+from ident.arrays import Array, Float
 from plan.planners.base import Ledger
 from plan.planners.local_model import Linearisation, LocalModel, TrajectoryValues
 from plan.planners.near_pairs import clearance_rows
@@ -60,17 +60,6 @@ KEPT = 5e-5
 KEPT_CLEAR = 1e-3
 # Of a rule of the way in its unit, of which a tenth more is asked for.
 KEPT_RULE = 2e-4
-# Local times of a section's ends.
-ENDS = np.array([0.0, 1.0])
-# Sections of a finer grid for each of the one before, for energy and for time: where sections are
-# shorter only where limits switch, fewer do better (`bench_plan_grids.py`).
-FINER = (2.0, 1.5)
-# Share of a finer grid's sections that go by length.
-EVENLY = 0.5
-# The shortest of them, as a share of the duration.
-NARROWEST = 0.002
-# Share of a limit from which it binds.
-BINDS = 0.95
 # How far a motion is moved aside where it is moved most, between these [rad].
 ASIDE = (0.4, 1.5)
 # How long the part is that is moved: standard deviations of a bell, as shares of the duration.
@@ -357,62 +346,6 @@ def _learn(
         seen = float(step @ change)
     forgotten = np.outer(bent, bent) / curved
     return curvature - forgotten + np.outer(change, change) / seen
-
-
-def count_finer(local: LocalModel) -> int:
-    """Sections of the next finer grid."""
-    return round(FINER[local.timed] * local.grid.sections)
-
-
-def refine(course: Course, width: float, power: float, nodes: tuple[Array, Array]) -> Course:
-    """A course of the same trajectory on a finer grid, before its first step.
-
-    Args:
-        course: Where the coarser search ended.
-        width: Over which the sign of friction is rounded from now on [rad/s].
-        power: Over which the modulus of power is rounded from now on [W].
-        nodes: Places in each section as shares of it, and their quadrature weights.
-    """
-    local = course.local
-    coefficients, duration = local.split(course.x)
-    parts = choose_parts(course)
-    grid = replace(local.grid.parted(parts), nodes=nodes[0])
-    aims = np.repeat(local.torque_aim, parts, axis=0)
-    finer = replace(local, grid=grid, weights=nodes[1], width=width, power=power, torque_aim=aims)
-    free = grid.fit(local.grid.splines(coefficients, duration))
-    return begin(finer, finer.join(free, duration))
-
-
-def choose_parts(course: Course) -> Int[Array, " K"]:
-    """Into how many parts each section goes, `count_finer` together.
-
-    For energy every section goes in two, but for those of a controller's single step. The quickest
-    motions switch from one limit to another: a section in which acceleration or torque changes by
-    much holds what is to be gained, so half of the parts are shared out by that change, as a share
-    of the limits, the others by length. A joint counts by how much of the time it is at its limit:
-    others could switch elsewhere as well.
-    """
-    local = course.local
-    sections = local.grid.sections
-    if not local.timed:
-        return np.where(local.grid.single_steps, 1, 2)
-    q, dq, ddq = local.splines(course.x).states(ENDS)
-    limits = local.problem.limits
-    used = local.problem.model.torque(q, dq, ddq)[0] / limits.torque
-    if limits.acceleration is not None:
-        used = np.concatenate([used, ddq[0] / limits.acceleration], axis=1)
-    used = used.reshape(sections, len(ENDS), -1)
-    binding = (np.abs(used) > BINDS).mean(axis=(0, 1)) ** 2
-    change = np.abs(used[:, 1] - used[:, 0]) @ binding
-    widths = np.diff(local.grid.knots)
-    by_change = (1.0 - EVENLY) * change / max(change.sum(), 1e-12)
-    wanted = EVENLY * widths + by_change
-    parts = np.ones(sections, dtype=int)
-    for _ in range(count_finer(local) - sections):
-        is_wide = widths / (parts + 1) >= NARROWEST
-        gains = np.where(is_wide, wanted / parts, 0.0)
-        parts[int(np.argmax(gains))] += 1
-    return parts
 
 
 def move_aside(course: Course, rng: np.random.Generator) -> Float[Array, " d"]:

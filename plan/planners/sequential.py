@@ -33,12 +33,11 @@ from plan.planners.descent import (
     KEPT,
     Course,
     begin,
-    count_finer,
     descend,
     move_aside,
-    refine,
 )
 from plan.planners.evolution import Evolution
+from plan.planners.refinement import count_finer, refine
 from plan.planners.transcription import Grid
 from plan.problem.problem import STRAIGHT, PlanningProblem
 from plan.spline import Splines
@@ -78,7 +77,7 @@ LOST = 0.2
 # sections.
 FINEST = 96
 # Most refinements, for energy and for time.
-LEVELS = (3, 4)
+LEVELS = (5, 4)
 # A motion that was moved aside is given up early where it costs so many times as much as before.
 DEARER = 1.05
 # While asked seconds are left, in turns: so many motions are moved aside, each one of so many of
@@ -118,8 +117,9 @@ class Sequential(Planner):
     # Starts that go on to the first finer grid, to the second, and so on; the last number counts
     # from there on.
     kept: tuple[int, ...] = (4, 2, 1)
-    # Share of the cost that a finer grid must bring for the next to follow, for energy and time.
-    gains: tuple[float, float] = (0.005, 0.001)
+    # Share of the time that a finer grid must bring for the next to follow. Of energy all are made:
+    # one that has brought nothing has been followed by one that brought a hundredth.
+    gain: float = 0.001
     levels: int = max(LEVELS)  # most refinements, of which no more than `LEVELS` are made
     # Equal parts of the duration at whose ends all knots are set, where a controller takes its
     # points there alone; None where they may lie anywhere.
@@ -384,7 +384,7 @@ class Sequential(Planner):
         Returns:
             The courses on the first of the finer grids, the best ones first.
         """
-        gain = self.gains[courses[0].local.timed]
+        timed = courses[0].local.timed
         known = np.inf
         first = courses
         for level in levels:
@@ -400,7 +400,7 @@ class Sequential(Planner):
             cost = min(cost for cost, _ in finer)
             if level == levels.start:
                 first = courses
-            if level > 0 and known < np.inf and cost > known * (1.0 - gain):
+            if timed and level > 0 and known < np.inf and cost > known * (1.0 - self.gain):
                 return first
             known = min(known, cost)
         return first

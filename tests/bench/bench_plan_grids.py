@@ -22,7 +22,7 @@ import numpy as np
 
 from ident.arrays import Int
 from plan.command_options import SolveOptions
-from plan.planners import descent
+from plan.planners import refinement
 from plan.planners.descent import Course
 from plan.problem.certificate import certify
 from plan.problem.problem import PlanningProblem
@@ -32,7 +32,7 @@ from tests.bench.bench_plan_first import limit_acceleration
 from tests.bench.bench_plan_optimum import arm_of, draw, torque_of
 
 # Sections of a finer grid for each of the one before, where all go in two.
-EVENLY = (2.0, 2.0)
+EVENLY = 2.0
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,8 @@ def compare(task: PlanningProblem, head: tuple[int, str, int, int], seconds: flo
     for evenly in (True, False) if head[-1] % 2 else (False, True):
         with ExitStack() as stack:
             if evenly:
-                stack.enter_context(patch.object(descent, "FINER", EVENLY))
-                stack.enter_context(patch.object(descent, "choose_parts", part_evenly))
+                stack.enter_context(patch.object(refinement, "FINER", EVENLY))
+                stack.enter_context(patch.object(refinement, "choose_parts", part_evenly))
             plans[evenly] = solve(task, options)
     even, parted = plans[True], plans[False]
     broken = find_broken(task, parted)

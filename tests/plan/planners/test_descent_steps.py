@@ -11,8 +11,9 @@ from plan.command_options import TaskOptions
 from plan.geometry.solids import Box
 from plan.initial.line_pace import timed_line
 from plan.planners.courses import SAME, begin_course, different, nodes_of
-from plan.planners.descent import Course, count_finer, refine
+from plan.planners.descent import Course
 from plan.planners.near_pairs import CLEARANCE_UNIT, EXTRA, NEAR, clearance_rows
+from plan.planners.refinement import count_finer, refine
 from plan.planners.subproblem import ConstraintRows, solve_step
 from tests.plan.worlds import problem, random_rotation
 

@@ -10,11 +10,12 @@ from plan.dynamics.power import METRICS
 from plan.initial.limit_times import quickest_of_each_joint
 from plan.paper.brute_force import BruteForce
 from plan.planners import local_model, subproblem, velocity_reversals
-from plan.planners.courses import SAME, begin_course
-from plan.planners.descent import begin, choose_parts, count_finer, descend, move_aside, refine
+from plan.planners.courses import SAME, begin_course, nodes_of
+from plan.planners.descent import begin, descend, move_aside
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
 from plan.planners.near_pairs import CLEARANCE_UNIT, EXTRA, clearance_rows
+from plan.planners.refinement import choose_parts, count_finer, refine
 from plan.planners.sequential import POLISHED, Sequential
 from plan.planners.subproblem import ConstraintRows, solve_step
 from plan.planners.transcription import Grid
@@ -82,7 +83,28 @@ def test_a_finer_grid_is_finer_where_limits_switch() -> None:
     assert parts.min() >= 1
     middle = parts[sections // 2 - 1 : sections // 2 + 1]
     assert min(parts[0], parts[-1], middle.max()) > parts.mean()
-    assert choose_parts(begin_course(replace(each, objective="energy", free="vias"))).tolist() == [2] * len(parts)
+
+
+def test_few_sections_all_go_in_two() -> None:
+    """Law: a first grid of energy holds nothing that tells where more sections are due."""
+    course = begin_course(problem(duration=1.0))
+    assert choose_parts(course).tolist() == [2] * course.local.grid.sections
+
+
+@pytest.mark.parametrize("bend", [0.3, 0.5, 0.7])
+def test_a_finer_grid_is_finer_where_a_motion_bends(bend: float) -> None:
+    """Law: where least energy is bent aside in one place, the sections there get the most parts."""
+    course = begin_course(problem(duration=1.0))
+    course = refine(course, 0.01, 0.5, nodes_of(False, count_finer(course.local)))
+    grid = course.local.grid
+    free = course.x.reshape(-1, 3).copy()
+    free[np.argmin(np.abs(grid.places[grid.held : -grid.held] - bend))] += 0.5
+    aside = replace(course, x=course.local.join(free, 1.0))
+    parts = choose_parts(aside)
+    assert parts.sum() == count_finer(course.local)
+    assert parts.min() == 1
+    middles = (grid.knots[1:] + grid.knots[:-1]) / 2
+    assert np.abs(middles[parts == parts.max()] - bend).max() <= 2.5 / grid.sections
 
 
 @pytest.mark.parametrize("objective", ["energy", "time"])
