@@ -189,8 +189,14 @@ def _fit_joint(
     losses = np.stack([_held_out(rows) for rows in table])
     best = int(np.argmin(losses.sum(axis=1)))
     reach = float(stdtrit(pieces - 1, 1.0 - 0.5 * LIMIT.false / tests))
-    is_near = [no_worse(loss, losses[best]) for loss in losses]
-    near = np.array(is_near)
+    # Held at zero, a fit may err by whole pieces, which leaves nothing sure; free, it may follow
+    # anything. A delay is open where neither tells that it is worse.
+    free = np.stack([_held_out(rows, either_sign=True) for rows in table])
+    is_near = [
+        no_worse(loss, losses[best]) and no_worse(other, free[best])
+        for loss, other in zip(losses, free, strict=True)
+    ]
+    near = _reached_from(best, np.array(is_near))
     low = float(delays[near].min())
     high = float(delays[near].max())
     sure = not no_worse(losses[0], losses[best], reach)
@@ -218,6 +224,19 @@ def _fit_joint(
     after = np.sqrt(losses[best if sure else 0].sum() / len(rows[0]))
     before = np.sqrt(np.mean(table[0][0] ** 2))
     return ServoJoint(joint, figures, untold, float(before), float(after))
+
+
+def _reached_from(best: int, is_near: Bool[Array, " D"]) -> Bool[Array, " D"]:
+    """The delays about the best one that are not surely worse.
+
+    Behind one that is, errors are larger still and differ more from piece to piece: nothing is sure
+    of them.
+    """
+    far = np.flatnonzero(~is_near)
+    first = int(far[far < best].max(initial=-1)) + 1
+    last = int(far[far > best].min(initial=len(is_near)))
+    places = np.arange(len(is_near))
+    return (first <= places) & (places < last)
 
 
 def _silent(joint: str, reason: str) -> ServoJoint:
@@ -251,12 +270,15 @@ def _rows(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, dela
     return np.concatenate(errors), np.concatenate(tables), np.concatenate(pieces)
 
 
-def _held_out(rows: Rows, without: int | None = None) -> Float[Array, " P"]:
+def _held_out(
+    rows: Rows, without: int | None = None, either_sign: bool = False
+) -> Float[Array, " P"]:
     """Squared error of each piece by a fit without its fold of pieces.
 
     Args:
         rows: Error, columns and piece of each row.
         without: Index of a column that the fit lacks; None for none.
+        either_sign: Whether all coefficients may be below zero.
     """
     error, columns, piece = rows
     used = [k for k in range(columns.shape[1]) if k != without]
@@ -275,7 +297,7 @@ def _held_out(rows: Rows, without: int | None = None) -> Float[Array, " P"]:
         normal = whole - unseen.T @ unseen
         right = target - unseen.T @ error[out]
         beta = least_squares(normal, right, LEAST)
-        if (beta[limited] < 0.0).any():
+        if not either_sign and (beta[limited] < 0.0).any():
             beta = _not_negative(normal, right, limited)
         left[out] = error[out] - unseen @ beta
     return np.bincount(index, left**2, minlength=len(names))
