@@ -31,7 +31,7 @@ from ident.arrays import Array, Float
 from ident.command_options import Inertia
 from ident.errors import RecordingError
 from ident.fitting.chosen import AS_GOOD, ModelChoice
-from ident.fitting.held_out_sums import HeldOutSums, gather_sums
+from ident.fitting.held_out_sums import HeldOutSums, Tuned, gather_sums
 from ident.fitting.left_out import (
     Errors,
     OwnColumns,
@@ -114,11 +114,12 @@ def choose(
         plain, solutions = left_out(sums, selection, noise, "base", share)
         changes = [unknowns[: base.rank] for unknowns in solutions]
         unknowns = _solve_all(sums, selection, noise, share)
-        tuned = _tuned(sums, unknowns)
-        dryness = coulomb_of(sums, unknowns) / sums.clear_rmse(plain.clear, noise)
+        coulomb = coulomb_of(sums, unknowns)
+        dryness = coulomb / sums.clear_rmse(plain.clear, noise)
         widths = np.asarray(TRANSITION_GRID)[selection.width]
+        tuned = Tuned(_tuned(sums, unknowns), widths, dryness)
         further = _further_laws(nominal) if tried else ()
-        sums = gather_sums(motions, nominal, base, (*given, *further), tuned, widths, dryness)
+        sums = gather_sums(motions, nominal, base, (*given, *further), tuned)
         selection = replace(selection, laws=tuple(range(len(given))))
         selection = _choose_laws(sums, selection, changes)
         selection = _drop_laws(sums, selection, noise, share, len(given))
@@ -306,7 +307,9 @@ def _choose_laws_of_joint(
             break
         # What helps near starts, stops and reversals alone mends what is smeared there, or how
         # friction turns round: a law helps where the joint slides, too.
-        if not helps_alike(clear_squares_with(chosen), clear_squares_with(with_law), CONFIRMED):
+        clear_before = clear_squares_with(chosen)
+        clear_after = clear_squares_with(with_law)
+        if not helps_alike(clear_before, clear_after, CONFIRMED):
             break
         chosen = with_law
         before = errors[best]

@@ -75,8 +75,9 @@ class HeldOutSums:
         """
         counts = self.clear_counts.sum(axis=0)
         rmse = np.sqrt(clear.sum(axis=0) / np.maximum(counts, 1.0))
-        is_known = (counts >= self.parts) & (rmse > 0.0)
-        return np.where(is_known, rmse, others)
+        enough = counts >= self.parts
+        positive = rmse > 0.0
+        return np.where(enough & positive, rmse, others)
 
     def law_columns(self, number: int) -> Int[Array, " k"]:
         """Where the columns of a law stand among those of its joint."""
@@ -84,6 +85,15 @@ class HeldOutSums:
         earlier = self.laws[:number]
         before = sum(law.size for law in earlier if law.joint == asked.joint)
         return self.base.rank + OWN + before + np.arange(asked.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """What is known of an arm before laws of friction are tried at its joints."""
+
+    arm: ArmModel  # whose torque loads the joints in these laws
+    widths: Float[Array, " n"]  # speed over which friction turns round in them [rad/s]
+    dryness: Float[Array, " n"]  # dry friction of each joint over its noise
 
 
 def split_parts(motions: Sequence[Motion]) -> list[Int[Array, " t"]]:
@@ -124,9 +134,7 @@ def gather_sums(
     nominal: ArmModel,
     base: BaseParameters,
     laws: Sequence[NamedLaw] = (),
-    tuned: ArmModel | None = None,
-    widths: Float[Array, " n"] | None = None,
-    dryness: Float[Array, " n"] | None = None,
+    tuned: Tuned | None = None,
 ) -> HeldOutSums:
     """One pass over the runs.
 
@@ -135,10 +143,8 @@ def gather_sums(
         nominal: The arm as its URDF describes it.
         base: Its base parameters.
         laws: Laws of joints that may be asked for.
-        tuned: The arm whose torque loads the joints in these laws; the nominal one if None.
-        widths: Speed over which friction turns round in them [rad/s]; needed where there are laws.
-        dryness: Dry friction of each joint over its noise; with it rows in which friction still
-            turns round are less clear (`turned`).
+        tuned: What is known beside the laws; needed where there are any. With it rows in which
+            friction still turns round are less clear (`turned`).
     """
     n = nominal.n
     parts = split_parts(motions)
@@ -153,20 +159,21 @@ def gather_sums(
     clear_counts = np.zeros((count, n))
     torques = np.zeros((count, n))
     for motion, part_of_row in zip(motions, parts, strict=True):
-        tables = _tables(motion, nominal, base, laws, tuned or nominal, widths)
+        tables = _tables(motion, nominal, base, laws, tuned)
         speed = motion.dq[motion.coarse]
         step = motion.interval * motion.lowpass.factor
         moving = motion.moving
         clear_weights = motion.settled.astype(float)
-        if dryness is not None and widths is not None:
-            clear_weights *= turned(speed, widths, dryness)
+        if tuned is not None:
+            clear_weights *= turned(speed, tuned.widths, tuned.dryness)
         for j, table in enumerate(tables):
             for number in np.unique(part_of_row):
                 rows = moving[:, j] & (part_of_row == number)
                 columns = table[rows]
                 weights = clear_weights[rows, j]
                 squares[j][number] += columns.T @ columns
-                clear[j][number] += columns.T @ (weights[:, None] * columns)
+                weighted = weights[:, None] * columns
+                clear[j][number] += columns.T @ weighted
                 power = speed[rows, j] @ columns
                 work[j][number] += step * power
                 counts[number, j] += rows.sum()
@@ -191,8 +198,10 @@ def turned(
         widths: Speed over which each joint's friction turns round [rad/s].
         dryness: d, dry friction of each joint over its noise.
     """
-    lacking = dryness * (1.0 - np.abs(np.tanh(speed / widths)))
-    return np.asarray(1.0 / (1.0 + lacking**2))
+    slip = np.tanh(speed / widths)
+    lacking = dryness * (1.0 - np.abs(slip))
+    variance = 1.0 + lacking**2
+    return np.asarray(1.0 / variance)
 
 
 def _tables(
@@ -200,8 +209,7 @@ def _tables(
     nominal: ArmModel,
     base: BaseParameters,
     laws: Sequence[NamedLaw],
-    tuned: ArmModel,
-    widths: Float[Array, " n"] | None,
+    tuned: Tuned | None,
 ) -> list[Float[Array, "t p"]]:
     """Each joint's filtered columns and torque of a run."""
     q = motion.q
@@ -212,9 +220,10 @@ def _tables(
     joint_columns = np.stack([ddq, dq, np.ones_like(dq), *turning], axis=-1)
     rigid = nominal.with_payload(motion.payload).inverse_dynamics(q, dq, ddq)
     load = rigid
-    if laws and tuned is not nominal:
-        load = tuned.with_payload(motion.payload).inverse_dynamics(q, dq, ddq)
-    slip = direction(dq, np.zeros(nominal.n) if widths is None else widths)
+    slip = np.sign(dq)
+    if laws and tuned is not None:
+        load = tuned.arm.with_payload(motion.payload).inverse_dynamics(q, dq, ddq)
+        slip = direction(dq, tuned.widths)
     tables = []
     for j in range(nominal.n):
         states = states_of(j, q, dq, load, slip)

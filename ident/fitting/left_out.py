@@ -20,8 +20,8 @@ from ident.model.bodies import solve_bounded, solve_partly_non_negative
 from ident.model.inertia import base_prior
 from ident.robot.tolerance import parameter_scale
 
+# A joint's losses among the unknowns; the last of them is dry friction.
 LOSSES = 3
-COULOMB = 2  # which of them is dry friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ def _places_of_own_columns(
 
 def coulomb_of(sums: HeldOutSums, unknowns: Float[Array, " m"]) -> Float[Array, " n"]:
     """Dry friction of each joint among the unknowns [N m]."""
-    first = sums.base.rank + COULOMB
+    first = sums.base.rank + LOSSES - 1
     return unknowns[first : first + LOSSES * sums.nominal.n : LOSSES]
 
 
@@ -323,8 +323,13 @@ class OwnColumns:
             clear.append(clear_gram)
             clear_rest.append(lift.T @ clear_total @ lift - clear_gram)
             work.append(lift.T @ sums.work[joint][number])
-        every = (grams, rest, clear, clear_rest, work)
-        return cls(*map(np.array, every))
+        return cls(
+            gram=np.array(grams),
+            rest=np.array(rest),
+            clear=np.array(clear),
+            clear_rest=np.array(clear_rest),
+            work=np.array(work),
+        )
 
     def errors(self, columns: Int[Array, " c"], signed: Bool[Array, " c"]) -> OwnErrors:
         """What some of the columns, fitted to the other parts, leave of each part."""
@@ -353,7 +358,9 @@ def _row_weights(
     """What columns fitted to some rows leave of a row is the row's product with these."""
     index = np.append(columns, -1)
     within = gram[index[:, None], index]
+    bounded = np.flatnonzero(signed)
+    coefficients = solve_partly_non_negative(within, bounded)
     weights = np.zeros(len(gram))
-    weights[columns] = -solve_partly_non_negative(within, np.flatnonzero(signed))
+    weights[columns] = -coefficients
     weights[-1] = 1.0
     return weights

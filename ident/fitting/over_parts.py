@@ -13,10 +13,11 @@ from scipy.special import stdtrit
 
 from ident.arrays import Array, Float
 
-# How sure it must be over the parts that a law helps, by Student's test; and that it also helps in
-# rows clear of reversals, of which there are fewer, once that is sure.
+# How sure it must be over the parts that a law helps, by Student's test of both sides at 95 %.
 SURE = 0.975
-CONFIRMED = 0.95
+# The same of one side: once it is sure, that rows clear of reversals, of which there are fewer, do
+# not speak against it.
+CONFIRMED = 2.0 * SURE - 1.0
 
 
 def surely_less(before: Float[Array, " f"], after: Float[Array, " f"]) -> bool:
@@ -46,8 +47,10 @@ def helps_alike(before: Float[Array, " f"], after: Float[Array, " f"], sure: flo
     That is the likelihood where each part has noise of its own: one that is foretold badly in any
     case counts no more than another.
     """
-    there = (before > 0.0) & (after > 0.0)
-    return helps(np.log(before[there]), np.log(after[there]), sure)
+    positive = np.minimum(before, after) > 0.0
+    log_before = np.log(before[positive])
+    log_after = np.log(after[positive])
+    return helps(log_before, log_after, sure)
 
 
 def no_worse_work(before: Float[Array, " f"], after: Float[Array, " f"]) -> bool:

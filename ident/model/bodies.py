@@ -30,7 +30,7 @@ ROUNDING = 1e-13
 # Least unit of a mass, and of a moment.
 LEAST_UNIT = 1e-12
 # Pivot of scaled sums below which more than half of their digits are lost.
-LEAST_PIVOT = 1e-4
+LEAST_PIVOT = float(np.finfo(float).eps ** (1 / 4))
 
 
 def pseudo_inertia(link: Float[Array, "... 10"]) -> Float[Array, "... 4 4"]:
@@ -172,7 +172,8 @@ def solve_partly_non_negative(
 def _solve_definite(sums: Float[Array, "k+1 k+1"]) -> Float[Array, " k"] | None:
     """Least squares by sums scaled to a diagonal of one; None where they tell nothing of some."""
     factor, failed = dpotrf(sums[:-1, :-1], lower=1)
-    if failed or np.min(np.diag(factor), initial=1.0) < LEAST_PIVOT:
+    pivots = np.diag(factor)
+    if failed or np.min(pivots, initial=1.0) < LEAST_PIVOT:
         return None
     solution, _ = dpotrs(factor, sums[:-1, -1], lower=1)
     return np.asarray(solution)
