@@ -299,22 +299,26 @@ def _grown(
     number = len(chosen)
     room = np.zeros((max(most, number) + 1, 3))  # the hull's corners, and the one looked at
     room[:number] = corners[chosen]
+    numbers = np.arange(2)
+    places = np.zeros((len(numbers), 3))
+    axes = np.tile(np.eye(3), (len(numbers), 1, 1))
+    nothing = np.zeros(len(numbers))
     pair = CompiledBodies(
-        carrier=np.zeros(2, dtype=np.int64),
-        rot=np.stack([np.eye(3)] * 2),
-        at=np.zeros((2, 3)),
-        placed_rot=np.stack([np.eye(3)] * 2),
-        placed_at=np.zeros((2, 3)),
-        half=np.zeros((2, 3)),
-        core=np.zeros((2, 3)),
-        radius=np.zeros(2),
-        ball=np.zeros(2),
+        carrier=numbers,
+        rot=axes,
+        at=places,
+        placed_rot=axes,
+        placed_at=places,
+        half=places,
+        core=places,
+        radius=nothing,
+        ball=nothing,
         first=np.array([0, len(room) - 1]),
         number=np.array([number, 1]),
         corners=room,
-        owner=np.arange(2),
-        part=np.zeros(2, dtype=np.int64),
-        parts=np.zeros(2, dtype=np.int64),
+        owner=numbers,
+        part=numbers,
+        parts=np.zeros_like(numbers),
     )
     worst = _grow(freeze(np.ascontiguousarray(corners)), pair, most, small)
     return room[: pair.number[0]].copy(), worst
@@ -335,7 +339,7 @@ def _grow(corners, pair, most, small):  # type: ignore[no-untyped-def]
     point = pair.owner[1]
     place = pair.first[point]
     warm = np.empty(3)
-    bound = np.full(corners.shape[0], 1e9)  # a corner never stands out more from a larger hull
+    bound = np.full(corners.shape[0], np.inf)  # a corner never stands out more from a larger hull
     while True:
         worst = 0.0
         which = -1
@@ -344,7 +348,7 @@ def _grow(corners, pair, most, small):  # type: ignore[no-untyped-def]
                 for m in range(3):
                     pair.corners[place, m] = corners[k, m]
                     warm[m] = 0.0
-                bound[k] = max(simplex_gap(hull, point, pair, 1e9, warm), 0.0)
+                bound[k] = max(simplex_gap(hull, point, pair, np.inf, warm), 0.0)
                 if bound[k] > worst:
                     worst = bound[k]
                     which = k

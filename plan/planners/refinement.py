@@ -23,12 +23,8 @@ NARROWEST = 0.002
 BINDS = 0.95
 # Local times of a section's ends.
 ENDS = np.array([0.0, 1.0])
-# Power of its parts by which what a section misses falls: where acceleration switches as their
-# width, and the square of what a spline misses of a smooth acceleration as the fourth power.
-SWITCHED = 1.0
-SMOOTH = 4.0
-# Rounding of a step's width, as a share of it.
-ROUNDING = 1e-9
+# Power of its width by which what a section misses of a smooth acceleration falls, as a square.
+SMOOTH = 4
 
 
 def count_finer(local: LocalModel) -> int:
@@ -65,16 +61,16 @@ def choose_parts(course: Course) -> Int[Array, " K"]:
     narrowest, or a controller's step.
     """
     local = course.local
-    widths = np.diff(local.grid.knots)
-    narrowest = NARROWEST
-    if local.grid.steps is not None:
-        narrowest = max(NARROWEST, (1.0 - ROUNDING) / local.grid.steps)
-    missed, power = (_missed_switches(course), SWITCHED)
-    if not local.timed:
-        missed, power = _missed_bends(course), SMOOTH
-    parts = np.ones(local.grid.sections, dtype=int)
-    for _ in range(count_finer(local) - local.grid.sections):
-        gains = np.where(widths / (parts + 1) >= narrowest, missed / parts**power, 0.0)
+    grid = local.grid
+    widths = np.diff(grid.knots)
+    most = np.maximum(widths / NARROWEST, 1.0)
+    if grid.steps is not None:
+        most = np.minimum(most, np.round(widths * grid.steps))
+    missed = _missed_switches(course) if local.timed else _missed_bends(course)
+    power = 1 if local.timed else SMOOTH
+    parts = np.ones(grid.sections, dtype=int)
+    for _ in range(count_finer(local) - grid.sections):
+        gains = np.where(parts + 1 <= most, missed / parts**power, 0.0)
         if gains.max() <= 0.0:
             break
         parts[int(np.argmax(gains))] += 1
@@ -123,5 +119,5 @@ def _missed_bends(course: Course) -> Float[Array, " K"]:
     at_knots = np.square(pushed).sum(axis=1)
     missed = widths**3 * (np.append(at_knots, at_knots[-1]) + np.append(at_knots[0], at_knots))
     evenly = EVENLY[False]
-    by_length = missed.mean() * (widths * grid.sections) ** (SMOOTH + 1.0)
+    by_length = missed.mean() * (widths * grid.sections) ** (SMOOTH + 1)
     return np.asarray(evenly * by_length + (1.0 - evenly) * missed)
