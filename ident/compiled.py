@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 from numba.core import event
+from numba.core.dispatcher import Dispatcher
 
 from ident.progress import aside
 from ident.user_cache import user_cache
@@ -84,9 +88,15 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any
 
     def kept(function: Callable[..., Any]) -> Callable[..., Any]:
         given = NUMBAS.CACHE_DIR
-        beside = os.access(Path(function.__code__.co_filename).parent, os.W_OK)
-        folder = given or ("" if beside else user_cache())
-        NUMBAS.CACHE_DIR = str(folder or "")
+        source = Path(function.__code__.co_filename)
+        beside = os.access(source.parent, os.W_OK)
+        home = source.parent / "__pycache__" if beside else user_cache()
+        folder = Path(given) if given else home
+        kind = f"{function.__module__}-"
+        name = kind + _digest(source, function.__globals__)
+        if folder is not None and folder == home and beside:
+            _drop_older(folder, kind, name)
+        NUMBAS.CACHE_DIR = "" if folder is None else str(folder / name)
         try:
             _clock()
             return numba.njit(cache=folder is not None, **options)(function)
@@ -94,3 +104,37 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any
             NUMBAS.CACHE_DIR = given
 
     return kept
+
+
+def _digest(source: Path, names: Mapping[str, Any]) -> str:
+    """What a file's loops are made of: its text, the numbers that it imports, and the files whose
+    loops it calls.
+
+    Machine code holds all of these, and numba asks for a change of the first alone: of an installed
+    version whose file is older than what it calls it would go on with the code of before.
+
+    Args:
+        source: The file.
+        names: What its module knows when a loop is defined; imports come first.
+    """
+    digest = hashlib.sha256(source.read_bytes() if source.is_file() else b"")
+    for name, value in sorted(names.items()):
+        if name.startswith("__"):
+            continue
+        if isinstance(value, (bool, int, float, str, tuple)):
+            digest.update(f"{name}={value!r}".encode())
+        elif isinstance(value, np.ndarray):
+            digest.update(name.encode() + value.tobytes())
+        elif isinstance(value, Dispatcher):
+            called = Path(value.py_func.__code__.co_filename)
+            if called != source:
+                below = _digest(called, value.py_func.__globals__)
+                digest.update(f"{name}={below}".encode())
+    return digest.hexdigest()[:16]
+
+
+def _drop_older(folder: Path, kind: str, name: str) -> None:
+    """Removes the code of a module's earlier versions from beside its source."""
+    for older in folder.glob(f"{kind}*"):
+        if older.name != name and not older.is_symlink():
+            shutil.rmtree(older, ignore_errors=True)

@@ -1,6 +1,12 @@
 """What compiling takes is known, and counted once."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numba
+import pytest
 
 from ident.compiled import WORDS, compile_seconds, working_clock
 from ident.progress import listening, stage, step
@@ -47,3 +53,41 @@ def test_compiling_is_told_and_foretells_nothing() -> None:
     left = heard[-1][2]
     assert left is not None
     assert left < compiling
+
+
+CALLED = """
+from ident.compiled import compiled
+STEP = {step}
+@compiled()
+def inner(x):
+    return x + {added}
+"""
+CALLING = """
+from ident.compiled import compiled
+from called import STEP, inner
+@compiled()
+def outer(x):
+    return inner(x) * STEP
+print(outer(1.0), sum(outer.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.parametrize(("step", "added", "value"), [(2.0, 5.0, "12.0"), (3.0, 1.0, "6.0")])
+def test_code_is_made_anew_where_what_it_calls_has_changed(
+    step: float, added: float, value: str, tmp_path: Path
+) -> None:
+    """Law: kept code is used again, and not where a file that it calls, or takes a number from, is another."""
+
+    def run() -> list[str]:
+        words = [sys.executable, str(tmp_path / "calling.py")]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+        return subprocess.run(words, env=environment, capture_output=True, text=True, check=True).stdout.split()
+
+    (tmp_path / "calling.py").write_text(CALLING)
+    (tmp_path / "called.py").write_text(CALLED.format(step=2.0, added=1.0))
+    assert run() == ["4.0", "0"]
+    assert run() == ["4.0", "1"]
+    (tmp_path / "called.py").write_text(CALLED.format(step=step, added=added))
+    assert run()[0] == value
+    kept = [path.name for path in (tmp_path / "__pycache__").iterdir() if path.name.startswith("called-")]
+    assert len(kept) == 1
