@@ -74,7 +74,7 @@ LIGHT = {
     "view": "ident view {r}/E1 --model {c}/model --rrd {o}/a.rrd",
     "schema": "ident schema diagnosis",
     "servo": "ident servo {r}/E1",
-    "excite": "plan excite --separate backlash,payload --evaluations 2 --minutes 0.2 --out {o}/motion",
+    "excite": "plan excite --separate backlash,payload --evaluations 8 --minutes 0.2 --out {o}/motion",
     "verify": "ident verify {c}/model {r}/E2 --limits {c}/limits.toml",
     "a xacro file": "ident inspect {r}/E1 --robot {c}/arm.xacro",
     "plan's schema": "plan schema result",

@@ -40,7 +40,7 @@ dwell_s = 0.2
 does = "{deed}"
 """
 # Evaluations of all motions together: too few to look at short ones, and enough for that.
-QUICK, ENOUGH = SolveOptions(evaluations=300, gap=False), SolveOptions(evaluations=1800, gap=False)
+QUICK, ENOUGH = SolveOptions(evaluations=300, gap=False), SolveOptions(evaluations=1000, gap=False)
 
 
 def write(folder: Path, whole: str = "duration_s = 8.5", deed: str = "release") -> Task:
