@@ -106,7 +106,7 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any
     return kept
 
 
-def _digest(source: Path, names: Mapping[str, Any]) -> str:
+def _digest(source: Path, names: Mapping[str, object]) -> str:
     """What a file's loops are made of: its text, the numbers that it imports, and the files whose
     loops it calls.
 
