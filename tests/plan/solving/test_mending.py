@@ -47,7 +47,8 @@ class Clock:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    """Every ledger's clock, asked anew each time."""
+    """Every ledger's clock, asked anew each time; the motion is planned by the true one, once."""
+    quick_motion()
     clock = Clock()
     monkeypatch.setattr(base, "processor_seconds", clock)
     monkeypatch.setattr(base, "LOOK_EVERY", -1.0)
