@@ -24,6 +24,8 @@ NUMBAS: Any = numba.config  # which no type checker knows
 COMPILING = "numba:compile"
 # What whoever waits for it is told.
 WORDS = "compiling loops, once on this computer"
+# What each file's loops are made of, as its first loop was defined.
+_DIGESTS: dict[Path, str] = {}
 
 
 class _CompileClock(event.Listener):
@@ -117,6 +119,8 @@ def _digest(source: Path, names: Mapping[str, object]) -> str:
         source: The file.
         names: What its module knows when a loop is defined; imports come first.
     """
+    if source in _DIGESTS:
+        return _DIGESTS[source]
     digest = hashlib.sha256(source.read_bytes() if source.is_file() else b"")
     for name, value in sorted(names.items()):
         if name.startswith("__"):
@@ -130,7 +134,8 @@ def _digest(source: Path, names: Mapping[str, object]) -> str:
             if called != source:
                 below = _digest(called, value.py_func.__globals__)
                 digest.update(f"{name}={below}".encode())
-    return digest.hexdigest()[:16]
+    _DIGESTS[source] = digest.hexdigest()[:16]
+    return _DIGESTS[source]
 
 
 def _drop_older(folder: Path, kind: str, name: str) -> None:

@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from ident.benchmark.scores import is_inside
-from ident.effects.catalogue import CATALOGUE
+from ident.effects.catalogue import OF_THE_ARM
 from ident.records import JsonRecord, JsonTable
 from ident.simulation.real.sources import measured_causes
 
 # A class with this probability or more is named.
 CONFIDENT = 0.5
-OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
 
 Row = JsonRecord
 Finding = JsonTable

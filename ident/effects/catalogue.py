@@ -61,6 +61,8 @@ def _build_catalogue() -> tuple[Effect, ...]:
 
 
 CATALOGUE = _build_catalogue()
+# Effects that have no joint of their own.
+OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
 
 
 def find_effect(effect_id: str, catalogue: tuple[Effect, ...] = CATALOGUE) -> Effect:

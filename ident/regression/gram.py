@@ -56,6 +56,7 @@ class Evidence:
     # fold of each block; folds are whole runs where there are enough
     fold_of_block: Int[Array, " B"]
     rows: Float[Array, "B n"]  # whitened samples of each block and joint, shape (B, n)
+    held_rows: Float[Array, "B n"]  # those of them that are holds: none until `with_dwells`
     weights: Float[Array, "F n"]  # plain samples of each fold and joint, shape (F, n)
     whitening: Whitening  # the noise
     # Whitened squares of each column that are encoder noise, taken off already; length as `scale`.
@@ -72,8 +73,6 @@ class Evidence:
     # For each joint the whitened sums of its discrepancy's columns with all columns of its rows,
     # over all time, friction the same in all runs; they are zero in the sums of blocks and folds.
     flexible: tuple[Float[Array, "m p"], ...] = ()
-    # Of the rows of each block and joint those that are holds; None until `with_dwells` adds them.
-    held_rows: Float[Array, "B n"] | None = None
 
     def with_dwells(self) -> Evidence:
         """A copy with each joint's holds in the whitened sums, and no longer beside them
@@ -84,11 +83,10 @@ class Evidence:
         """
         white = list(self.free)
         plain = list(self.plain)
-        rows = np.array(self.rows, dtype=float)
+        held_rows = np.array(self.held_rows)
         weights = np.array(self.weights)
         still = weights.sum(axis=0) < LEAST_MOVING
         flexible = list(self.flexible)
-        held_rows = np.zeros_like(rows)
         for j, held in enumerate(self.dwells):
             smooth = self.layout.flexible_places[j]
             weighted = np.asarray(held.weighted, dtype=float)
@@ -107,7 +105,7 @@ class Evidence:
             free=tuple(white),
             plain=tuple(plain),
             flexible=tuple(flexible),
-            rows=rows + held_rows,
+            rows=self.rows + (held_rows - self.held_rows),
             weights=weights,
             dwells=(),
             held_rows=held_rows,

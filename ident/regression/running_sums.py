@@ -182,6 +182,7 @@ class RunningSums:
             plain=tuple(map(SymmetricSums, self.plain, self.shown, sizes)),
             fold_of_block=self.partition.folds,
             rows=self.rows,
+            held_rows=np.zeros_like(self.rows),
             weights=self.weights,
             whitening=self.whitening,
             noise_power=self.noise_power,

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from ident.effects.catalogue import OF_THE_ARM
 from ident.errors import join_words, plural
 from ident.show.console import print_issues, say
 from ident.show.palette import NAMED, NOISE, TUNED
 from ident.show.report.diagnosis_actions import order_of
 from ident.show.report.finding_words import (
     MOST_TIED,
-    OF_THE_ARM,
     in_units_of,
     is_likely,
     name_with_rivals,

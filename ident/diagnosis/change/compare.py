@@ -146,10 +146,8 @@ def _result(
     model = project(evidence.gram(), evidence, design.prior, [name.group for name in told.names])
     label = parts_of(design.sides)
     later = design.sides.later_blocks
-    held_rows = evidence.held_rows
-    assert held_rows is not None
     squares = squares_left(evidence, model)
-    risen = find_risen(squares, evidence.rows, held_rows, label, later, joints)
+    risen = find_risen(squares, evidence.rows, evidence.held_rows, label, later, joints)
     unforetold = find_unforetold(design, told.likely.chosen)
     verdict = "not_testable" if design.sides.too_short else "no_change"
     if changes or risen or unforetold:

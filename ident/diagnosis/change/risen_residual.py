@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -70,15 +71,18 @@ class _Parts:
         """The parts of a set that tell of each joint."""
         return np.asarray(self.tells & (self.later == later)[:, None])
 
+    @cached_property
     def freedom(self) -> Int[Array, " n"]:
         """Parts that tell of each joint, less one a set."""
         return np.asarray(self.tells.sum(axis=0) - 2)
 
+    @cached_property
     def seen(self) -> Int[Array, " s"]:
         """Joints of which two parts of either set tell, the fewest that have a scatter."""
         fewest = np.minimum(self.of(False).sum(axis=0), self.of(True).sum(axis=0))
         return np.flatnonzero(fewest >= 2)
 
+    @cached_property
     def within(self) -> Float[Array, " n"]:
         """Variance between parts of one set: the joint's or that of all joints, whichever is more.
 
@@ -89,15 +93,14 @@ class _Parts:
             of_side = self.of(side)
             mean = (of_side * self.logs).sum(axis=0) / np.maximum(of_side.sum(axis=0), 1)
             squares += (of_side * (self.logs - mean) ** 2).sum(axis=0)
-        seen = self.seen()
-        freedom = self.freedom()
-        of_all = squares[seen].sum() / max(int(freedom[seen].sum()), 1)
-        return np.maximum(squares / np.maximum(freedom, 1), of_all)
+        freedom = int(self.freedom[self.seen].sum())
+        of_all = squares[self.seen].sum() / max(freedom, 1)
+        return np.maximum(squares / np.maximum(self.freedom, 1), of_all)
 
     def mean(self, later: bool) -> _Mean:
         """That of a set; a part counts by how surely it is known."""
         of_rows = polygamma(1, 0.5 * np.maximum(self.rows, 1.0))
-        weights = self.of(later) / np.maximum(self.within(), of_rows)
+        weights = self.of(later) / np.maximum(self.within, of_rows)
         total = np.maximum(weights.sum(axis=0), 1e-300)
         return _Mean((weights * self.logs).sum(axis=0) / total, 1.0 / total)
 
@@ -142,13 +145,13 @@ def find_risen(
         Empty where nothing rose, or too few joints or parts tell.
     """
     parts = _parts_left(squares, rows, held_rows, label, later)
-    seen = parts.seen()
+    seen = parts.seen
     if not len(seen):
         return ()
     before = parts.mean(False)
     after = parts.mean(True)
     rise = (after.logs - before.logs)[seen]
-    freedom = int(parts.freedom()[seen].sum())
+    freedom = int(parts.freedom[seen].sum())
     scatter = np.hypot(median_abs_deviation(rise, scale="normal"), CHANGE.usual_rise)
     error = np.sqrt((before.variance + after.variance)[seen] + scatter**2)
     score = (rise - np.median(rise)) / error

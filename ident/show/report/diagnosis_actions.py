@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from ident.effects.catalogue import CATALOGUE
+from ident.effects.catalogue import CATALOGUE, OF_THE_ARM
 from ident.effects.effect_info import setup_for
 from ident.records import JsonTable
 from ident.show.report.diagnosis_gap import overtuned_joints, tuned_away_joints, varying_friction
-from ident.show.report.finding_words import BODIES, MOST_TIED, OF_THE_ARM, Finding, is_likely
+from ident.show.report.finding_words import BODIES, MOST_TIED, Finding, is_likely
 from ident.show.report.leading_joint import (
     acts_on,
     in_order_of_joints,

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ident.effects.catalogue import OF_THE_ARM
 from ident.errors import join_words, plural
 from ident.records import JsonTable
 from ident.show.report.diagnosis_actions import (
@@ -20,7 +21,6 @@ from ident.show.report.diagnosis_actions import (
 from ident.show.report.diagnosis_gap import describe_largest_rest, likeliest_doubt, varying_friction
 from ident.show.report.finding_words import (
     BODIES,
-    OF_THE_ARM,
     Finding,
     called,
     in_units_of,

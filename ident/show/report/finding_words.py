@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 
 from ident.diagnosis.next_experiment import LIKELY
-from ident.effects.catalogue import CATALOGUE
+from ident.effects.catalogue import CATALOGUE, OF_THE_ARM
 from ident.errors import join_words
 from ident.records import JsonTable
 from ident.show.report.numbers import MOST_NAMED
@@ -16,7 +16,6 @@ from ident.show.report.words import effect_name, percent
 from ident.units import FORCE, TORQUE, in_linear_units
 
 BODIES = {effect.id for effect in CATALOGUE if effect.as_change.body}
-OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
 # Tied names that one sentence holds.
 MOST_TIED = MOST_NAMED
 Finding = JsonTable
