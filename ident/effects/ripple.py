@@ -249,21 +249,22 @@ def _spectrum(
     sums = np.zeros(len(turns), dtype=complex)
     counts = np.zeros(len(turns))
     cycles = np.zeros(len(turns))
-    # Of each octave the slowest line that it blurs.
-    octaves = 2.0 ** np.arange(LIMIT.octaves + 1)
+    # Samples are sorted by speed into parts of an octave; of each part the fastest blurs a line
+    # first.
+    octaves = 2.0 ** (np.arange(LIMIT.octaves * LIMIT.octave_parts + 1) / LIMIT.octave_parts)
     edges = 2.0 * np.pi * corner / (LIMIT.most / octaves)
-    octave = np.searchsorted(edges, speed)
+    part = np.searchsorted(edges, speed)
     place = (angle / width).astype(int)
     for k, edge in enumerate(edges):
-        of_octave = octave == k
-        if not of_octave.any():
+        of_part = part == k
+        if not of_part.any():
             continue
         passes = turns < 2.0 * np.pi * corner / edge
-        sums[passes] += np.fft.rfft(
-            np.bincount(place[of_octave], residual[of_octave], bins), length
-        )[passes]
-        counts[passes] += of_octave.sum()
-        cycles[passes] += speed[of_octave].sum()
+        sums[passes] += np.fft.rfft(np.bincount(place[of_part], residual[of_part], bins), length)[
+            passes
+        ]
+        counts[passes] += of_part.sum()
+        cycles[passes] += speed[of_part].sum()
     square = counts * np.mean(residual**2)
     power = 2.0 * np.abs(sums) ** 2 / np.maximum(square, 1e-300)
     return turns, power, cycles * turns / (2.0 * np.pi)

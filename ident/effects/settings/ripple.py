@@ -36,6 +36,12 @@ class RippleSettings(Numbers):
         "slowly enough",
         "chosen: eight reach from rest to full speed",
     )
+    octave_parts: int = number(
+        4,
+        "1",
+        "parts of such an octave",
+        "law: a sample counts for at least 84 % of the lines that it passes slowly enough",
+    )
     least_travel: float = number(
         0.2,
         "rad",

@@ -6,7 +6,7 @@ import pytest
 from ident.effects.base import SessionContext
 from ident.effects.contact import ExternalContact
 from ident.effects.pushes import force_columns
-from ident.effects.ripple import find_lines
+from ident.effects.ripple import _spectrum, find_lines
 from ident.regression.discrepancy import unusual_torque
 
 
@@ -86,3 +86,17 @@ def test_what_is_unknown_stays_unknown(session: SessionContext, smooth: list[np.
     for one, other in zip(found, left, strict=True):
         np.testing.assert_array_equal(np.isnan(one), np.isnan(other))
         assert not one[:, 5].any()
+
+
+def test_a_line_counts_the_samples_that_pass_it_slowly_enough() -> None:
+    """Law: for each line at least five sixths of the speeds that it lets through the filter count, and none that
+    it doesn't: a line that half the motion passes too fast is still found.
+    """
+    corner, rng = 3.2, np.random.default_rng(5)
+    speed = rng.uniform(0.0, 1.5, 3000)
+    turns, _, cycles = _spectrum(rng.uniform(0.0, 2.7, 3000), speed, rng.normal(size=3000), corner)
+    counted = np.divide(2.0 * np.pi * cycles, turns, out=np.zeros_like(turns), where=turns > 0.0)
+    for line in np.flatnonzero((turns > 10.0) & (turns < 300.0))[::50]:
+        fastest = 2.0 * np.pi * corner / turns[line]
+        assert counted[line] <= speed[speed < fastest].sum() * (1.0 + 1e-9)
+        assert counted[line] >= speed[speed < 5.0 / 6.0 * fastest].sum() * (1.0 - 1e-9)
