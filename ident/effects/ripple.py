@@ -7,9 +7,10 @@ A ripple is a line in the angle, not in time: the residual's Fourier sum over th
 
 over the N samples at which k |q'| / 2π lies below the common filter's corner. P is about twice a
 unit exponential where there is only noise. Residuals of slow laws rise towards low k: P is held
-against its own median around k.
+against its own median around k, with the line itself taken out of the residual.
 
-Source: Fyfe and Munck 1997 (order tracking by the shaft's angle); Lomb 1976 for the normalisation.
+Source: Fyfe and Munck 1997 (order tracking by the shaft's angle); Lomb 1976 for the normalisation;
+Högbom 1974 (one line after the other is taken out).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import median_filter
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import exactly, wave_parameters
 from ident.effects.session_context import travel, typical_load, wave
@@ -212,24 +213,93 @@ def find_lines(
     motion = session.runs[0].motion
     corner = motion.lowpass.cutoff
     step = motion.interval * motion.lowpass.factor
-    turns, power, cycles = _spectrum(angle - angle.min(), speed, residual, corner)
+    angle = angle - angle.min()
+    turns, power, cycles = _spectrum(angle, speed, residual, corner)
     spread = max(float(run.motion.std[0, joint]) for run in session.runs)
     shows = (cycles * step >= LIMIT.least_cycles) & (turns * spread < LIMIT.largest_phase_noise)
     shows &= turns >= LIMIT.fewest
     if not shows.any():
         return (), 1
-    usual = median_filter(power, 2 * LIMIT.around * LIMIT.padding + 1, mode="nearest") / (
-        2.0 * np.log(2.0)
-    )
-    above = np.where(shows, power / np.maximum(usual, 1.0), 0.0)
     looked = max(1, int(shows.sum()) // LIMIT.padding)
+    least = 2.0 * np.log(looked / chance)
+    apart = 4.0 * np.pi / covered
     lines: list[float] = []
-    while len(lines) < LIMIT.most_lines and above.max() > max(0.0, 2.0 * np.log(looked / chance)):
-        best = int(np.argmax(above))
-        lines.append(float(turns[best]))
-        line = 2.0 * np.pi / covered
-        above[np.abs(turns - turns[best]) < 2.0 * line] = 0.0
+    while len(lines) < LIMIT.most_lines:
+        best = None
+        for peak in _peaks(turns, np.where(shows, power, 0.0), power / _usual(power), least, apart):
+            passes = speed * turns[peak] < 2.0 * np.pi * corner
+            without = _without_line(angle, residual, float(turns[peak]), passes)
+            _, left, _ = _spectrum(angle, speed, without, corner)
+            above = float(power[peak] / _usual(left)[peak])
+            if above > (least if best is None else best.above):
+                best = _Line(float(turns[peak]), above, without, left)
+        if best is None:
+            break
+        lines.append(best.turns)
+        residual = best.without
+        power = best.left
+        shows &= np.abs(turns - best.turns) >= apart
     return tuple(lines), looked
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """A line that stands out of the residual."""
+
+    turns: float  # cycles a turn of the joint
+    above: float  # its power over what is usual around it
+    without: Float[Array, " t"]  # the residual without it
+    left: Float[Array, " k"]  # all lines' power in that
+
+
+def _peaks(
+    turns: Float[Array, " k"],
+    power: Float[Array, " k"],
+    above: Float[Array, " k"],
+    least: float,
+    apart: float,
+) -> list[int]:
+    """Places of the lines that stand out most, as far as any has more than a least power.
+
+    Args:
+        turns, power, above: Of each line the cycles a turn, the power, and the power over what is
+            usual around it.
+        least: Power below which none stands out, whatever is usual.
+        apart: By how many cycles a turn they lie apart.
+    """
+    open_lines = power > least
+    peaks: list[int] = []
+    while open_lines.any() and len(peaks) < LIMIT.most_tried:
+        peak = int(np.argmax(np.where(open_lines, above, -np.inf)))
+        peaks.append(peak)
+        open_lines &= np.abs(turns - turns[peak]) >= apart
+    return peaks
+
+
+def _usual(power: Float[Array, " k"]) -> Float[Array, " k"]:
+    """What lines around each have among noise, for a power of white noise at the least."""
+    width = 2 * LIMIT.around * LIMIT.padding + 1
+    median = median_filter(power, width, mode="nearest") / (2.0 * np.log(2.0))
+    return np.maximum(median, 1.0)
+
+
+def _without_line(
+    angle: Float[Array, " t"],
+    residual: Float[Array, " t"],
+    turns: float,
+    passes: Bool[Array, " t"],
+) -> Float[Array, " t"]:
+    """What a line's wave leaves of the samples that pass it slowly enough; the others as they are.
+
+    A strong line is seen in all lines around it, for the angles are passed unevenly: what is usual
+    there is what is there without it.
+    """
+    phase = turns * angle[passes]
+    columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    left = residual.copy()
+    weights = np.linalg.lstsq(columns, left[passes], rcond=None)[0]
+    left[passes] -= columns @ weights
+    return left
 
 
 def _spectrum(

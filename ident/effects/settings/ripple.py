@@ -72,6 +72,12 @@ class RippleSettings(Numbers):
         "lines of a joint",
         "chosen: a limit on work",
     )
+    most_tried: int = number(
+        5,
+        "lines",
+        "that are taken out to see what is usual around them, each time",
+        "chosen: a limit on work",
+    )
     least_cycles: float = number(
         3.0,
         "1",

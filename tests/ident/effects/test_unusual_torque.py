@@ -100,3 +100,15 @@ def test_a_line_counts_the_samples_that_pass_it_slowly_enough() -> None:
         fastest = 2.0 * np.pi * corner / turns[line]
         assert counted[line] <= speed[speed < fastest].sum() * (1.0 + 1e-9)
         assert counted[line] >= speed[speed < 5.0 / 6.0 * fastest].sum() * (1.0 - 1e-9)
+
+
+@pytest.mark.parametrize(("turns", "amplitude"), [(120.0, 2.0), (120.0, 8.0), (300.0, 0.5), (300.0, 2.0)])
+def test_a_line_hides_neither_itself_nor_makes_others(session: SessionContext, turns: float, amplitude: float) -> None:
+    """Law: what is usual around a line is what is there without it, so that a strong line passes, and passes alone."""
+    left = noise(session, 7)
+    for run, values in zip(session.runs, left, strict=True):
+        values[:, 2] += run.motion.filtered(amplitude * np.cos(turns * run.motion.q[:, 2]))
+    lines, _ = find_lines(session, left, 2)
+    travel = np.ptp(np.concatenate([run.motion.q[:, 2] for run in session.runs]))
+    assert len(lines) == 1
+    assert abs(lines[0] - turns) < 2.0 * np.pi / travel
