@@ -30,6 +30,8 @@ from ident.units import TORQUE
 
 # Where a line is looked for around what stood out, in lines that the joint's travel tells apart.
 FINE_LINES = tuple(0.05 * k for k in range(-8, 9))
+# Where a line's wave is looked for about a point of the sum, in steps between its points.
+BETWEEN_POINTS = tuple(0.125 * k for k in range(-4, 5))
 
 
 @dataclass(frozen=True)
@@ -223,21 +225,23 @@ def find_lines(
     looked = max(1, int(shows.sum()) // LIMIT.padding)
     least = 2.0 * np.log(looked / chance)
     apart = 4.0 * np.pi / covered
+    between = (turns[1] - turns[0]) * np.array(BETWEEN_POINTS)
     lines: list[float] = []
     while len(lines) < LIMIT.most_lines:
-        best = None
-        for peak in _peaks(turns, np.where(shows, power, 0.0), power / _usual(power), least, apart):
+        best: _Line | None = None
+        seen = np.where(shows, power, 0.0)
+        for peak in _peaks(turns, seen, power / _usual(power), least, apart):
             passes = speed * turns[peak] < 2.0 * np.pi * corner
-            without = _without_line(angle, residual, float(turns[peak]), passes)
-            _, left, _ = _spectrum(angle, speed, without, corner)
-            above = float(power[peak] / _usual(left)[peak])
+            without = _without_line(angle, residual, turns[peak] + between, passes)
+            _, power_left, _ = _spectrum(angle, speed, without, corner)
+            above = float(power[peak] / _usual(power_left)[peak])
             if above > (least if best is None else best.above):
-                best = _Line(float(turns[peak]), above, without, left)
+                best = _Line(float(turns[peak]), above, without, power_left)
         if best is None:
             break
         lines.append(best.turns)
         residual = best.without
-        power = best.left
+        power = best.power_left
         shows &= np.abs(turns - best.turns) >= apart
     return tuple(lines), looked
 
@@ -249,7 +253,7 @@ class _Line:
     turns: float  # cycles a turn of the joint
     above: float  # its power over what is usual around it
     without: Float[Array, " t"]  # the residual without it
-    left: Float[Array, " k"]  # all lines' power in that
+    power_left: Float[Array, " k"]  # all lines' power in that
 
 
 def _peaks(
@@ -286,20 +290,30 @@ def _usual(power: Float[Array, " k"]) -> Float[Array, " k"]:
 def _without_line(
     angle: Float[Array, " t"],
     residual: Float[Array, " t"],
-    turns: float,
+    near: Float[Array, " m"],
     passes: Bool[Array, " t"],
 ) -> Float[Array, " t"]:
     """What a line's wave leaves of the samples that pass it slowly enough; the others as they are.
 
     A strong line is seen in all lines around it, for the angles are passed unevenly: what is usual
     there is what is there without it.
+
+    Args:
+        angle, residual: Of each sample.
+        near: Cycles a turn of waves about the line, of which the one that leaves least is it.
+        passes: The samples that pass it slowly enough.
     """
-    phase = turns * angle[passes]
-    columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-    left = residual.copy()
-    weights = np.linalg.lstsq(columns, left[passes], rcond=None)[0]
-    left[passes] -= columns @ weights
-    return left
+    least = residual[passes]
+    for turns in near.tolist():
+        phase = turns * angle[passes]
+        columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+        weights = np.linalg.lstsq(columns, residual[passes], rcond=None)[0]
+        left = residual[passes] - columns @ weights
+        if left @ left < least @ least:
+            least = left
+    without = residual.copy()
+    without[passes] = least
+    return without
 
 
 def _spectrum(
