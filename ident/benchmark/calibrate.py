@@ -4,16 +4,17 @@ never saw.
     python -m ident.benchmark.calibrate store RESULTS TABLE --index INDEX
     python -m ident.benchmark.calibrate fit TABLE --results RESULTS --index INDEX --out
     calibration.toml [--features a,b,…] [--signs SIGNS.toml]
+    python -m ident.benchmark.calibrate names TABLE --out calibration.toml [--features …] [--select]
     python -m ident.benchmark.calibrate gaps INDEX RESULTS [INDEX RESULTS …] --out calibration.toml
     python -m ident.benchmark.calibrate unlike TABLE [TABLE …] --out calibration.toml
 
 `store` reads one JSON a session into a table (`corpus_table`). `fit` writes the calibration, and
 beside the table the probabilities that each row gets from a fit without its own unit
 (`held_out.parquet`): a unit is a real arm, a drawn world, or an arm of another simulator, and it is
-left out whole. `gaps` fits only what tells causes without a name anew, in a file that is there, and
-`unlike` only what a parameter that no arm has says against a name. The ridge is that of the best
-held-out log score. `SIGNS.toml` holds `increasing = […]` and `decreasing = […]`: features that by
-their meaning speak for or against.
+left out whole. Of a file that is there, `names` fits only the odds of names anew, `gaps` only what
+tells causes without a name, and `unlike` only what a parameter that no arm has says against a name.
+The ridge is that of the best held-out log score. `SIGNS.toml` holds `increasing = […]` and
+`decreasing = […]`: features that by their meaning speak for or against.
 """
 
 from __future__ import annotations
@@ -221,6 +222,28 @@ def write_gaps(corpora: Sequence[tuple[Path, Path]], out: Path, origin: JsonTabl
     return record
 
 
+def write_names(table: Table, fitted: FittedNames, out: Path, origin: JsonTable) -> JsonRecord:
+    """Writes odds of names into a calibration that is there, and the log evidence at which names
+    are even; all else in its file stays.
+
+    Args:
+        table, fitted: The candidates, and the odds that were fitted to them.
+        out: The calibration's file.
+        origin: What is written down of where the odds come from.
+
+    Returns:
+        The file's new record.
+
+    Raises:
+        InputError: There is no such file.
+    """
+    before = read_toml(out, "fit one: python -m ident.benchmark.calibrate fit")
+    of_names = calibration_record(table, fitted, origin)
+    record = {**before, **of_names, "even_nats": _even_nats(table, fitted)}
+    write_calibration(out, record)
+    return record
+
+
 def write_unlike(tables: Sequence[Path], out: Path, origin: JsonTable) -> JsonRecord:
     """Fits what a parameter that no arm has says anew; all else in the calibration's file stays.
 
@@ -309,6 +332,21 @@ def current_commit() -> str:
     return done.stdout.strip()
 
 
+def _add_fit_options(job: argparse.ArgumentParser) -> None:
+    """Adds what both jobs that fit odds of names take."""
+    job.add_argument("table", type=Path)
+    job.add_argument("--out", type=Path, required=True)
+    job.add_argument("--features", default="")
+    job.add_argument("--signs", type=Path, default=SIGNS)
+    job.add_argument("--weights", default=ROWS, help=f"what counts alike: {', '.join(SCHEMES)}")
+    job.add_argument("--select", action="store_true", help="leave needless features out")
+    job.add_argument("--nested", action="store_true", help="choose them anew without each unit")
+    job.add_argument("--seed", type=int, default=0, help="of the corpus, to be written down")
+    job.add_argument(
+        "--commit", default="", help="of the engine whose rows these are; the current one"
+    )
+
+
 def main() -> None:
     """The command; what it takes stands in the module's docstring."""
     parser = argparse.ArgumentParser(
@@ -320,19 +358,10 @@ def main() -> None:
     storing.add_argument("table", type=Path)
     storing.add_argument("--index", type=Path, required=True)
     fitting = jobs.add_parser("fit")
-    fitting.add_argument("table", type=Path)
+    _add_fit_options(fitting)
     fitting.add_argument("--results", type=Path, required=True)
     fitting.add_argument("--index", type=Path, required=True)
-    fitting.add_argument("--out", type=Path, required=True)
-    fitting.add_argument("--features", default="")
-    fitting.add_argument("--signs", type=Path, default=SIGNS)
-    fitting.add_argument("--weights", default=ROWS, help=f"what counts alike: {', '.join(SCHEMES)}")
-    fitting.add_argument("--select", action="store_true", help="leave needless features out")
-    fitting.add_argument("--nested", action="store_true", help="choose them anew without each unit")
-    fitting.add_argument("--seed", type=int, default=0, help="of the corpus, to be written down")
-    fitting.add_argument(
-        "--commit", default="", help="of the engine whose rows these are; the current one"
-    )
+    _add_fit_options(jobs.add_parser("names"))
     unnamed = jobs.add_parser("gaps")
     unnamed.add_argument("corpora", type=Path, nargs="+", help="index and results of each corpus")
     unnamed.add_argument("--out", type=Path, required=True)
@@ -371,10 +400,13 @@ def main() -> None:
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "weights": given.weights,
     }
-    entries = {entry.case: entry for entry in read_index(given.index)}
-    results = read_results(given.results, table.sessions)
-    further = further_record(fit_further(table, fitted, results, entries))
-    record = write_fit(table, fitted, given.out, given.table, origin, further)
+    if given.job == "names":
+        record = write_names(table, fitted, given.out, origin)
+    else:
+        entries = {entry.case: entry for entry in read_index(given.index)}
+        results = read_results(given.results, table.sessions)
+        further = further_record(fit_further(table, fitted, results, entries))
+        record = write_fit(table, fitted, given.out, given.table, origin, further)
     sys.stdout.write("\n".join(summary_lines(record)) + "\n")
 
 

@@ -1,6 +1,7 @@
 """Laws of the calibration: what it says is as often right, on units that it has not seen."""
 
 import json
+import shutil
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from made_up_corpus import BASE, SLOPE, candidate, entry, make_corpus, truth, write_result
 
-from ident.benchmark.calibrate import SIGNS, calibration_record, read_signs
+from ident.benchmark.calibrate import SIGNS, calibration_record, read_signs, write_names
 from ident.benchmark.calibration_file import read_calibration, write_calibration
 from ident.benchmark.corpus_check import calibrate_corpus, check_corpus
 from ident.benchmark.corpus_table import Table, load_table, store
@@ -24,8 +25,10 @@ from ident.benchmark.tempering import Choice, fit_growing_temper
 from ident.benchmark.unlike_odds import FEATURE as UNLIKE
 from ident.benchmark.unlike_odds import fit_unlike
 from ident.errors import InputError
-from ident.inference.calibration import Odds, Term
+from ident.inference.calibration import FILE as SHIPPED
+from ident.inference.calibration import Odds, Term, read_odds
 from ident.inference.joints_left import COMPARED
+from ident.safe_read import read_toml
 
 FEATURES = ("evidence", "nothing")
 
@@ -173,6 +176,21 @@ def test_the_file_says_what_was_fitted(table: Table, tmp_path: Path) -> None:
     assert np.allclose(model.probability(matrix), fitted.model.probability(table.matrix(FEATURES)))
     text = (tmp_path / "calibration.toml").read_text(encoding="utf-8")
     assert tomllib.loads(text)["origin"]["seed"] == 3
+
+
+def test_names_are_fitted_anew_and_all_else_stays(table: Table, tmp_path: Path) -> None:
+    out = tmp_path / "calibration.toml"
+    shutil.copy(SHIPPED, out)
+    before = read_toml(out, "")
+    with_nats = replace(table, features={**table.features, "log_nats": table.features["evidence"]})
+    fitted = fit_calibration(with_nats, FEATURES, {})
+    write_names(with_nats, fitted, out, {"seed": 4})
+    after = read_toml(out, "")
+    assert after["origin"]["seed"] == 4
+    assert set(after["feature"]) == set(FEATURES)
+    changed = {name for name in before if before[name] != after[name]}
+    assert changed <= {"intercept", "ridge", "feature", "origin", "held_out", "ridges", "even_nats"}
+    assert read_odds(after).probability({"evidence": 3.0, "nothing": 0.0}) > 0.5
 
 
 def misses_of(count: int, left: float, seed: int) -> list[Miss]:
