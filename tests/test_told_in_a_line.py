@@ -26,7 +26,9 @@ from ident.recordings.load import load_session
 from ident.recordings.parquet import load_columns
 from ident.recordings.recording import Recording
 from ident.recordings.save import write_recording
+from ident.robot import meshes
 from ident.robot.arm import ArmModel
+from ident.robot.names import data_path
 from ident.servos.servo_fit import load_goals
 from ident.show.report.page import Section, render_page
 from ident.trajectories.files import read_commands
@@ -104,6 +106,26 @@ def test_a_mesh_names_no_corner_that_is_not_there(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(InputError, match=r"not there|no whole"):
             read_mesh(path, SCALE, hull=False)
+
+
+def test_a_mesh_that_is_named_a_thousand_times_is_not_read_as_often(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: an arm's meshes together, each as often as its URDF names it, are no larger than one may be."""
+    path = tmp_path / "shape.ply"
+    path.write_text(PLY.format(corners=4, faces=4))
+    monkeypatch.setattr(meshes, "LARGEST", 3 * path.stat().st_size)
+    shape = '<collision><geometry><mesh filename="shape.ply"/></geometry></collision>'
+    plain = re.sub(r"(?s)<(collision|visual)\b.*?</\1>", "", Path(data_path("urdf/tm5_900.urdf")).read_text())
+    arm = tmp_path / "arm.urdf"
+    for times in (3, 4, 1000):
+        arm.write_text(plain.replace("</link>", f"{shape * times}</link>", 1))
+        loaded = ArmModel.load(str(arm))
+        if times == 3:
+            assert len(loaded.geometry.geometryObjects) == times
+            continue
+        with pytest.raises(InputError, match=r"its meshes up to .* have .* MB; give simplified meshes"):
+            assert loaded.geometry
 
 
 def test_an_honest_mesh_is_read(tmp_path: Path) -> None:

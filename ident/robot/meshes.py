@@ -18,7 +18,8 @@ from ident.outputs import real_path
 from ident.robot.names import example_robots_folder
 from ident.safe_read import read_bytes, require_regular, unchanged
 
-# Larger mesh files are no collision geometry [bytes].
+# Larger mesh files are no collision geometry, nor are all of an arm's together that are larger: no
+# robot of example-robot-data has more than 40 MB [bytes].
 LARGEST = 200_000_000
 READABLE = (".stl", ".obj", ".dae", ".ply")
 # What the header of a .ply says is in it.
@@ -184,10 +185,12 @@ def with_mesh_paths(
         lent: Keeps the meshes as they were looked through until they are read.
 
     Raises:
-        RobotError: A mesh is missing, or as `require_mesh`.
+        RobotError: A mesh is missing, or as `require_mesh`; or all of them together, each as often
+            as it is named, are larger than a single one may be.
     """
     root = ET.fromstring(urdf)
     files = {}
+    total = 0
     other = "visual" if tag == "collision" else "collision"
     for link in root.findall("link"):
         for element in link.findall(other):
@@ -199,6 +202,10 @@ def with_mesh_paths(
             if path is None:
                 remedy = "put the mesh files beside the URDF, under their package's name"
                 raise RobotError(where, f"{place} is not there", remedy)
+            total += path.stat().st_size
+            if total > LARGEST:
+                what = f"its meshes up to {place} have {total / 1e6:.0f} MB"
+                raise RobotError(where, what, "give simplified meshes, or name each once")
             mesh_file = lent.enter_context(lent_mesh(path, where, f"{place} ", RobotError))
             mesh.set("filename", str(mesh_file))
             files[str(mesh_file)] = str(path)
