@@ -32,8 +32,6 @@ FEWEST_CORNERS = 3
 PLAIN_NUMBERS = re.compile(r"[-+0-9.eE\s]*")
 WHOLE_NUMBERS = re.compile(r"[0-9\s]*")
 AXES = ["X", "Y", "Z"]
-# Of a longer count so many digits tell that it is too large.
-LONGEST_COUNT = 20
 # Beyond any arm's, in any unit.
 LARGEST = 1e30
 # What a number takes once it is read, with what is made of it [bytes].
@@ -322,7 +320,7 @@ def _count(element: ET.Element, key: str, usual: int) -> int:
     text = element.get(key, str(usual)).strip()
     if not (text.isascii() and text.isdigit()):
         raise ValueError(f"has a {key} that is no plain number")
-    return int(text[:LONGEST_COUNT])
+    return int(text)
 
 
 def _numbers(text: str, what: str) -> list[str]:
