@@ -20,13 +20,15 @@ from ident.errors import InputError
 from ident.files import atomic_write, require_plain_header
 from ident.infer.guess import read_foreign
 from ident.infer.new_session import guess_session, require_own_guess
-from ident.monitor.store import Store
+from ident.monitor.store import Store, write_rows
 from ident.process import TEMPORARY
 from ident.recordings.load import load_session
 from ident.recordings.parquet import load_columns
 from ident.recordings.recording import Recording
 from ident.recordings.save import write_recording
+from ident.robot import meshes
 from ident.robot.arm import ArmModel
+from ident.robot.names import data_path
 from ident.servos.servo_fit import load_goals
 from ident.show.report.page import Section, render_page
 from ident.trajectories.files import read_commands
@@ -106,6 +108,26 @@ def test_a_mesh_names_no_corner_that_is_not_there(tmp_path: Path) -> None:
             read_mesh(path, SCALE, hull=False)
 
 
+def test_a_mesh_that_is_named_a_thousand_times_is_not_read_as_often(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: an arm's meshes together, each as often as its URDF names it, are no larger than one may be."""
+    path = tmp_path / "shape.ply"
+    path.write_text(PLY.format(corners=4, faces=4))
+    monkeypatch.setattr(meshes, "LARGEST", 3 * path.stat().st_size)
+    shape = '<collision><geometry><mesh filename="shape.ply"/></geometry></collision>'
+    plain = re.sub(r"(?s)<(collision|visual)\b.*?</\1>", "", Path(data_path("urdf/tm5_900.urdf")).read_text())
+    arm = tmp_path / "arm.urdf"
+    for times in (3, 4, 1000):
+        arm.write_text(plain.replace("</link>", f"{shape * times}</link>", 1))
+        loaded = ArmModel.load(str(arm))
+        if times == 3:
+            assert len(loaded.geometry.geometryObjects) == times
+            continue
+        with pytest.raises(InputError, match=r"its meshes up to .* have .* MB; give simplified meshes"):
+            assert loaded.geometry
+
+
 def test_an_honest_mesh_is_read(tmp_path: Path) -> None:
     path = tmp_path / "shape.ply"
     path.write_text(PLY.format(corners=4, faces=4))
@@ -133,6 +155,61 @@ print(sorted(read_foreign(Path(sys.argv[1])).columns))
 """
     done = within_memory(script, tmp_path / "run.parquet")
     assert done.stdout.strip() == "['q', 'time']", done.stderr[-500:]
+
+
+BYTES = b"x" * 50_000
+# What is no number, by the kind that its column has.
+NO_NUMBERS = {
+    "fixed": pa.binary(len(BYTES)),
+    "bytes": pa.binary(),
+    "long bytes": pa.large_binary(),
+    "a look at bytes": pa.binary_view(),
+    "lists": pa.list_(pa.large_binary()),
+    "structures": pa.struct({"picture": pa.large_binary()}),
+}
+
+
+def test_what_is_no_number_is_not_unpacked(tmp_path: Path) -> None:
+    """Law: pictures, bytes and structures that stand once in a file and in all of its rows take no memory."""
+    rows = 200
+    table = pa.table({"time": np.arange(rows) * 1e-3, "q": np.zeros(rows)})
+    for name, kind in NO_NUMBERS.items():
+        cell = {"structures": {"picture": BYTES}, "lists": [BYTES]}.get(name, BYTES)
+        table = table.append_column(name, pa.array([cell] * rows, kind))
+    pq.write_table(table, tmp_path / "run.parquet", compression="zstd")
+    script = """
+import sys
+from pathlib import Path
+import pyarrow as pa
+from ident.infer.guess import read_foreign
+print(sorted(read_foreign(Path(sys.argv[1])).columns), pa.default_memory_pool().max_memory() < 5_000_000)
+"""
+    done = within_memory(script, tmp_path / "run.parquet")
+    assert done.stdout.strip() == "['q', 'time'] True", done.stderr[-500:]
+    assert sorted(load_columns(tmp_path / "run.parquet")) == ["q", "time"]
+
+
+@pytest.mark.parametrize("name", NO_NUMBERS)
+def test_a_column_that_is_asked_for_and_is_no_number_is_told(name: str, tmp_path: Path) -> None:
+    cell = {"structures": {"picture": BYTES}, "lists": [BYTES]}.get(name, BYTES)
+    column = pa.array([cell] * 5, NO_NUMBERS[name])
+    table = pa.table({"time": np.arange(5) * 1e-3, "joint_1/position": np.zeros(5), "joint_1/effort": column})
+    pq.write_table(table, tmp_path / "run.parquet")
+    with pytest.raises(InputError, match=r"column joint_1/effort: holds no numbers \("):
+        load_session(tmp_path / "run.parquet")
+
+
+def test_a_watch_takes_no_table_whose_texts_come_to_more_than_any_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: a text that stands once in a table of the store, and in all of its rows, is not unpacked."""
+    monkeypatch.setenv("ARMGAP_MOST_UNPACKED_MB", "1")
+    store = Store(tmp_path)
+    row = {"arm": "left", "session": "one", "date": "2026-05-03", "status": "done", "stamp": "0"}
+    write_rows(store.place("sessions", "left", "one"), "sessions", [row])
+    assert len(store.read("sessions")) == 1
+    write_rows(store.place("sessions", "left", "two"), "sessions", [{**row, "reason": "x" * 100_000}] * 100)
+    assert len(store.read("sessions")) == 1
 
 
 def test_stamps_in_a_dictionary_are_numbers(tmp_path: Path) -> None:

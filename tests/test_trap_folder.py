@@ -17,14 +17,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from rosbags.rosbag2 import StoragePlugin
 
 import ident.cli.app
 import ident.cli.simulated
 import plan.cli.app
 from ident.process import SIGNALLED
+from ident.recordings.load import load_session
 from ident.robot.names import data_path
 from plan.planners.reference import Reference
 from tests import traps
+from tests.ident.foreign import write_bag
+from tests.ident.recordings.test_bags import rows_of
 from tests.plan.worlds import ledger, problem
 
 PRECIOUS = "what is precious"
@@ -173,6 +177,36 @@ def test_commands_take_nothing_from_the_folder_where_they_are_started(name: str,
     assert seen.looked <= ONLY_LOOKED_FOR, traps.told(seen)
     assert (seen.homed, seen.called) == ([], []), traps.told(seen)
     assert seen.status in (0, 2, 3), traps.told(seen)
+
+
+# What libraries look for beside what they are given: SQLite, Arrow, readers of robots, Python.
+BESIDE = ("run.db3-journal", "run.db3-wal", "run.db3-shm", "_metadata", "_common_metadata")
+BESIDE += ("arm.srdf", "package.xml", "CMakeLists.txt", "materials.xml", "__init__.py", "numpy.py")
+
+
+@pytest.mark.slow
+def test_beside_what_is_named_nothing_is_looked_for(tmp_path: Path) -> None:
+    """Law: of the folder where a bag and a URDF lie, only these are asked for, and settings."""
+    given = tmp_path / "given"
+    names = {"run.db3", "arm.urdf", "traps"}
+    given.mkdir()
+    run = load_session(data_path("logs/tm5_900/E1/01_trajectory_1.parquet")).runs[0]
+    write_bag(tmp_path / "bag", rows_of(run), StoragePlugin.SQLITE3)
+    (tmp_path / "bag/bag.db3").rename(given / "run.db3")
+    shutil.copy(data_path("urdf/tm5_900.urdf"), given / "arm.urdf")
+    for name in BESIDE:
+        (given / name).write_bytes(b"evil")
+    traps.set_traps(given / "traps")
+    words = ["inspect", given / "run.db3", "--robot", given / "arm.urdf"]
+    seen = traps.Seen()
+    with traps.watching(given, seen):
+        done = traps.run_among_traps("ident", words, given / "traps", tmp_path / "watch")
+    assert done.status == 0, traps.told(done)
+    assert set(seen.touched) <= names | {"the folder"}, seen.touched
+    trace = tmp_path / "watch/trace"
+    if trace.exists():
+        looked = traps.names_within(trace.read_text(errors="replace").splitlines(), given)
+        assert looked <= names | ONLY_LOOKED_FOR | {"session.toml", "run.toml"}, looked
 
 
 def test_the_local_page_takes_nothing_from_that_folder(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float, Int
 from ident.command_options import Inertia
 from ident.errors import RecordingError
 from ident.fitting.chosen import AS_GOOD, ModelChoice
@@ -213,8 +213,15 @@ def _errors_of_joint(
     sums: HeldOutSums, selection: Selection, columns: OwnColumns, joint: int
 ) -> OwnErrors:
     """What a joint's model leaves of each part left out."""
+    return columns.errors(*_own_columns(sums, selection, joint))
+
+
+def _own_columns(
+    sums: HeldOutSums, selection: Selection, joint: int
+) -> tuple[Int[Array, " c"], Bool[Array, " c"]]:
+    """Which of a joint's own columns a selection takes; which coefficients can't be negative."""
     places, signed = selection.of_joint(sums, joint)
-    return columns.errors(places - sums.base.rank, signed)
+    return places - sums.base.rank, signed
 
 
 def _error(
@@ -292,8 +299,7 @@ def _choose_laws_of_joint(
 
     def clear_squares_with(laws: Sequence[int]) -> Float[Array, " f"]:
         trial = replace(selection, laws=tuple(laws))
-        places, signed = trial.of_joint(sums, joint)
-        return columns.clear_squares(places - sums.base.rank, signed)
+        return columns.clear_squares(*_own_columns(sums, trial, joint))
 
     before = errors_with(chosen)
     while len(chosen) < MOST_LAWS:

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
+from typing import BinaryIO
 from urllib.parse import quote
 
 import pyarrow as pa
@@ -24,7 +25,7 @@ from ident.recordings.load import is_dataset, is_run
 from ident.recordings.parquet import require_in_proportion
 from ident.recordings.session_toml import NAME, load_session_file
 from ident.records import JsonRecord, JsonTable
-from ident.safe_read import open_regular
+from ident.safe_read import open_regular, require_unpacked
 
 # Kind of the store's folder, by its marker: it may lie within the watched folder and is passed over
 # there.
@@ -243,7 +244,7 @@ class Store:
                     file = pq.ParquetFile(stream)
                     require_in_proportion(stream)
                     is_ours = file.schema_arrow.equals(SCHEMAS[kind])
-                    rows = file.read().to_pylist() if is_ours else []
+                    rows = _rows(stream, SCHEMAS[kind]) if is_ours else []
             except (pa.ArrowException, OSError, ValueError, InputError):
                 continue
             for row in rows:
@@ -254,6 +255,23 @@ class Store:
                 ):
                     complete.append(row)
         return complete
+
+
+def _rows(stream: BinaryIO, schema: pa.Schema) -> list[JsonRecord]:
+    """The rows of an open table.
+
+    Raises:
+        ValueError: Its texts, each of which stands once in the file, come to more than any of ours.
+    """
+    texts = [column.name for column in schema if pa.types.is_string(column.type)]
+    table = pq.ParquetFile(stream, read_dictionary=texts).read()
+    for name in texts:
+        lengths = [
+            len(text) for chunk in table[name].chunks for text in chunk.dictionary.to_pylist()
+        ]
+        size = os.fstat(stream.fileno()).st_size
+        require_unpacked(size, table.num_rows * max(lengths, default=0))
+    return table.to_pylist()
 
 
 def write_rows(path: Path, kind: str, rows: Iterable[JsonTable]) -> None:

@@ -217,7 +217,9 @@ def open_table(path: Path) -> NamedColumns:
     try:
         with open_parquet(path) as file:
             nested = [
-                column.name for column in file.schema_arrow if pa.types.is_nested(column.type)
+                column.name
+                for column in file.schema_arrow
+                if pa.types.is_nested(column.type) and may_be_numbers(column.type)
             ]
             first = next(file.iter_batches(batch_size=1, columns=nested), None) if nested else None
             lists = {}
@@ -266,6 +268,46 @@ def open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
         yield pq.ParquetFile(stream, read_dictionary=texts) if texts else file
 
 
+def read_numbers(file: pq.ParquetFile, names: Sequence[str] | None, where: str | Path) -> pa.Table:
+    """Some columns of an open file, or all that may hold numbers; no other column is unpacked.
+
+    Args:
+        file: The file.
+        names: Names of columns; all if None.
+        where: The file, for messages.
+
+    Raises:
+        RecordingError: A column that was asked for holds no numbers.
+        ValueError: A column stands twice; pyarrow raises its own where the file is damaged.
+    """
+    usable = []
+    for column in file.schema_arrow:
+        if names is not None and column.name not in names:
+            continue
+        if file.schema_arrow.names.count(column.name) > 1:
+            raise ValueError(f"the column {column.name!r} stands twice")
+        if may_be_numbers(column.type):
+            usable.append(column.name)
+        elif names is not None:
+            what = f"holds no numbers ({column.type})"
+            raise RecordingError(f"{where}, column {column.name}", what, "write it as numbers")
+    return file.read(columns=usable)
+
+
+def may_be_numbers(kind: pa.DataType) -> bool:
+    """Whether a column may hold numbers or stamps: only then it is unpacked.
+
+    What else is in a file (pictures, structures, bytes) may be gigabytes that stand in it once.
+    """
+    if pa.types.is_fixed_size_list(kind) or pa.types.is_list(kind) or pa.types.is_large_list(kind):
+        kind = kind.value_type
+        return pa.types.is_floating(kind) or pa.types.is_integer(kind)
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    is_stamp = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+    return is_stamp or pa.types.is_primitive(kind) or pa.types.is_decimal(kind)
+
+
 def is_text(kind: pa.DataType) -> bool:
     """Whether a column holds texts or bytes."""
     return any(
@@ -300,14 +342,12 @@ def load_columns(
 def _cells(
     path: Path, labels: Mapping[str, Sequence[str]], names: list[str] | None = None
 ) -> dict[str, Column]:
-    """Some columns of a file, or all; lists spread out."""
+    """Some columns of a file, or all that may hold numbers; lists spread out."""
     try:
         with open_parquet(path) as file:
-            table = file.read(columns=names)
+            table = read_numbers(file, names, path)
         columns: dict[str, Column] = {}
         for name in table.column_names:
-            if table.column_names.count(name) > 1:
-                raise ValueError(f"the column {name!r} stands twice")
             columns.update(spread_list(name, table.column(name), labels.get(name, ())))
     except FAILURES as error:
         raise RecordingError(path, *_not_whole(error)) from None

@@ -77,7 +77,8 @@ class Series:
         scaled = table[:, len(joints) :] / scale[len(joints) :]
         bends = np.abs(np.diff(scaled, 2, axis=0)).sum(axis=1)
         rough = np.concatenate([[0.0], bends, [0.0]])
-        count = int(np.clip(run.duration / MOMENT_S, FEWEST, MOST))
+        # A run that is logged every minute has fewer rows than its duration would have stretches.
+        count = int(np.clip(run.duration / MOMENT_S, FEWEST, min(MOST, len(table))))
         stretches = np.array_split(np.arange(len(table)), count)
         chosen = np.array([stretch[np.argmax(rough[stretch])] for stretch in stretches])
         ends = [(int(stretch[0]), int(stretch[-1])) for stretch in stretches]

@@ -18,14 +18,12 @@ from ident.outputs import real_path
 from ident.robot.names import example_robots_folder
 from ident.safe_read import read_bytes, require_regular, unchanged
 
-# Larger mesh files are no collision geometry [bytes].
+# Larger mesh files are no collision geometry, nor are all of an arm's together that are larger: no
+# robot of example-robot-data has more than 40 MB [bytes].
 LARGEST = 200_000_000
 READABLE = (".stl", ".obj", ".dae", ".ply")
-# What the header of a mesh says is in it: elements of a .ply, numbers of a .dae's arrays.
+# What the header of a .ply says is in it.
 ELEMENTS = re.compile(rb"(?:^|[\r\n])[ \t]*element[ \t]+\S+[ \t]+(\d+)")
-COUNTS = re.compile(rb"""\bcount\s*=\s*(?:"([^"]*)"|'([^']*)')""")
-# How a .dae begins that is written in UTF-16, which its reader knows, too.
-WIDE = (b"\xff\xfe", b"\xfe\xff")
 HEADER_BYTES = 1 << 16
 PLY_END = b"end_header"
 # Bytes of a binary .stl before its triangles, and of one of them.
@@ -65,21 +63,38 @@ def lent_mesh(path: Path, where: str | Path, place: str, error: type[InputError]
     """Lends a mesh that was looked through to a reader that opens it by its name.
 
     An .obj that names materials is lent as a copy without: a shape needs none, and its reader
-    would open other files.
+    would open other files. A .dae is lent as a copy that holds its shapes alone.
 
     Raises:
         InputError: As `require_mesh`; or the file changes while it is read.
     """
     with unchanged(path, error, where):
         data = require_mesh(path, where, place, error)
-        text = CONTINUED.sub(b"", data) if path.suffix.lower() == ".obj" else b""
-        if MATERIALS not in text:
+        kind = path.suffix.lower()
+        copied = None
+        if kind == ".obj":
+            text = CONTINUED.sub(b"", data)
+            copied = text.replace(MATERIALS, NO_MATERIALS) if MATERIALS in text else None
+        elif kind == ".dae":
+            copied = _plain_collada(data, where, place, error)
+        if copied is None:
             yield path
             return
         with TemporaryDirectory(prefix=COPY_PREFIX) as folder:
-            copy = Path(folder) / "mesh.obj"
-            copy.write_bytes(text.replace(MATERIALS, NO_MATERIALS))
+            copy = Path(folder) / f"mesh{kind}"
+            copy.write_bytes(copied)
             yield copy
+
+
+def _plain_collada(data: bytes, where: str | Path, place: str, error: type[InputError]) -> bytes:
+    """The shapes of a .dae alone; raises where it is none."""
+    from ident.robot.collada import plain_collada  # few meshes are of this kind
+
+    try:
+        return plain_collada(data)
+    except ValueError as failed:
+        what = f"{place}is no .dae that can be used ({first_line(failed)})"
+        raise error(where, what, "mend or replace the mesh") from None
 
 
 def require_mesh(path: Path, where: str | Path, place: str, error: type[InputError]) -> bytes:
@@ -113,17 +128,10 @@ def require_honest_header(
     room for it.
     """
     size = len(data)
-    head = data if kind == ".dae" else data[: max(HEADER_BYTES, data.find(PLY_END))]
+    head = data[: max(HEADER_BYTES, data.find(PLY_END))]
     announced = 0
     if kind == ".ply":
         announced = max(map(_whole, ELEMENTS.findall(head)), default=0)
-    elif kind == ".dae":
-        counts = _counts_of_dae(head)
-        # Its reader takes 0xFF and &#57; for numbers, too.
-        if not all(count.isdigit() for count in counts):
-            what = f"{place}has a count that is no plain number"
-            raise error(where, what, "mend or replace the mesh")
-        announced = max(map(_whole, counts), default=0)
     elif kind == ".stl" and not head.lstrip().startswith(b"solid") and len(head) >= STL_HEAD:
         announced = STL_TRIANGLE * int.from_bytes(head[STL_HEAD - 4 : STL_HEAD], "little")
     if announced > size:
@@ -156,13 +164,6 @@ def require_sound_ply(data: bytes, where: str | Path, place: str, error: type[In
         raise error(where, what, "mend or replace the mesh")
 
 
-def _counts_of_dae(data: bytes) -> list[bytes]:
-    """What stands in its attributes `count`, as it stands there."""
-    if data.startswith(WIDE):
-        data = data.decode("utf-16", "replace").encode()
-    return [(double or single).strip() for double, single in COUNTS.findall(data)]
-
-
 def _whole(digits: bytes) -> int:
     """A count as its header writes it; of very many digits only so many as tell that it is too
     large.
@@ -184,10 +185,12 @@ def with_mesh_paths(
         lent: Keeps the meshes as they were looked through until they are read.
 
     Raises:
-        RobotError: A mesh is missing, or as `require_mesh`.
+        RobotError: A mesh is missing, or as `require_mesh`; or all of them together, each as often
+            as it is named, are larger than a single one may be.
     """
     root = ET.fromstring(urdf)
     files = {}
+    total = 0
     other = "visual" if tag == "collision" else "collision"
     for link in root.findall("link"):
         for element in link.findall(other):
@@ -199,6 +202,10 @@ def with_mesh_paths(
             if path is None:
                 remedy = "put the mesh files beside the URDF, under their package's name"
                 raise RobotError(where, f"{place} is not there", remedy)
+            total += path.stat().st_size
+            if total > LARGEST:
+                what = f"its meshes up to {place} have {total / 1e6:.0f} MB"
+                raise RobotError(where, what, "give simplified meshes, or name each once")
             mesh_file = lent.enter_context(lent_mesh(path, where, f"{place} ", RobotError))
             mesh.set("filename", str(mesh_file))
             files[str(mesh_file)] = str(path)

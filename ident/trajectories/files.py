@@ -14,7 +14,7 @@ from ident.arrays import Array, Float
 from ident.errors import RecordingError, first_line
 from ident.files import atomic_write, require_plain_header
 from ident.recordings.load import require_readable_size
-from ident.recordings.parquet import open_parquet
+from ident.recordings.parquet import open_parquet, read_numbers
 from ident.robot.arm import ArmModel
 from ident.safe_read import open_regular
 from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled, ticks
@@ -89,10 +89,11 @@ def _read_file(path: Path, arm: ArmModel) -> ReferenceMotion:
     return sampled(name, curve(ticks(whole)))
 
 
-def _read_table(path: Path) -> pa.Table:
+def _read_table(path: Path, wanted: Sequence[str]) -> pa.Table:
+    """The columns of a file: of a Parquet file only those that are wanted."""
     if path.suffix == ".parquet":
         with open_parquet(path) as file:
-            return file.read()
+            return read_numbers(file, wanted, path)
     with open_regular(path, "give a .csv or .parquet file of commands", RecordingError) as stream:
         return pacsv.read_csv(stream)
 
@@ -102,7 +103,7 @@ def _read_columns(path: Path, arm: ArmModel) -> tuple[Float[Array, " T"], Float[
     require_readable_size(path)
     wanted = ["time", *(f"{name}/position_command" for name in arm.joint_names)]
     try:
-        table = _read_table(path)
+        table = _read_table(path, wanted)
     except (OSError, ValueError, pa.ArrowException) as error:  # a name that is not UTF-8, too
         what = f"can't be read ({first_line(error)})"
         raise RecordingError(path, what, "give a .csv or .parquet file of commands") from None

@@ -39,6 +39,7 @@ from tests.fuzz.samples import (
     SESSION_TOML,
     WORLD,
     XACRO,
+    dae,
     obj,
     ply,
     shaped,
@@ -170,6 +171,7 @@ def _scenes(folder: Path, arm: ArmModel) -> None:
     (folder / "cube.stl").write_text(stl())
     (folder / "cube.obj").write_text(obj())
     (folder / "cube.ply").write_text(ply())
+    (folder / "cube.dae").write_text(dae())
     corners = np.array(CUBE, dtype=np.float32)
     rows = np.array([tuple(corner) for corner in corners], dtype=[(axis, "f4") for axis in "xyz"])
     PlyData([PlyElement.describe(rows, "vertex")]).write(str(folder / "scan.ply"))

@@ -313,6 +313,7 @@ def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
         Kind("stl", folder / "cube.stl", mesh, check_mesh, 0.5),
         Kind("obj", folder / "cube.obj", mesh, check_mesh, 0.5),
         Kind("ply", folder / "cube.ply", mesh, check_mesh, 0.5),
+        Kind("dae", folder / "cube.dae", mesh, check_mesh, 0.5),
         *(Kind(f"scan{end}", folder / f"scan{end}", cloud, check_mesh, 0.3) for end in (".ply", ".pcd", ".npy")),
     ]
 

@@ -208,6 +208,37 @@ def obj() -> str:
     return "\n".join([*corners, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES), ""])
 
 
+DAE = """<?xml version="1.0" encoding="utf-8"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="metre" meter="1"/><up_axis>Z_UP</up_axis></asset>
+<library_geometries><geometry id="cube"><mesh>
+<source id="corners"><float_array id="numbers" count="24">{numbers}</float_array>
+<technique_common><accessor source="#numbers" count="8" stride="3">
+<param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
+</accessor></technique_common></source>
+<vertices id="vertices"><input semantic="POSITION" source="#corners"/></vertices>
+{faces}
+</mesh></geometry></library_geometries>
+<library_nodes><node id="part"><instance_geometry url="#cube"/></node></library_nodes>
+<library_visual_scenes><visual_scene id="scene">
+<node id="base"><translate>0.5 0 0</translate><rotate>0 0 1 90</rotate><instance_node url="#part"/></node>
+</visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#scene"/></scene></COLLADA>
+"""
+TRIANGLES = """<triangles count="12"><input semantic="VERTEX" source="#vertices" offset="0"/>
+<p>{places}</p></triangles>"""
+POLYLIST = """<polylist count="12"><input semantic="VERTEX" source="#vertices" offset="0"/>
+<vcount>{sides}</vcount><p>{places}</p></polylist>"""
+
+
+def dae(faces: str = POLYLIST) -> str:
+    """The cube as a COLLADA file: of triangles, or of polygons that are triangles."""
+    numbers = " ".join(str(number) for corner in CUBE for number in corner)
+    places = " ".join(str(place) for face in FACES for place in face)
+    sides = " ".join(["3"] * len(FACES))
+    return DAE.format(numbers=numbers, faces=faces.format(places=places, sides=sides))
+
+
 def shaped(urdf: str, mesh: str) -> str:
     """A URDF whose first link has a mesh beside it as its shape, and no other link one."""
     urdf = re.sub(r"(?s)<(collision|visual)\b.*?</\1>", "", urdf)

@@ -25,6 +25,10 @@ FILE_NAMES = ["%2e%2e%2frun.db3", "../run.db3", "..", ".", "/etc/passwd", "a?b.d
 FILE_NAMES += ["%2e%2e%2f%2e%2e%2fetc%2fpasswd", "x.db3?mode=rwc", "file:run.db3", "\x00.db3", "run.db3/", "a" * 300]
 SCHEMA_NAME = re.compile(rb"(?:ident|plan|armgap)\.\w+/\d+")
 SCHEMA_NAMES = ["ident.diagnosis/2", "ident.diagnosis/0", "ident.model/99", "plan.result/1", "ident.fit/1", "none", "1"]
+# Of COLLADA: elements that hold no other, what follows a #, and codings.
+ELEMENT = re.compile(rb"<(\w+)\b[^<>]*/>|<(\w+)\b[^<>]*>[^<>]*</\w+>")
+REFERENCE = re.compile(rb"(?<==\")#?[\w-]+(?=\")")
+CODINGS = ["utf-16", "utf-16-le", "utf-16-be", "utf-32", "utf-32-le", "latin-1", "utf-7", "utf-8-sig", "cp037"]
 # What TOML writes otherwise than JSON, and what it must not.
 TOML_VALUES = ["nan", "-nan", "+inf", "1e400", "-1e-400", "1e308", "0x7fffffffffffffff", "9223372036854775808", "1_000"]
 TOML_VALUES += ["1979-05-27T07:32:00Z", "07:32:00", "[[1], [2]]", "[1, 'a']", "{}", "{a = 1, a = 2}", "[{}]", "true"]
@@ -462,6 +466,23 @@ def change_letters(data: bytes, rng: Rng) -> bytes:
     return data[: one.start()] + new + data[one.end() :]
 
 
+def change_places(data: bytes, rng: Rng) -> bytes:
+    """An element of a COLLADA file goes, stands twice, or becomes another kind; a name leads to another place."""
+    found = list(ELEMENT.finditer(data)) if rng.random() < 0.6 else list(REFERENCE.finditer(data))
+    if not found:
+        return data
+    one, other = (found[int(k)] for k in rng.integers(0, len(found), 2))
+    new = (b"", one.group() * 2, other.group())[int(rng.integers(3))]
+    return data[: one.start()] + new + data[one.end() :]
+
+
+def change_coding(data: bytes, rng: Rng) -> bytes:
+    """The same text in another coding, with or without the mark that says so."""
+    text = data.decode("utf-8", "replace")
+    coding = str(rng.choice(CODINGS))
+    return text.encode(coding, "replace")
+
+
 change_attribute = change_whole(ATTRIBUTE)
 change_setting = change_whole(SETTING)
 MARKUP = (change_attribute, change_attribute, change_attribute, change_letters)
@@ -514,6 +535,17 @@ BY_KIND: dict[str, tuple[Spoil, ...]] = {
         change_values,
         change_words,
         change_chain,
+        nest,
+        *BYTES,
+    ),
+    "dae": (
+        *MARKUP,
+        change_count,
+        change_places,
+        change_places,
+        change_words,
+        change_values,
+        change_coding,
         nest,
         *BYTES,
     ),

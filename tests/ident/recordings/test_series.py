@@ -153,6 +153,16 @@ def test_a_run_at_rest_says_nothing() -> None:
     assert Series.of(still) is None
 
 
+@pytest.mark.parametrize("rows", [32, 33, 60, 127, 200])
+def test_a_run_that_is_logged_every_minute_is_known(rows: int) -> None:
+    """Law: its duration would have more moments than it has rows; it is told from others all the same."""
+    run = made_up(0.0)
+    slow = Recording("slow", run.joints, 60.0 * np.arange(rows), position=run.position[:rows], effort=run.effort[:rows])
+    series = Series.of(slow)
+    assert series is not None
+    assert series.is_in(SearchedRun(slow))
+
+
 def test_records_give_the_same_moments() -> None:
     for run in runs():
         known = Series.of(run)
