@@ -34,8 +34,9 @@ LOSSES = 3
 # so that what no motion shows stays where the URDF has it (chosen: for the solution's numbers).
 ANY_LINKS = 1e-6
 # Columns of what else an arm's rest and place may put on a joint: see `_of_place`.
-PLACES = 7
-# Eigenvalue of columns of size one below which they are each other's (chosen: beyond rounding).
+PLACES = 6
+# Share below which a column is none, and an eigenvalue of columns of size one is another's (chosen:
+# beyond rounding).
 ALIKE = 1e-10
 
 
@@ -158,11 +159,13 @@ def fit_baseline(
             noise = _effective_noise(motions, tuned, loss)
     if sliding is None:
         loaded = arm.with_inertial_parameters(arm.inertial_parameters + lift @ of_any_links)
+        rigid = []
         beside = []
         for motion in motions:
             placed = np.einsum("tnk,nk->tn", _of_place(arm, motion), of_place)
+            rigid.append(rigid_torque(tuned, motion))
             beside.append(rigid_torque(loaded, motion) + placed)
-        sliding = fit_sliding(motions, beside)
+        sliding = fit_sliding(motions, rigid, beside, base.rank + PLACES)
     return Baseline(
         nominal=arm,
         arm=tuned,
@@ -280,11 +283,17 @@ def _of_place(arm: ArmModel, motion: Motion) -> Float[Array, "T n k"]:
     """Torques of each joint that follow from where the arm is, other than its links' weight.
 
     An offset; a spring, or a load on a lever, by the joint's own angle; and gravity across the
-    base, as where it is tilted.
+    one that the URDF's base has, as where it is tilted.
     """
     ones = np.ones_like(motion.q)
     springs = [motion.q, np.cos(motion.q), np.sin(motion.q)]
-    tilts = [arm.with_gravity(axis).gravity(motion.q) for axis in np.eye(3)]
+    _, _, across = np.linalg.svd(np.reshape(arm.model.gravity.linear, (1, 3)))
+    tilts = []
+    for axis in across[1:]:
+        torque = arm.with_gravity(axis).gravity(motion.q)
+        # None but for rounding, of a joint whose axis lies along it.
+        is_felt = np.abs(torque).max(axis=0) > ALIKE * np.abs(torque).max()
+        tilts.append(np.where(is_felt, torque, 0.0))
     return np.stack([ones, *springs, *tilts], axis=-1)
 
 
