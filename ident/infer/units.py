@@ -89,6 +89,16 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
     return "deg", ANGLE_UNITS["deg"], Reason("angle_unit", "deg", seen)
 
 
+def zero_count(signals: Signals, arm: ArmModel | None) -> float:
+    """The count at which a joint's angle is zero: the middle of a turn, or 0 of counts that run
+    below it; 0 of other units.
+    """
+    unit, _, reason = angle_unit(signals, arm)
+    is_counted = reason is not None and reason.what == "counts_per_turn"
+    runs_below = float(signals.tables["position"].min(initial=0.0)) < 0.0
+    return float(unit) / 2.0 if is_counted and not runs_below else 0.0
+
+
 def slide_scales(signals: Signals, arm: ArmModel | None) -> tuple[dict[str, float], list[Reason]]:
     """Of each joint that slides what its unit is in metres, and why.
 
