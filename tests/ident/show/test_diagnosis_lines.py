@@ -347,6 +347,11 @@ def test_friction_that_differs_from_run_to_run_is_no_noise_in_silence() -> None:
     record["gap"]["elbow"]["friction_spread"] = 0.325
     assert "friction that differs from run to run, by 32 % at elbow" in diagnosis_headline(record)
     assert "the friction of elbow changes" in second_action(record)
+    for joint in ("elbow", "shoulder"):
+        record["leftover"] = {joint: 0.3}
+        assert ("by 32 % at elbow" in diagnosis_headline(record)) is (joint == "elbow")
+        assert ("30 % an unnamed cause at shoulder" in diagnosis_headline(record)) is (joint == "shoulder")
+    del record["leftover"]
     assert "by 32 % (standard deviation) at elbow" in describe_noise(record)
 
 
@@ -368,6 +373,9 @@ def test_a_link_beyond_what_urdfs_are_off_by_is_no_gap_in_silence(factor: float)
     assert "hand is off by more than URDFs are" in diagnosis_headline(record)
     assert second_action(record).startswith("hand is off by more than URDFs are: tuning moved")
     assert first_action(record).startswith("Write these numbers")
+    record["gap"]["elbow"]["friction_spread"] = 0.4
+    assert "hand is off" not in diagnosis_headline(record) + second_action(record)
+    del record["gap"]["elbow"]["friction_spread"]
     record["tuned_links"]["hand"]["beyond_tolerance"] = False
     record["tuned_links"]["lower"]["beyond_tolerance"] = False
     record["reservations"] = []
