@@ -30,6 +30,8 @@ from ident.robot.tolerance import parameter_scale
 
 # Losses that can't be negative: motor inertia, viscous and Coulomb friction.
 LOSSES = 3
+# Columns of motion that a joint's losses follow: acceleration and speed.
+MOTIONS = 2
 # Share of the URDF's information that a solution beside any links whatever keeps: next to nothing,
 # so that what no motion shows stays where the URDF has it (chosen: for the solution's numbers).
 ANY_LINKS = 1e-6
@@ -238,9 +240,9 @@ def _solve(
         losses = rank + LOSSES * j + np.arange(LOSSES)
         of_place = first_place + places * j + np.arange(places)
         unknowns = np.array([*range(rank), *losses, *of_place, -1])
-        width = rank + 2 + widths[j]
-        place_columns = rank + 2 + len(TRANSITION_GRID) + np.arange(places)
-        columns = np.array([*range(rank), rank, rank + 1, width, *place_columns, -1])
+        in_motion = rank + MOTIONS
+        of_places = in_motion + len(TRANSITION_GRID) + np.arange(places)
+        columns = np.array([*range(in_motion), in_motion + widths[j], *of_places, -1])
         of_joint = sums[j][np.ix_(columns, columns)] / noise[j] ** 2
         whole[np.ix_(unknowns, unknowns)] += of_joint
     solution = solve_partly_non_negative(whole, range(rank, first_place))
@@ -261,7 +263,7 @@ def _sums_of_joints(
     Columns: base parameters, acceleration, speed, direction at each width of the grid, torques of
     place, and the torque beside the rigid arm's.
     """
-    size = base.rank + 2 + len(TRANSITION_GRID) + PLACES + 1
+    size = base.rank + MOTIONS + len(TRANSITION_GRID) + PLACES + 1
     sums = np.zeros((arm.n, size, size))
     for motion in motions:
         regressor = arm.regressor(motion.q, motion.dq, motion.ddq, list(base.columns))
@@ -303,13 +305,14 @@ def _transition_widths(sums: Float[Array, "n p p"], change: Float[Array, " r"]) 
     """
     rank = len(change)
     moments = sums[..., -1] - sums[..., :rank] @ change
-    first_place = rank + 2 + len(TRANSITION_GRID)
-    places = first_place + np.arange(PLACES)
+    motions = rank + np.arange(MOTIONS)
+    first_width = rank + MOTIONS
+    places = first_width + len(TRANSITION_GRID) + np.arange(PLACES)
     size = np.sqrt(np.maximum(np.diagonal(sums, axis1=1, axis2=2), 1e-300))
     scaled = sums / size[:, :, None] / size[:, None, :]
     explained = []
     for k in range(len(TRANSITION_GRID)):
-        columns = np.array([rank, rank + 1, rank + 2 + k, *places])
+        columns = np.array([*motions, first_width + k, *places])
         # Torques of place may be each other's, as where gravity turns about one axis alone.
         inverse = np.linalg.pinv(scaled[:, columns[:, None], columns], ALIKE, hermitian=True)
         score = moments[:, columns] / size[:, columns]
