@@ -24,7 +24,7 @@ SLIDES = 0.5
 LEAST_SLIDING = 24
 
 
-def fit_scale(states: States, joint: int) -> tuple[float, float, float]:
+def fit_scale(states: States, joint: int, sliding: bool = True) -> tuple[float, float, float]:
     """A joint's torque as a multiple of the model's, told by gravity.
 
     Least squares beside inertia, the rotor's (no part of the model, which could bend gravity's),
@@ -33,10 +33,17 @@ def fit_scale(states: States, joint: int) -> tuple[float, float, float]:
     that goes with gravity. The error is the delete-one-piece jackknife's, and half of what a spring
     makes of the scale is added.
 
+    Args:
+        states: Of all joints.
+        joint: Which of them.
+        sliding: Whether states in which it stands are left out; a column whose unit is not known
+            yet has to follow gravity there, too.
+
     Returns:
         The scale, its standard error, and the scale beside a spring.
     """
-    rows = _sliding(states.dq[:, joint])
+    everywhere = np.ones(len(states.dq), dtype=bool)
+    rows = _sliding(states.dq[:, joint]) if sliding else everywhere
     tau = states.tau[rows, joint]
     gravity = states.gravity[rows, joint]
     dq = states.dq[rows, joint]
