@@ -1,4 +1,4 @@
-"""Positions' unit: degrees for radians, and radians read as degrees."""
+"""Positions' unit: degrees for radians, radians read as degrees, and millimetres for metres."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from ident.robot.arm import ArmModel
 from ident.safe_read import toml_line
 
 TURN = 2.0 * math.pi
+PER_METRE = 1000.0  # millimetres
 
 # Channels in the unit of the angles, and their derivatives.
 ANGULAR = ("position", "position_command")
@@ -32,6 +33,47 @@ def revolute(session: Session, arm: ArmModel | None) -> Bool[Array, " n"]:
 
 
 def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
+    """Finds angles in degrees, radians read as degrees, and slides in millimetres.
+
+    The session is converted for other checks, a fit is refused.
+
+    Args:
+        session: The recordings.
+        arm: Their robot; None where it is not known.
+
+    Returns:
+        The session with its angles in radians and its slides in metres, and the issues.
+    """
+    session, of_turning = _mend_turning(session, arm)
+    if arm is None:
+        return session, of_turning
+    session, of_slides = _mend_slides(session, arm)
+    return session, of_turning + of_slides
+
+
+def _mend_slides(session: Session, arm: ArmModel) -> tuple[Session, list[TelemetryIssue]]:
+    """Finds slides in millimetres: farther or faster than the URDF's limits allow, by a factor that
+    is nearer to a thousand than to one.
+    """
+    far = np.max([np.abs(run.position).max(axis=0) for run in session.runs], axis=0)
+    fast = np.max([speed(run) for run in session.runs], axis=0)
+    limits = arm.known_limits
+    with np.errstate(divide="ignore", invalid="ignore"):
+        times = np.fmax(far / limits.reach, fast / limits.speed)
+    in_millimetres = arm.sliding_joints & (times > math.sqrt(PER_METRE))
+    if not in_millimetres.any():
+        return session, []
+    worst = int(np.argmax(np.where(in_millimetres, times, 0.0)))
+    joints = joints_at(session, in_millimetres)
+    line = toml_line("slide_scale", dict.fromkeys(joints, 1.0 / PER_METRE))
+    issue = issue_of(
+        "millimetres", session, joints, worst, line=line, far=far, fast=fast, times=times
+    )
+    with_velocity = _in_one_unit(session)
+    return scale_angles(session, 1.0 / PER_METRE, in_millimetres, with_velocity), [issue]
+
+
+def _mend_turning(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
     """Finds angles in degrees, or radians read as degrees.
 
     The session is converted for other checks, a fit is refused.

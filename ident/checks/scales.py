@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from ident.checks.effort import TRANSITION_RAD_S, States, jackknife
 from ident.checks.report import issue_of, with_reach
 from ident.checks.settings import ARRANGEMENT
@@ -17,32 +17,56 @@ from ident.robot.tolerance import PRIOR_SHARE, parameter_scale
 
 # States by which a URDF's tolerance is weighed (chosen: limit of work).
 TOLERANCE_STATES = 200
+# Share of its root mean square speed above which a joint slides, far from where a filter blurs its
+# stops (chosen: between rest and its usual speed).
+SLIDES = 0.5
+# Fewest states in which it slides that tell a scale alone (chosen: three for each unknown).
+LEAST_SLIDING = 24
 
 
-def fit_scale(states: States, joint: int) -> tuple[float, float, float]:
+def fit_scale(states: States, joint: int, sliding: bool = True) -> tuple[float, float, float]:
     """A joint's torque as a multiple of the model's, told by gravity.
 
     Least squares beside inertia, the rotor's (no part of the model, which could bend gravity's),
-    friction, friction that grows with the load, an offset; the error is the delete-one-piece
-    jackknife's, and half of what a spring makes of the scale is added.
+    friction, friction that grows with the load, an offset, where the joint slides: one that has
+    stopped keeps a share of its friction, by the side from which it came to where it stands, and
+    that goes with gravity. The error is the delete-one-piece jackknife's, and half of what a spring
+    makes of the scale is added.
+
+    Args:
+        states: Of all joints.
+        joint: Which of them.
+        sliding: Whether states in which it stands are left out; a column whose unit is not known
+            yet has to follow gravity there, too.
 
     Returns:
         The scale, its standard error, and the scale beside a spring.
     """
-    tau = states.tau[:, joint]
-    gravity = states.gravity[:, joint]
-    dq = states.dq[:, joint]
+    everywhere = np.ones(len(states.dq), dtype=bool)
+    rows = _sliding(states.dq[:, joint]) if sliding else everywhere
+    tau = states.tau[rows, joint]
+    gravity = states.gravity[rows, joint]
+    dq = states.dq[rows, joint]
     side = np.tanh(dq / TRANSITION_RAD_S)
-    inertia = [states.inertial[:, joint], states.ddq[:, joint]]
+    inertia = [states.inertial[rows, joint], states.ddq[rows, joint]]
     friction = [side, dq, np.abs(gravity) * side]
     bare = np.column_stack([gravity, *inertia, *friction, np.ones(len(dq))])
-    sprung = np.column_stack([bare, states.q[:, joint]])
+    sprung = np.column_stack([bare, states.q[rows, joint]])
     weights, errors = jackknife(bare, tau, states.settings.pieces)
     beside_spring, _ = jackknife(sprung, tau, states.settings.pieces)
     scale = float(weights[0])
     scale_beside_spring = float(beside_spring[0])
     error = float(np.hypot(float(errors[0]), 0.5 * (scale - scale_beside_spring)))
     return scale, error, scale_beside_spring
+
+
+def _sliding(dq: Float[Array, " T"]) -> Bool[Array, " T"]:
+    """Where a joint surely slides: faster than a share of its root mean square speed.
+
+    Everywhere, where that is hardly anywhere, as beside a single leap.
+    """
+    slides = np.abs(dq) > SLIDES * np.sqrt(np.mean(dq**2))
+    return slides if slides.sum() >= LEAST_SLIDING else np.ones_like(slides)
 
 
 class ScaleOff(NamedTuple):

@@ -11,6 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.errors import InputError, RobotError, first_line
 from ident.export.identified import IdentifiedArm
+from ident.export.mjcf import CONSTRAINT_TIME, HARDNESS
 from ident.export.own_file import REMEDY
 from ident.export.written_into import (
     OTHER_LINKS,
@@ -26,6 +27,13 @@ from ident.model.bodies import is_consistent
 from ident.model.link_inertia import new_numbers, read_inertial
 from ident.robot.arm import ArmModel
 from ident.safe_read import declare_prefixes
+
+# Of a simulator's own softness of dry friction, by which a standing joint creeps.
+SOFT_FRICTION = (
+    "how hard dry friction is, for which a URDF has no place: in MuJoCo joints that stand creep "
+    f'without solreffriction="{CONSTRAINT_TIME!r} 1" solimpfriction="{HARDNESS} {HARDNESS}" at '
+    "each joint, as robot.xml has them"
+)
 
 
 def edit_urdf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInto) -> None:
@@ -60,6 +68,8 @@ def edit_urdf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInto
     for name, inertia, unit in zip(arm.joint_names, losses.motor_inertia, units, strict=True):
         rotors.append(f"{name} {inertia:.4g} {unit}")
     written.left.append(f"rotor inertia, for which a URDF has no place: {', '.join(rotors)}")
+    if np.any(losses.coulomb):
+        written.left.append(SOFT_FRICTION)
     reason = _other_urdf(edited, arm, written)
     if reason:
         written.left.append(OTHER_LINKS.format(reason))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -31,6 +32,7 @@ from ident.infer.units import (
     search_columns,
     slide_scales,
     time_unit,
+    zero_count,
 )
 from ident.outputs import ELSEWHERE, require_plain
 from ident.recordings.columns import ANGLES, TIME, listed
@@ -250,6 +252,13 @@ def _complete(
         settings["time_unit"] = time
     if turn is not None and angle != "rad":
         settings[turn.what] = angle
+    if turn is not None and turn.what == "counts_per_turn" and not zero_count(as_logged, arm):
+        # Counts are read from the middle of a turn; these are from their own zero.
+        zeros = settings.get("zero_rad", {})
+        turning = [joint for joint in joints if joint not in slides]
+        half = {joint: round(math.pi + zeros.get(joint, 0.0), 6) for joint in turning}
+        settings["zero_rad"] = zeros | half
+        further.append(Reason("zero_rad", "half a turn", "counts run below zero: 0 is their zero"))
     if rate is not None:
         settings["sample_rate_hz"] = rate
     if slides:
@@ -283,9 +292,14 @@ def _in_si(signals: Signals, arm: ArmModel | None, second: float) -> Signals:
     _, radian, _ = angle_unit(signals, arm)
     slides, _ = slide_scales(signals, arm)
     scale = np.array([slides.get(name, radian) for name in signals.joints])
+    middle = zero_count(signals, arm)
+    zeros = np.array([0.0 if name in slides else middle for name in signals.joints])
     tables = {}
     for name, values in signals.tables.items():
-        tables[name] = scale * values if name in ANGLES else values
+        is_place = name in ("position", "position_command")
+        tables[name] = values
+        if name in ANGLES:
+            tables[name] = scale * (values - zeros if is_place else values)
     return _without_wraps(replace(signals, time=second * signals.time, tables=tables), arm)
 
 

@@ -55,7 +55,10 @@ def time_unit(signals: Signals) -> Unit:
 
 
 def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
-    """Radians or degrees, by the robot's limits, else by what no arm can do."""
+    """Radians, degrees or counts, by the robot's limits, else by what no arm can do.
+
+    Whole numbers beyond the limits in degrees, too, are an encoder's counts.
+    """
     position = signals.tables["position"]
     far = np.abs(position).max(axis=0)
     turning = np.ones(len(far), dtype=bool)
@@ -80,10 +83,20 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
     limit = f"its limit is {reach[j]:.3g} rad or {math.degrees(reach[j]):.4g} deg"
     seen = f"{signals.joints[j]} goes to {far[j]:.4g}; {limit}"
     are_whole = not np.any(position % 1.0)
-    if far[j] > math.degrees(FARTHEST_RAD) and are_whole:
+    if far[j] > 1.1 * math.degrees(reach[j]) and are_whole:
         why = f"{seen}; whole numbers: counts"
         return COUNTS, math.tau / COUNTS, Reason("counts_per_turn", f"{COUNTS}", why)
     return "deg", ANGLE_UNITS["deg"], Reason("angle_unit", "deg", seen)
+
+
+def zero_count(signals: Signals, arm: ArmModel | None) -> float:
+    """The count at which a joint's angle is zero: the middle of a turn, or 0 of counts that run
+    below it; 0 of other units.
+    """
+    unit, _, reason = angle_unit(signals, arm)
+    is_counted = reason is not None and reason.what == "counts_per_turn"
+    runs_below = float(signals.tables["position"].min(initial=0.0)) < 0.0
+    return float(unit) / 2.0 if is_counted and not runs_below else 0.0
 
 
 def slide_scales(signals: Signals, arm: ArmModel | None) -> tuple[dict[str, float], list[Reason]]:

@@ -109,7 +109,12 @@ class _Known:
         return _pieces(len(self.moving), self.motion)
 
 
-def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]]) -> Sliding:
+def fit_sliding(
+    motions: Sequence[Motion],
+    rigid: Sequence[Float[Array, "T n"]],
+    beside: Sequence[Float[Array, "T n"]] = (),
+    freedom: int = 0,
+) -> Sliding:
     """For each joint what leaves least of the torque beside inertia and concave friction.
 
     Inertia of the rotor, and friction of any concave law of speed.
@@ -117,6 +122,9 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
     Args:
         motions: Runs.
         rigid: Modelled rigid torque of each run [N m], not filtered.
+        beside: The same of a model with more freedom; none if empty. It counts at the joints where
+            its evidence is greater (Schwarz 1978).
+        freedom: How many numbers that model has more.
     """
     n = motions[0].n
     known = [_Known.of(motion, torque) for motion, torque in zip(motions, rigid, strict=True)]
@@ -124,14 +132,43 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
     least = NOISE_FACTOR * np.max([motion.std[0] for motion in motions], axis=0)
     grid = [Sliding(np.maximum(size, least), np.ones(n)) for size in RANGE_GRID]
     grid += [Sliding(np.zeros(n), np.full(n, speed)) for speed in TRANSITION_GRID]
-    samples = []
+    stretches = []
     for run in known:
-        samples += [run.moving[piece].sum(axis=0) for piece in run.pieces]
+        stretches += [run.moving[piece].sum(axis=0) for piece in run.pieces]
+    samples = np.array(stretches)
     misfit = np.array([_misfit(known, trial) for trial in grid])
-    best = _sharpest(misfit, np.array(samples))
+    if beside:
+        freer = [_Known.of(motion, torque) for motion, torque in zip(motions, beside, strict=True)]
+        of_freer = np.array([_misfit(freer, trial) for trial in grid])
+        gain = _worth(of_freer, samples) * np.log(_best(misfit) / _best(of_freer))
+        counts = np.maximum(samples.sum(axis=0), 1.0)
+        misfit = np.where(gain > freedom * np.log(counts), of_freer, misfit)
+    best = _sharpest(misfit, samples)
     ranges = [grid[trial].range[joint] for joint, trial in enumerate(best)]
     speeds = [grid[trial].speed[joint] for joint, trial in enumerate(best)]
     return Sliding(np.array(ranges), np.array(speeds))
+
+
+def _best(misfit: Float[Array, "trials stretches n"]) -> Float[Array, " n"]:
+    """Each joint's misfit by the best trial."""
+    return np.asarray(np.maximum(misfit.sum(axis=1), 1e-300).min(axis=0))
+
+
+def _worth(
+    misfit: Float[Array, "trials stretches n"], samples: Float[Array, "stretches n"]
+) -> Float[Array, " n"]:
+    """How many independent samples each joint's are worth.
+
+    Neighbouring samples of torque err alike, and no trial is quite right: they count for as much
+    less as the best one's misfit varies more over stretches of time than that of independent
+    samples would.
+    """
+    count = np.maximum(samples.sum(axis=0), 1.0)
+    best = misfit.sum(axis=1).argmin(axis=0)
+    left = np.take_along_axis(misfit, best[None, None], axis=0)[0]
+    variance = np.maximum(left.sum(axis=0) / count, 1e-300)
+    alike = np.sum((left / variance - samples) ** 2, axis=0) / (2.0 * count)
+    return np.asarray(count / np.maximum(alike, 1.0))
 
 
 def _sharpest(
@@ -139,19 +176,12 @@ def _sharpest(
 ) -> Int[Array, " n"]:
     """Of the turnings that are as likely as the best one, the first.
 
-    Where friction's own law is smooth, any will do. Neighbouring samples of torque err alike, and
-    no trial is quite right: likelihoods count for as much less as the best one's misfit varies more
-    over stretches of time than that of independent samples would. And of so many trials the best is
-    ahead of the others by chance: by the log of their number.
+    Where friction's own law is smooth, any will do. Of so many trials the best is ahead of the
+    others by chance: by the log of their number.
     """
-    count = np.maximum(samples.sum(axis=0), 1.0)
     total = np.maximum(misfit.sum(axis=1), 1e-300)
-    best = total.argmin(axis=0)
-    left = np.take_along_axis(misfit, best[None, None], axis=0)[0]
-    variance = np.maximum(left.sum(axis=0) / count, 1e-300)
-    alike = np.sum((left / variance - samples) ** 2, axis=0) / (2.0 * count)
     ratio = np.log(total / total.min(axis=0))
-    worse = 0.5 * count * ratio / np.maximum(alike, 1.0)
+    worse = 0.5 * _worth(misfit, samples) * ratio
     return np.argmax(worse <= AS_LIKELY + np.log(len(misfit)), axis=0)
 
 

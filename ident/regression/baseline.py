@@ -30,6 +30,16 @@ from ident.robot.tolerance import parameter_scale
 
 # Losses that can't be negative: motor inertia, viscous and Coulomb friction.
 LOSSES = 3
+# Columns of motion that a joint's losses follow: acceleration and speed.
+MOTIONS = 2
+# Share of the URDF's information that a solution beside any links whatever keeps: next to nothing,
+# so that what no motion shows stays where the URDF has it (chosen: for the solution's numbers).
+ANY_LINKS = 1e-6
+# Columns of what else an arm's rest and place may put on a joint: see `_of_place`.
+PLACES = 6
+# Share below which a column is none, and an eigenvalue of columns of size one is another's (chosen:
+# beyond rounding).
+ALIKE = 1e-10
 
 
 @dataclass(frozen=True)
@@ -114,7 +124,8 @@ def fit_baseline(
     """Tunes the arm by one least squares over where joints move; no loss is negative.
 
     It is solved twice from the sums of one pass over the runs: with equal weights, then with each
-    joint's own noise.
+    joint's own noise. How friction turns round is found beside links of any inertia and torques of
+    the joint's place: a load that the URDF lacks, a spring or a tilt would else be taken for it.
 
     Args:
         motions: All runs.
@@ -136,10 +147,11 @@ def fit_baseline(
     sums = _sums_of_joints(motions, arm, base)
     sums[list(still)] = 0.0
     prior = lift.T @ (lift / number_std[:, None] ** 2)
-    change = np.zeros(base.rank)
+    of_any_links = np.zeros(base.rank)
     noise = np.ones(arm.n)
     for last in (False, True):
-        widths = _transition_widths(sums, change)
+        widths = _transition_widths(sums, of_any_links)
+        of_any_links, of_place = _solve_beside_places(sums, ANY_LINKS * prior, widths, noise)
         change, losses = _solve_joints(sums, prior, widths, noise)
         rotor, viscous, coulomb = losses.T
         speeds = np.asarray(TRANSITION_GRID)[widths]
@@ -148,7 +160,14 @@ def fit_baseline(
         if not last:
             noise = _effective_noise(motions, tuned, loss)
     if sliding is None:
-        sliding = fit_sliding(motions, [rigid_torque(tuned, motion) for motion in motions])
+        loaded = arm.with_inertial_parameters(arm.inertial_parameters + lift @ of_any_links)
+        rigid = []
+        beside = []
+        for motion in motions:
+            placed = np.einsum("tnk,nk->tn", _of_place(arm, motion), of_place)
+            rigid.append(rigid_torque(tuned, motion))
+            beside.append(rigid_torque(loaded, motion) + placed)
+        sliding = fit_sliding(motions, rigid, beside, base.rank + PLACES)
     return Baseline(
         nominal=arm,
         arm=tuned,
@@ -184,20 +203,51 @@ def _solve_joints(
         widths: Place in the grid of each joint's transition width.
         noise: By which each joint's rows are divided [N m].
     """
+    change, losses, _ = _solve(sums, prior, widths, noise, 0)
+    return change, losses
+
+
+def _solve_beside_places(
+    sums: Float[Array, "n p p"],
+    prior: Float[Array, "r r"],
+    widths: Int[Array, " n"],
+    noise: Float[Array, " n"],
+) -> tuple[Float[Array, " r"], Float[Array, "n k"]]:
+    """Base parameters, and coefficients of each joint's torques of place, of either sign.
+
+    Args:
+        sums, prior, widths, noise: As for `_solve_joints`.
+    """
+    change, _, of_place = _solve(sums, prior, widths, noise, PLACES)
+    return change, of_place
+
+
+def _solve(
+    sums: Float[Array, "n p p"],
+    prior: Float[Array, "r r"],
+    widths: Int[Array, " n"],
+    noise: Float[Array, " n"],
+    places: int,
+) -> tuple[Float[Array, " r"], Float[Array, "n l"], Float[Array, "n k"]]:
+    """Base parameters, losses and coefficients of so many of each joint's torques of place."""
     n = len(sums)
     rank = len(prior)
-    unknown = rank + LOSSES * n
+    first_place = rank + LOSSES * n
+    unknown = first_place + places * n
     whole = np.zeros((unknown + 1, unknown + 1))
     whole[:rank, :rank] = prior
     for j in range(n):
         losses = rank + LOSSES * j + np.arange(LOSSES)
-        unknowns = np.array([*range(rank), *losses, -1])
-        width = rank + LOSSES + widths[j]
-        columns = np.array([*range(rank), rank, rank + 1, width, -1])
+        of_place = first_place + places * j + np.arange(places)
+        unknowns = np.array([*range(rank), *losses, *of_place, -1])
+        in_motion = rank + MOTIONS
+        of_places = in_motion + len(TRANSITION_GRID) + np.arange(places)
+        columns = np.array([*range(in_motion), in_motion + widths[j], *of_places, -1])
         of_joint = sums[j][np.ix_(columns, columns)] / noise[j] ** 2
         whole[np.ix_(unknowns, unknowns)] += of_joint
-    solution = solve_partly_non_negative(whole, range(rank, unknown))
-    return solution[:rank], solution[rank:].reshape(n, LOSSES)
+    solution = solve_partly_non_negative(whole, range(rank, first_place))
+    of_losses = solution[rank:first_place].reshape(n, LOSSES)
+    return solution[:rank], of_losses, solution[first_place:].reshape(n, places)
 
 
 def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:
@@ -210,17 +260,18 @@ def _sums_of_joints(
 ) -> Float[Array, "n p p"]:
     """Sums of squares and products over each joint's moving rows.
 
-    Columns: base parameters, acceleration, speed, one, direction at each width of the grid, and the
-    torque beside the rigid arm's.
+    Columns: base parameters, acceleration, speed, direction at each width of the grid, torques of
+    place, and the torque beside the rigid arm's.
     """
-    size = base.rank + LOSSES + len(TRANSITION_GRID) + 1
+    size = base.rank + MOTIONS + len(TRANSITION_GRID) + PLACES + 1
     sums = np.zeros((arm.n, size, size))
     for motion in motions:
         regressor = arm.regressor(motion.q, motion.dq, motion.ddq, list(base.columns))
         rows = motion.filtered(regressor)
         turning = [np.tanh(motion.dq / width) for width in TRANSITION_GRID]
-        losses = [motion.ddq, motion.dq, np.ones_like(motion.dq), *turning]
-        beside = np.stack([*losses, rigid_torque(arm, motion)], axis=-1)
+        losses = np.stack([motion.ddq, motion.dq, *turning], axis=-1)
+        rigid = rigid_torque(arm, motion)[..., None]
+        beside = np.concatenate([losses, _of_place(arm, motion), rigid], axis=-1)
         filtered = motion.filtered(beside)
         filtered[..., -1] = motion.tau_filtered - filtered[..., -1]
         for j in range(arm.n):
@@ -230,17 +281,41 @@ def _sums_of_joints(
     return sums
 
 
+def _of_place(arm: ArmModel, motion: Motion) -> Float[Array, "T n k"]:
+    """Torques of each joint that follow from where the arm is, other than its links' weight.
+
+    An offset; a spring, or a load on a lever, by the joint's own angle; and gravity across the
+    one that the URDF's base has, as where it is tilted.
+    """
+    ones = np.ones_like(motion.q)
+    springs = [motion.q, np.cos(motion.q), np.sin(motion.q)]
+    _, _, across = np.linalg.svd(np.reshape(arm.model.gravity.linear, (1, 3)))
+    tilts = []
+    for axis in across[1:]:
+        torque = arm.with_gravity(axis).gravity(motion.q)
+        # None but for rounding, of a joint whose axis lies along it.
+        is_felt = np.abs(torque).max(axis=0) > ALIKE * np.abs(torque).max()
+        tilts.append(np.where(is_felt, torque, 0.0))
+    return np.stack([ones, *springs, *tilts], axis=-1)
+
+
 def _transition_widths(sums: Float[Array, "n p p"], change: Float[Array, " r"]) -> Int[Array, " n"]:
     """Place in the grid of each joint's transition width that leaves least torque beside changed
-    base parameters.
+    base parameters and torques of place.
     """
     rank = len(change)
     moments = sums[..., -1] - sums[..., :rank] @ change
+    motions = rank + np.arange(MOTIONS)
+    first_width = rank + MOTIONS
+    places = first_width + len(TRANSITION_GRID) + np.arange(PLACES)
+    size = np.sqrt(np.maximum(np.diagonal(sums, axis1=1, axis2=2), 1e-300))
+    scaled = sums / size[:, :, None] / size[:, None, :]
     explained = []
     for k in range(len(TRANSITION_GRID)):
-        columns = np.array([rank, rank + 1, rank + 2, rank + LOSSES + k])
-        inverse = np.linalg.pinv(sums[:, columns[:, None], columns], hermitian=True)
-        score = moments[:, columns]
+        columns = np.array([*motions, first_width + k, *places])
+        # Torques of place may be each other's, as where gravity turns about one axis alone.
+        inverse = np.linalg.pinv(scaled[:, columns[:, None], columns], ALIKE, hermitian=True)
+        score = moments[:, columns] / size[:, columns]
         explained.append(np.einsum("nk,nkl,nl->n", score, inverse, score))
     return np.argmax(explained, axis=0)
 

@@ -472,3 +472,24 @@ def test_a_second_arm_in_the_table_is_mentioned(run: Recording, tmp_path: Path) 
     text_table(tmp_path / "run.csv", names, np.column_stack([run.time, half, half]))
     said = new(tmp_path, "tm5-900").summary()
     assert "right_q…" in said
+
+
+@pytest.mark.parametrize("zero", [0, 2048])
+def test_a_servos_counts_are_told_by_limits_in_degrees_and_read_from_their_own_zero(
+    zero: int, run: Recording, tmp_path: Path
+) -> None:
+    """Law: whole numbers beyond what the robot's limits are in degrees are counts; below zero they have a zero of 0."""
+    text = Path("urdf/tm5_900.urdf").read_text()
+    limits = r'lower="[^"]*" upper="[^"]*"'
+    short = re.sub(limits, 'lower="-1.9" upper="1.9"', text)
+    (tmp_path / "short.urdf").write_text(short)
+    counts = np.round(0.5 * run.position * 4096 / (2 * np.pi)) + zero
+    assert np.abs(counts).max() < 1080 or zero
+    names = ["time", *(f"ID{k}_PresentPosition" for k in range(1, 7)), *(f"ID{k}_Torque" for k in range(1, 7))]
+    session = tmp_path / "session"
+    session.mkdir()
+    text_table(session / "run.csv", names, np.column_stack([run.time, counts, run.effort]))
+    found = new(session, str(tmp_path / "short.urdf"))
+    assert found.settings["counts_per_turn"] == 4096
+    read = load_session(session).runs[0]
+    np.testing.assert_allclose(read.position, 0.5 * run.position, atol=np.pi / 4096 + 1e-5)

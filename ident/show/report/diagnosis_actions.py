@@ -8,7 +8,12 @@ from collections.abc import Sequence
 from ident.effects.catalogue import CATALOGUE, OF_THE_ARM
 from ident.effects.effect_info import setup_for
 from ident.records import JsonTable
-from ident.show.report.diagnosis_gap import overtuned_joints, tuned_away_joints, varying_friction
+from ident.show.report.diagnosis_gap import (
+    overtuned_joints,
+    tuned_away_joints,
+    varying_friction,
+    wrong_link,
+)
 from ident.show.report.finding_words import BODIES, MOST_TIED, Finding, is_likely
 from ident.show.report.leading_joint import (
     acts_on,
@@ -89,14 +94,18 @@ def first_action(record: JsonTable) -> str:
 
 def second_action(record: JsonTable) -> str:
     """What to do about the leading joint where the URDF's friction comes first; of an arm without a
-    gap, about friction that differs from run to run; else "".
+    gap, about a link that is off by more than URDFs are, or else about friction that differs from
+    run to run; else "".
     """
     if leads_with_friction(record):
         return _action_at_the_lead(record)
-    joint, _ = varying_friction(record)
-    if record["verdict"] != "no_gap" or not joint:
+    if record["verdict"] != "no_gap":
         return ""
-    return OF_VARYING_FRICTION.format(joint)
+    _, of_link = wrong_link(record)
+    if of_link:
+        return f"{of_link}."
+    joint, _ = varying_friction(record)
+    return OF_VARYING_FRICTION.format(joint) if joint else ""
 
 
 def _action_at_the_lead(record: JsonTable) -> str:
@@ -123,8 +132,8 @@ def _action_at_the_lead(record: JsonTable) -> str:
         return f"{beyond} at {joint} may be a load or wrong inertias. {OWN_INERTIAS}"
     if hidden:
         return OWN_INERTIAS
-    if record["verdict"] == "no_gap" and describe_numbers(record):
-        return WRITE_NUMBERS
+    if record["verdict"] == "no_gap":
+        return WRITE_NUMBERS if describe_numbers(record) or wrong_link(record)[0] else ""
     motion = "" if record["verdict"] in WITHOUT_MOTION else _next_motion(record)
     if not motion:
         return ""

@@ -98,6 +98,31 @@ def varying_friction(record: JsonTable) -> tuple[str, float]:
     return joint, spreads[joint]
 
 
+def wrong_link(record: JsonTable) -> tuple[str, str]:
+    """The link that is off by more than URDFs are and by most, and what is to be done about it.
+
+    Returns:
+        Its name, and a sentence without full stop; both empty where no link is, or friction that
+        differs from run to run may have moved it.
+    """
+    if varying_friction(record)[0]:
+        return "", ""
+    worst = ""
+    largest = 0.0
+    for name, link in record.get("tuned_links", {}).items():
+        moments = [*link["moment_kgm"].values()]
+        if "about_axis_kgm" in link:
+            moments.append(link["about_axis_kgm"])
+        change = max((abs(moment["value"]) for moment in moments), default=0.0)
+        if link["beyond_tolerance"] and change > largest:
+            worst = name
+            largest = change
+    for reservation in record.get("reservations", ()):
+        if worst and reservation["reason"].startswith(f"{worst} is off by more"):
+            return worst, reservation["reason"]
+    return "", ""
+
+
 def tuned_away_joints(record: JsonTable) -> list[str]:
     """Joints whose torque only inertias beyond the URDF's tolerance explain, the loudest first."""
     hidden = {}

@@ -18,7 +18,12 @@ from ident.show.report.diagnosis_actions import (
     is_beside_the_body,
     leads_with_friction,
 )
-from ident.show.report.diagnosis_gap import describe_largest_rest, likeliest_doubt, varying_friction
+from ident.show.report.diagnosis_gap import (
+    describe_largest_rest,
+    likeliest_doubt,
+    varying_friction,
+    wrong_link,
+)
 from ident.show.report.finding_words import (
     BODIES,
     Finding,
@@ -186,15 +191,21 @@ def _words_without_gap(words: str, record: JsonTable, misread: bool, brief: bool
     varying, spread = varying_friction(record)
     doubt = ""
     righted = RIGHTED
-    if joint:
+    if varying and joint in ("", varying):
+        # What may be left at that joint is its friction's.
+        by_run = f"differs from run to run, by {percent(spread)} at {varying}"
+        doubt = f" But friction {by_run}."
+        righted = f"Put right, what is left is noise, and friction that {by_run}."
+    elif joint:
         doubt = f" With {percent(share)} an unnamed cause is left at {joint}."
         righted = (
             f"Put right, nothing is left, or with {percent(share)} an unnamed cause at {joint}."
         )
-    elif varying:
-        by_run = f"differs from run to run, by {percent(spread)} at {varying}"
-        doubt = f" But friction {by_run}."
-        righted = f"Put right, what is left is noise, and friction that {by_run}."
+    link, _ = wrong_link(record)
+    if link and wrong:
+        wrong = f"{wrong} Its {link} is off by more than URDFs are."
+    elif link:
+        wrong = f"In your URDF {link} is off by more than URDFs are."
     if not wrong:
         return f"{words}{doubt}"
     return f"{wrong}{doubt}" if misread else f"{wrong} {righted}"

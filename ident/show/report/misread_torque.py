@@ -30,7 +30,8 @@ def misread_torque(record: JsonTable) -> JsonTable | None:
     joint's first.
 
     None, too, where a likely name says what it is: first of all the gain of every joint that is
-    off, or what turns gravity at several joints, as a zero or a mount, and closes the gap there.
+    off, or what turns gravity at several joints, as a zero or a mount, and closes the gap there;
+    or another law of the joint, as of readings that flatten, beside which its gain is none.
     The first name of all, a likely body that the leading joint carries, may be it (`bodily`), so
     far as it goes.
     """
@@ -41,6 +42,8 @@ def misread_torque(record: JsonTable) -> JsonTable | None:
     shown = in_order_of_joints(record)
     likely = [finding for finding in shown if is_likely(finding)]
     if _gains_explain(off, likely) or _turning_explains(off, likely, record):
+        return None
+    if _laws_explain(off, likely, record):
         return None
     lead = leading_joint(record)[0]
     acts = bool(shown) and (not lead or acts_on(shown[0], lead, record))
@@ -80,6 +83,23 @@ def _turning_explains(off: JsonTable, likely: Sequence[Finding], record: JsonTab
             places = joints_shown(finding)
             explained.update(joint for joint in places if _explains(finding, joint, record))
     return set(off["joints"]) <= explained
+
+
+def _laws_explain(off: JsonTable, likely: Sequence[Finding], record: JsonTable) -> bool:
+    """Whether each joint that is off has a likely name beside which its gain is nearer to one than
+    to the factor, wherever in its interval.
+    """
+    factors = {joint: float(number) for joint, number in READS.findall(off["evidence"])}
+    for joint in off["joints"]:
+        named = [finding for finding in likely if joint in finding["joints"]]
+        gain = record.get("identified", {}).get(joint, {}).get("torque_gain", {})
+        ends = [gain.get("low_with_urdf"), gain.get("high_with_urdf")]
+        if not named or None in ends or joint not in factors:
+            return False
+        farthest = max(abs(end - 1.0) for end in ends)
+        if farthest > 0.5 * abs(factors[joint] - 1.0):
+            return False
+    return True
 
 
 def _with_factors(joints: Sequence[str], evidence: str) -> str:

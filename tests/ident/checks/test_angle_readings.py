@@ -12,10 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from ident.checks.conventions.find import log_of
 from ident.checks.conventions.model import Model
+from ident.checks.inspection import inspect_alone as found
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
+from tests.ident.made_up import joint, link, made_session, urdf
 
 ISSUES = ("angle_scale", "angle_coupled")
 Change = Callable[[Recording], Recording]
@@ -132,3 +134,35 @@ def test_angles_as_they_were_recorded_stand(name: str) -> None:
     assert log_of(session) is not None
     report = inspect(session, ArmModel.load("tm5-900"))
     assert not [issue for issue in report.issues if issue.issue in ISSUES]
+
+
+@pytest.mark.parametrize("size", [0.2, 1.0])
+@pytest.mark.parametrize("with_velocity", [False, True])
+def test_a_slide_in_millimetres_is_told_by_the_urdfs_limits(size: float, with_velocity: bool) -> None:
+    """Law: farther or faster than a slide may by nearer to a thousand than to one is millimetres; metres are none."""
+    bounds = '<limit lower="-0.4" upper="0.4" effort="300" velocity="0.6"/>'
+    turn = joint("turn", "base", "arm", axis="0 1 0")
+    slide = joint("lift", "arm", "quill", "prismatic", "0 0 1", bounds)
+    arm = ArmModel.from_urdf(urdf(link("base"), link("arm", 4.0), link("quill", 2.0), turn, slide))
+
+    def law(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        small = [1.0, 0.3 * size]
+        return arm.inverse_dynamics(q * small, dq * small, ddq * small) + 5.0 * np.tanh(dq / 0.01)
+
+    made = made_session(arm, law, [1, 2, 3], duration=15.0)
+    runs = []
+    for run in made.runs:
+        metres = run.position * [1.0, 0.3 * size]
+        velocity = np.gradient(metres, run.time, axis=0) if with_velocity else None
+        runs.append(run.replace(position=metres, velocity=velocity))
+    sound = made.replace(runs=runs)
+    per_metre = np.array([1.0, 1000.0])
+    long = []
+    for run in runs:
+        velocity = None if run.velocity is None else run.velocity * per_metre
+        long.append(run.replace(position=run.position * per_metre, velocity=velocity))
+    assert not found(sound, arm).find("units_degrees")
+    (issue,) = found(made.replace(runs=long), arm).find("units_degrees")
+    assert issue.severity == "fatal"
+    assert issue.joints == ("lift",)
+    assert "slide_scale = {lift = 0.001}" in issue.remedy

@@ -12,7 +12,7 @@ from ident.checks.inspection import inspect_alone as found
 from ident.checks.inspection import inspect_sessions
 from ident.checks.scales import fit_scale
 from ident.recordings.load import load_session
-from ident.recordings.recording import Session
+from ident.recordings.recording import Recording, Session
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
 from tests.ident.checks.faults import changed, inspect, spoil, spoil_column
@@ -115,6 +115,43 @@ def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
     assert float(told[1]) == pytest.approx(after, abs=0.005)
     # No interval is nothing: its first digit is told, however small it is.
     assert float(told[2]) == pytest.approx(2.0 * error, rel=0.5)
+
+
+def holding(arm: ArmModel, seed: int, share: float) -> Session:
+    """Short runs from hold to hold, in which a share of dry friction stays where a joint has stopped."""
+    rng = np.random.default_rng(seed)
+    runs = []
+    time = np.arange(800) / 200.0
+    for number in range(4):
+        q, dq, ddq, stays = (np.zeros((len(time), arm.n)) for _ in range(4))
+        place = rng.uniform(-0.6, 0.6, arm.n)
+        for first in range(0, len(time), 200):
+            goal = rng.uniform(-1.0, 1.0, arm.n)
+            u = np.minimum(np.arange(200) / 120.0, 1.0)[:, None]
+            rows = slice(first, first + 200)
+            q[rows] = place + (goal - place) * (10 * u**3 - 15 * u**4 + 6 * u**5)
+            dq[rows] = (goal - place) * (30 * u**2 - 60 * u**3 + 30 * u**4) / 0.6
+            ddq[rows] = (goal - place) * (60 * u - 180 * u**2 + 120 * u**3) / 0.36
+            stays[rows] = share * (u >= 1.0) * np.sign(goal - place)
+            place = goal
+        dry = np.tanh(dq / 0.005) + stays
+        tau = arm.inverse_dynamics(q, dq, ddq) + [12.0, 12.0, 8.0, 3.0, 2.0, 1.0] * (dry + 0.7 * dq)
+        noisy = q + 2e-5 * rng.standard_normal(q.shape)
+        tau += 0.2 * rng.standard_normal(q.shape)
+        runs.append(Recording(f"run_{number}", arm.joint_names, 5.0 * number + time, noisy, tau))
+    return Session("holding", tuple(runs), robot="tm5-900", path=Path("holding"))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_friction_that_stays_where_a_joint_stopped_is_no_scale(share: float, seed: int, arm: ArmModel) -> None:
+    """Law: it goes with the place that a joint has come to, as gravity does, and moves no scale beyond its error."""
+    session = holding(arm, seed, share)
+    states = collect_states(session, arm)
+    for heavy in map(int, np.flatnonzero(states.heavy & states.moving)):
+        scale, error, _ = fit_scale(states, heavy)
+        assert abs(scale - 1.0) < 3.0 * error + 0.03
+    assert not found(session, arm).find("torque_scale")
 
 
 @pytest.mark.parametrize("stiffness", [-60.0, -25.0, 40.0, 120.0, 300.0])

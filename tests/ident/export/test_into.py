@@ -223,6 +223,11 @@ def test_what_slides_has_its_own_units_in_what_is_printed(name: str, tmp_path: P
     print_patch(PlainConsole(file=shown, width=200), record, tmp_path / "patch")
     text = " ".join(shown.getvalue().split())
     assert "N s/m" in text
+    # What a replay in MuJoCo needs beside the file, as the MJCF written beside it has it.
+    mjcf = (tmp_path / "patch" / "robot.xml").read_text()
+    for setting in re.findall(r'sol(?:ref|imp)friction="[^"]*"', text):
+        assert setting in mjcf
+    assert text.count('friction="0.') >= 2
     for joint, is_slide in zip(robot.joint_names, robot.sliding_joints, strict=True):
         unit = re.search(rf"{joint} [0-9.e+-]+ (kg m²|kg)\b", text.split("for which a URDF has no place:")[1])
         assert unit is not None

@@ -24,7 +24,7 @@ from ident.model.linearisation import (
 )
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion, prepare
-from ident.recordings.recording import Recording, Session
+from ident.recordings.recording import Payload, Recording, Session
 from ident.regression.baseline import Baseline, correlation_time, fit_baseline, rigid_torque
 from ident.robot.arm import ArmModel
 from tests.bench.peers.ur10_fixture import JOINTS, Fixture, Split
@@ -207,3 +207,29 @@ def test_unseen_torque_is_nearer_to_the_truth_than_a_peers(
         shown += losses.motor_inertia * seen.ddq + losses.viscous * seen.dq + losses.coulomb * np.sign(seen.dq)
         worst.append(np.sqrt(np.mean((shown - test.true_tau) ** 2, axis=0)).max())
     assert np.mean(worst) < peer
+
+
+@pytest.mark.parametrize("cause", ["load", "tilt", "spring", "offset"])
+def test_what_the_urdf_lacks_is_not_taken_for_how_friction_turns_round(cause: str) -> None:
+    """Law: a torque of where the arm is, many times its friction's, moves no joint's turning."""
+    arm = ArmModel.load("tm5-900", joints=["joint_1", "joint_2", "joint_3"])
+    losses = LossParameters([0.5, 0.8, 0.3], [10.0, 6.0, 4.0], [4.0, 5.0, 2.0], [0.0] * 3, [0.01] * 3)
+    true = arm
+    if cause == "load":
+        true = arm.with_payload(Payload(6.0, (0.05, 0.1, 0.1)))
+    elif cause == "tilt":
+        true = arm.with_gravity(np.array([1.2, -0.8, -9.7]))
+
+    def law(q: Array, dq: Array, ddq: Array) -> Array:
+        tau = true.inverse_dynamics(q, dq, ddq) + losses.torque(dq, ddq)
+        if cause == "spring":
+            tau = tau + 40.0 * (q - 0.3)
+        return tau + 15.0 if cause == "offset" else tau
+
+    slow = made_motions(arm, law, (1, 2, 3), duration=12.0, noise=0.1)
+    sound = made_motions(arm, losses, (1, 2, 3), duration=12.0, noise=0.1)
+    found = fit_baseline(slow, arm)
+    usual = fit_baseline(sound, arm)
+    assert found.sliding.range.tolist() == usual.sliding.range.tolist()
+    assert found.sliding.speed.tolist() == usual.sliding.speed.tolist()
+    assert found.loss.transition_speed.tolist() == usual.loss.transition_speed.tolist() == [0.01] * 3

@@ -347,7 +347,39 @@ def test_friction_that_differs_from_run_to_run_is_no_noise_in_silence() -> None:
     record["gap"]["elbow"]["friction_spread"] = 0.325
     assert "friction that differs from run to run, by 32 % at elbow" in diagnosis_headline(record)
     assert "the friction of elbow changes" in second_action(record)
+    for joint in ("elbow", "shoulder"):
+        record["leftover"] = {joint: 0.3}
+        assert ("by 32 % at elbow" in diagnosis_headline(record)) is (joint == "elbow")
+        assert ("30 % an unnamed cause at shoulder" in diagnosis_headline(record)) is (joint == "shoulder")
+    del record["leftover"]
     assert "by 32 % (standard deviation) at elbow" in describe_noise(record)
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.5])
+def test_a_link_beyond_what_urdfs_are_off_by_is_no_gap_in_silence(factor: float) -> None:
+    """Law: what tuning had to do to a link is said where nothing else is left, whatever friction is."""
+    record = healthy(factor)
+    before = told(record)
+    moment = {"value": 0.5, "low": 0.4, "high": 0.6}
+    small = {"value": 0.01, "low": 0.0, "high": 0.02}
+    record["tuned_links"] = {
+        "upper": {"joint": "shoulder", "beyond_tolerance": False, "moment_kgm": {"x": moment}},
+        "lower": {"joint": "elbow", "beyond_tolerance": True, "moment_kgm": {"x": small}},
+        "hand": {"joint": "wrist", "beyond_tolerance": True, "moment_kgm": {}, "about_axis_kgm": moment},
+    }
+    for name in ("lower", "hand"):
+        reason = f"{name} is off by more than URDFs are: tuning moved its moment"
+        record.setdefault("reservations", []).append({"effect": None, "joints": [], "reason": reason, "parameters": {}})
+    assert "hand is off by more than URDFs are" in diagnosis_headline(record)
+    assert second_action(record).startswith("hand is off by more than URDFs are: tuning moved")
+    assert first_action(record).startswith("Write these numbers")
+    record["gap"]["elbow"]["friction_spread"] = 0.4
+    assert "hand is off" not in diagnosis_headline(record) + second_action(record)
+    del record["gap"]["elbow"]["friction_spread"]
+    record["tuned_links"]["hand"]["beyond_tolerance"] = False
+    record["tuned_links"]["lower"]["beyond_tolerance"] = False
+    record["reservations"] = []
+    assert told(record) == before
 
 
 def test_a_command_is_not_broken_over_lines() -> None:

@@ -347,3 +347,19 @@ def test_a_first_line_that_is_too_long_leaves_sizes_to_the_table() -> None:
     assert len(line) <= LONGEST_HEADLINE
     assert "and 9 more numbers" in line
     assert "with 40 % an unnamed cause" in line
+
+
+@pytest.mark.parametrize(("ends", "is_told"), [((0.98, 1.03), False), ((1.2, 1.35), True), ((0.9, 1.28), True)])
+@pytest.mark.parametrize("probability", [0.97, 0.3])
+def test_a_factor_that_is_none_beside_a_likely_law_of_its_joint_is_not_said_first(
+    ends: tuple[float, float], is_told: bool, probability: float
+) -> None:
+    """Law: readings that flatten read a factor; beside their law the gain is one, and the law is what is said."""
+    record = acted_on("torque_saturation", probability, SCALE)
+    gain = {"nominal": 1.0, "value": 1.0, "low_with_urdf": ends[0], "high_with_urdf": ends[1]}
+    record["identified"] = {"elbow": {"torque_gain": gain}}
+    is_first = is_told or probability < 0.5
+    assert ("elbow reads 1.32" in diagnosis_headline(record)) is is_first
+    assert (first_action(record) == "At elbow: check its drive gain.") is is_first
+    record["identified"] = {}
+    assert "elbow reads 1.32" in diagnosis_headline(record)
