@@ -78,15 +78,22 @@ def working_clock() -> float:
     return time.monotonic() - _clock().waited
 
 
-def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def compiled(
+    *, inner: bool = False, **options: Any
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Makes a function machine code, which is kept for processes to come.
 
     Where the source's folder can't be written it is kept in the user's cache. Where others may
     write there, or there is none, every process compiles it: kept code is run as it lies there.
 
     Args:
+        inner: Whether compiled loops alone call it: nothing is made then for Python to call it by,
+            which is a tenth of what compiling takes; called from there all the same, the process
+            ends.
         options: Those of `numba.njit`.
     """
+    options["no_cpython_wrapper"] = inner
+    options["no_cfunc_wrapper"] = True  # nor for C
 
     def kept(function: Callable[..., Any]) -> Callable[..., Any]:
         given = NUMBAS.CACHE_DIR

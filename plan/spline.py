@@ -17,7 +17,7 @@ from ident.arrays import Array, Float, freeze
 from ident.compiled import compiled
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy")
 def _slopes(points: Array, h: Array) -> Array:
     """Velocities at the knots that make the acceleration continuous: one tridiagonal solve a
     trajectory.
@@ -42,7 +42,7 @@ def _slopes(points: Array, h: Array) -> Array:
     return out
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy")
 def _states(points: Array, slopes: Array, h: Array, s: Array) -> Array:
     """Position, velocity, acceleration at local times s of every section, shape (3, B, sections
     len(s), n).
@@ -68,7 +68,7 @@ def _states(points: Array, slopes: Array, h: Array, s: Array) -> Array:
     return out
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy")
 def _extremes(points: Array, slopes: Array, h: Array) -> tuple[Array, Array, Array]:
     """Top speed of every section and joint, and the lowest and highest position of every joint."""
     batch, knots, n = points.shape

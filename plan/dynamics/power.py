@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -19,7 +19,7 @@ from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.robot.chain import Chain
 from plan.dynamics.compiled_nets import CompiledNet, read_residual
-from plan.dynamics.rigid import rnea
+from plan.dynamics.rigid import joint_rows, rnea
 from plan.spline import Splines
 
 Metric = Literal["signed", "positive", "absolute", "copper"]
@@ -43,7 +43,7 @@ Slopes = tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n
 """Derivatives of the torque by the joints' q, dq and ddq; state, then the torque's joint."""
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy")
 def _torque_states(chain, losses, q, dq, ddq):  # type: ignore[no-untyped-def]
     """Rigid torque with losses, and rigid torque alone."""
     inertia, viscous, coulomb, offset, width = losses
@@ -79,13 +79,18 @@ class ChainTorque:
         """Number of joints."""
         return len(self.chain.masses)
 
+    @cached_property
+    def joints(self) -> Array:
+        """The chain as loops read it, see `joint_rows`."""
+        return joint_rows(self.chain)
+
     def torque(
         self, q: Float[Array, "B T n"], dq: Float[Array, "B T n"], ddq: Float[Array, "B T n"]
     ) -> Float[Array, "B T n"]:
         """Joint torque [N m]."""
         flat_q, flat_dq, flat_ddq = (self._flat(values) for values in (q, dq, ddq))
         losses = _values_of(self.losses)
-        tau, rigid = _torque_states(self.chain, losses, flat_q, flat_dq, flat_ddq)
+        tau, rigid = _torque_states(self.joints, losses, flat_q, flat_dq, flat_ddq)
         if self.named:
             width = self.losses.transition_speed
             tau += named_torque(self.named, flat_q, flat_dq, rigid, width)
@@ -200,7 +205,7 @@ def _values_of(loss: LossParameters) -> tuple[Array, ...]:
     return (loss.motor_inertia, loss.viscous, loss.coulomb, loss.offset, loss.transition_speed)
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy")
 def _rigid_partials(chain, q, dq, ddq, step):  # type: ignore[no-untyped-def]
     """Rigid torque and its partials.
 
@@ -277,7 +282,7 @@ def differentiate_torque(
         q, dq, ddq: States.
     """
     states = [np.ascontiguousarray(values, dtype=float) for values in (q, dq, ddq)]
-    rigid, *derivatives = _rigid_partials(model.chain, *states, STEP)
+    rigid, *derivatives = _rigid_partials(model.joints, *states, STEP)
     by_q, by_v, by_a = derivatives
     by_state = (by_q, by_v, by_a)
     losses = model.losses

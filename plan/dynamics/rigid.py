@@ -16,9 +16,34 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.compiled import compiled
 from ident.robot.arm import ArmModel
+from ident.robot.chain import Chain, compute_joint_poses
+
+# What loops read of a joint, as `Chain` names it; gravity is the same for all. Rows of one array
+# are one argument: that halves what a loop takes to compile, and what a call costs.
+JOINT = np.dtype(
+    [
+        ("rotations", np.float64, (3, 3, 3)),
+        ("offsets", np.float64, (3,)),
+        ("axes", np.float64, (3,)),
+        ("sliding", np.bool_),
+        ("gravity", np.float64, (3,)),
+        ("masses", np.float64),
+        ("centres", np.float64, (3,)),
+        ("inertias", np.float64, (9,)),  # row by row
+    ],
+    align=True,
+)
 
 
-@compiled(fastmath=True, nogil=True)
+def joint_rows(chain: Chain) -> Array:
+    """A chain as a row of `JOINT` for each joint."""
+    rows = np.zeros(len(chain.masses), JOINT)
+    for name, values in chain._asdict().items():
+        rows[name] = np.reshape(values, (-1, 9)) if name == "inertias" else values
+    return rows
+
+
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def place_joint(chain, i, q, r):  # type: ignore[no-untyped-def]
     """Axes of joint frame i in its parent's at a position, row by row into `r`.
 
@@ -26,7 +51,7 @@ def place_joint(chain, i, q, r):  # type: ignore[no-untyped-def]
         The frame's origin in the parent's axes [m].
 
     Args:
-        chain: The arm's `Chain`.
+        chain: The arm's, see `joint_rows`.
         i: Number of the joint, 0 at the base.
         q: Its position [rad, of a slider m], one number.
         r: Written: nine numbers, the axes' matrix row by row.
@@ -44,7 +69,7 @@ def place_joint(chain, i, q, r):  # type: ignore[no-untyped-def]
     return off[i, 0] + d * x, off[i, 1] + d * y, off[i, 2] + d * z
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def turn(r, a):  # type: ignore[no-untyped-def]
     """A vector in a frame's axes, in those of its parent.
 
@@ -62,7 +87,7 @@ def turn(r, a):  # type: ignore[no-untyped-def]
     )
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def _turn_back(r, a):  # type: ignore[no-untyped-def]
     """A vector in the parent's axes, in the frame's own."""
     return (
@@ -72,41 +97,40 @@ def _turn_back(r, a):  # type: ignore[no-untyped-def]
     )
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def cross(a, b):  # type: ignore[no-untyped-def]
     """Cross product a × b of two vectors of three numbers, as a tuple of three."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def _add(a, b, share=1.0):  # type: ignore[no-untyped-def]
     """a + share · b."""
     return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, inline="always", error_model="numpy")
 def _carried(a, alpha, omega, p):  # type: ignore[no-untyped-def]
     """Acceleration of a point p of a body: a + α × p + ω × (ω × p), a being its origin's."""
     return _add(_add(a, cross(alpha, p)), cross(omega, cross(omega, p)))
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
     """Newton-Euler of one state: M ddq + C dq + G.
 
     Source: paper, eq. 2 (with the erratum: C(θ, dθ) dθ).
 
     Args:
-        chain: The arm.
+        chain: The arm's, see `joint_rows`.
         q, dq, ddq: Its state, shape (n,).
         work: Scratch, shape (n, 18): rotation 9, force 3, moment 3, lever 3.
         tau: Torque, shape (n,).
     """
     n = q.shape[0]
-    inertia = chain.inertias
     omega = (0.0, 0.0, 0.0)
     alpha = (0.0, 0.0, 0.0)
-    acc = (-chain.gravity[0], -chain.gravity[1], -chain.gravity[2])
+    acc = (-chain.gravity[0, 0], -chain.gravity[0, 1], -chain.gravity[0, 2])
     for i in range(n):
         r = work[i]
         p = place_joint(chain, i, q[i], r)
@@ -124,7 +148,7 @@ def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
         c = (chain.centres[i, 0], chain.centres[i, 1], chain.centres[i, 2])
         force = _add((0.0, 0.0, 0.0), _carried(acc, alpha, omega, c), chain.masses[i])
         moment = cross(c, force)
-        own = inertia[i].reshape(9)
+        own = chain.inertias[i]
         moment = _add(_add(moment, turn(own, alpha)), cross(omega, turn(own, omega)))
         for k in range(3):
             r[9 + k] = force[k]
@@ -158,12 +182,12 @@ def random_positions(arm: ArmModel, count: int) -> Float[Array, "{count} n"]:
     return rng.uniform(low, high, (count, arm.n))
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
     """World placement of every joint frame for one position; frame 0 is the world.
 
     Args:
-        chain: The arm's `Chain`.
+        chain: The arm's, see `joint_rows`.
         q: Joint positions (n,) [rad, of a slider m].
         frame_rot: Written: axes (n + 1, 3, 3) in the world's.
         frame_at: Written: origins (n + 1, 3) in the world [m].
@@ -186,7 +210,7 @@ def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
                 )
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def place_bodies(bodies, start, stop, frame_rot, frame_at):  # type: ignore[no-untyped-def]
     """World placement of the bodies from `start` up to `stop`, and of their parts.
 
@@ -199,31 +223,31 @@ def place_bodies(bodies, start, stop, frame_rot, frame_at):  # type: ignore[no-u
     """
     for i in range(start, stop):
         _place(i, bodies, frame_rot, frame_at)
-        for part in range(bodies.part[i], bodies.part[i] + bodies.parts[i]):
+        for part in range(bodies.each.part[i], bodies.each.part[i] + bodies.each.parts[i]):
             _place(part, bodies, frame_rot, frame_at)
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, inline="always", error_model="numpy")
 def _place(b, bodies, frame_rot, frame_at):  # type: ignore[no-untyped-def]
     """World placement of one body."""
-    f = bodies.carrier[b]
+    f = bodies.each.carrier[b]
     for k in range(3):
-        bodies.placed_at[b, k] = frame_at[f, k]
+        bodies.each.placed_at[b, k] = frame_at[f, k]
         for m in range(3):
-            bodies.placed_at[b, k] += frame_rot[f, k, m] * bodies.at[b, m]
-            bodies.placed_rot[b, k, m] = (
-                frame_rot[f, k, 0] * bodies.rot[b, 0, m]
-                + frame_rot[f, k, 1] * bodies.rot[b, 1, m]
-                + frame_rot[f, k, 2] * bodies.rot[b, 2, m]
+            bodies.each.placed_at[b, k] += frame_rot[f, k, m] * bodies.each.at[b, m]
+            bodies.each.placed_rot[b, k, m] = (
+                frame_rot[f, k, 0] * bodies.each.rot[b, 0, m]
+                + frame_rot[f, k, 1] * bodies.each.rot[b, 1, m]
+                + frame_rot[f, k, 2] * bodies.each.rot[b, 2, m]
             )
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def joint_axis(chain, frame_rot, j):  # type: ignore[no-untyped-def]
     """Axis of joint j in the base frame.
 
     Args:
-        chain: The arm's `Chain`.
+        chain: The arm's, see `joint_rows`.
         frame_rot: Axes of all frames (n + 1, 3, 3), as `place_frames` writes them.
         j: Number of the joint, 0 at the base.
 
@@ -239,7 +263,7 @@ def joint_axis(chain, frame_rot, j):  # type: ignore[no-untyped-def]
     )
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def _moves(chain, frame_rot, frame_at, j, point):  # type: ignore[no-untyped-def]
     """How a point of the base frame that joint j carries moves for a unit of that joint."""
     axis = joint_axis(chain, frame_rot, j)
@@ -255,14 +279,14 @@ def _moves(chain, frame_rot, frame_at, j, point):  # type: ignore[no-untyped-def
     )
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy")
 def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-untyped-def]
     """Derivatives by the joints of the distance of two points along a normal [m/rad].
 
     Each row stands at its own position.
 
     Args:
-        chain: The arm.
+        chain: The arm's, see `joint_rows`.
         q: Positions, shape (m, n).
         joints: Joint frames that carry the points, 0 for the world, shape (m, 2).
         points: The points in the base frame, shape (m, 2, 3) [m]; the normal leads away from the
@@ -273,12 +297,15 @@ def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-unty
     out = np.zeros(q.shape)
     rot = np.empty((n + 1, 3, 3))
     at = np.empty((n + 1, 3))
+    position = np.empty(n)  # not q[row] itself, which may not be written: that is compiled apart
     for row in range(q.shape[0]):
         moved = row == 0
         for j in range(n):
             moved = moved or q[row, j] != q[row - 1, j]
         if moved:
-            place_frames(chain, q[row], rot, at)
+            for j in range(n):
+                position[j] = q[row, j]
+            place_frames(chain, position, rot, at)
         for side in range(2):
             for j in range(joints[row, side]):
                 x, y, z = _moves(chain, rot, at, j, points[row, side])
@@ -288,38 +315,37 @@ def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-unty
     return out
 
 
-@compiled(fastmath=True, nogil=True)
-def frame_states(chain, q, joint, turn, place):  # type: ignore[no-untyped-def]
+def frame_states(
+    chain: Chain,
+    q: Float[Array, "T n"],
+    joint: int,
+    turn: Float[Array, "3 3"],
+    place: Float[Array, " 3"],
+) -> tuple[
+    Float[Array, "T 3"], Float[Array, "T 3 3"], Float[Array, "T n 3"], Float[Array, "T n 3"]
+]:
     """Where a frame is along T positions, and how it moves with each joint.
 
     Args:
         chain: The arm.
-        q: Positions, shape (T, n) [rad].
+        q: Positions [rad].
         joint: The joint that carries the frame, 0 for the world.
         turn, place: The frame in that joint's.
 
     Returns:
-        Place (T, 3) and axes (T, 3, 3) in the base frame; change of place (T, n, 3) and turn
-        (T, n, 3) by the joints.
+        Place and axes in the base frame; change of place and turn by the joints.
     """
-    count, n = q.shape
-    at = np.empty((count, 3))
-    axes = np.empty((count, 3, 3))
-    linear = np.zeros((count, n, 3))
-    angular = np.zeros((count, n, 3))
-    rot = np.empty((n + 1, 3, 3))
-    origin = np.empty((n + 1, 3))
-    for t in range(count):
-        place_frames(chain, q[t], rot, origin)
-        for k in range(3):
-            at[t, k] = origin[joint, k]
-            for m in range(3):
-                at[t, k] += rot[joint, k, m] * place[m]
-                axes[t, k, m] = 0.0
-                for i in range(3):
-                    axes[t, k, m] += rot[joint, k, i] * turn[i, m]
-        for j in range(joint):
-            linear[t, j, 0], linear[t, j, 1], linear[t, j, 2] = _moves(chain, rot, origin, j, at[t])
-            if not chain.sliding[j]:
-                angular[t, j, 0], angular[t, j, 1], angular[t, j, 2] = joint_axis(chain, rot, j)
-    return at, axes, linear, angular
+    poses = compute_joint_poses(chain, q, range(joint + 1))
+    carrying, origin = poses[joint]
+    at = origin + carrying @ place
+    linear = np.zeros((*q.shape, 3))
+    angular = np.zeros((*q.shape, 3))
+    for j in range(joint):
+        rotation, origin = poses[j + 1]
+        axis = rotation @ chain.axes[j]
+        if chain.sliding[j]:
+            linear[:, j] = axis
+        else:
+            linear[:, j] = np.cross(axis, at - origin)
+            angular[:, j] = axis
+    return at, carrying @ turn, linear, angular

@@ -14,6 +14,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int, freeze
 from ident.compiled import compiled
 from ident.robot.chain import Chain
+from plan.dynamics.rigid import joint_rows
 from plan.geometry.simplex import simplex_gap
 from plan.geometry.solids import Box, Solid
 
@@ -30,6 +31,42 @@ SIDES = 32
 NO_CORNERS = np.empty((0, 3))
 
 
+# What loops read of a body. A row is one argument where a column each would be fifteen: that halves
+# what a loop takes to compile.
+BODY = np.dtype(
+    [
+        ("carrier", np.int64),  # number of the joint that carries it, 0 for the world
+        ("rot", np.float64, (3, 3)),  # axes and centre in the joint frame
+        ("at", np.float64, (3,)),
+        ("placed_rot", np.float64, (3, 3)),  # the same in the base frame; loops write a link's
+        ("placed_at", np.float64, (3,)),
+        ("half", np.float64, (3,)),  # half lengths of the box around it [m]
+        # Half lengths of its core, where that is a box, a rod or a point with a radius [m].
+        ("core", np.float64, (3,)),
+        ("radius", np.float64),  # by which the core is grown [m]
+        ("ball", np.float64),  # radius of the ball around it [m]
+        ("first", np.int64),  # place and number of its corners; no corners for the simple ones
+        ("number", np.int64),
+        ("owner", np.int64),  # number of the shape that it belongs to
+        ("part", np.int64),  # the first of a hull's parts, and their number; no parts if convex
+        ("parts", np.int64),
+    ],
+    align=True,
+)
+# A node of a tree: a box along the base frame's axes [m], the numbers of its children and of a
+# leaf's body, -1 for none.
+NODE = np.dtype(
+    [
+        ("low", np.float64, (3,)),
+        ("high", np.float64, (3,)),
+        ("left", np.int64),
+        ("right", np.int64),
+        ("body", np.int64),
+    ],
+    align=True,
+)
+
+
 class CompiledBodies(NamedTuple):
     """Convex bodies; a surface is as many as it has triangles, a cloud as many as it has points.
 
@@ -37,32 +74,14 @@ class CompiledBodies(NamedTuple):
     near is looked at by its parts.
     """
 
-    carrier: Array  # number of the joint that carries each, 0 for the world
-    rot: Array  # axes and centre in the joint frame
-    at: Array
-    placed_rot: Array  # the same in the base frame; those of links are room that loops write into
-    placed_at: Array
-    half: Array  # half lengths of the box around each [m]
-    # Half lengths of its core, for those that are boxes, rods or points with a radius [m].
-    core: Array
-    radius: Array  # by which the core is grown [m]
-    ball: Array  # radius of the ball around it [m]
-    first: Array  # place and number of its corners; no corners for the simple ones
-    number: Array
+    each: Array  # a row of `BODY` for each
     corners: Array  # corners in the bodies' axes, from their centres [m]
-    owner: Array  # number of the shape that each belongs to
-    part: Array  # the first of a hull's parts, and their number; no parts of what is convex
-    parts: Array
 
 
 class Tree(NamedTuple):
     """Boxes along the base frame's axes, one inside the other, round the bodies of the world."""
 
-    low: Array  # of each node [m]
-    high: Array
-    left: Array  # its children; -1 for a leaf
-    right: Array
-    body: Array  # the body of a leaf
+    nodes: Array  # a row of `NODE` for each
     # Node of each shape that stands in the world, in order, and the root of all, -1 if none.
     root: Array
 
@@ -70,7 +89,7 @@ class Tree(NamedTuple):
 class CompiledScene(NamedTuple):
     """A scene for compiled loops."""
 
-    chain: Chain  # the arm's kinematics
+    chain: Array  # the arm's joints, see `joint_rows`
     links: int  # number of the arm's shapes, each of them one body, which come first
     bodies: CompiledBodies  # of all shapes
     tree: Tree  # of those that stand in the world
@@ -91,12 +110,11 @@ def compile_scene(chain: Chain, boxes: Sequence[Box], links: int) -> CompiledSce
     """
     bodies = compile_bodies(boxes)
     tree = _build_tree(bodies, links, len(boxes))
-    placed = bodies._replace(placed_rot=bodies.rot.copy(), placed_at=bodies.at.copy())
     n = len(chain.masses)
     return CompiledScene(
-        chain=chain,
+        chain=joint_rows(chain),
         links=links,
-        bodies=placed,
+        bodies=bodies,
         tree=tree,
         frame_rot=np.empty((n + 1, 3, 3)),
         frame_at=np.empty((n + 1, 3)),
@@ -112,15 +130,16 @@ def _build_tree(bodies: CompiledBodies, links: int, shapes: int) -> Tree:
         links: Number of the arm's shapes.
         shapes: Number of all.
     """
-    standing = np.flatnonzero((bodies.owner >= links) & (bodies.owner < shapes))
-    centres = bodies.at[standing]
-    extent = np.einsum("bij,bj->bi", np.abs(bodies.rot[standing]), bodies.half[standing])
+    owner = bodies.each["owner"]
+    standing = np.flatnonzero((owner >= links) & (owner < shapes))
+    rows = bodies.each[standing]
+    extent = np.einsum("bij,bj->bi", np.abs(rows["rot"]), rows["half"])
     room = np.zeros((len(standing) + 1, 3))  # of which a root of nothing at all takes a row
-    low = np.concatenate([centres - extent, room])
-    high = np.concatenate([centres + extent, room])
+    low = np.concatenate([rows["at"] - extent, room])
+    high = np.concatenate([rows["at"] + extent, room])
     nodes = np.full((3, len(low)), -1, dtype=np.int64)  # left, right, body
     nodes[2, : len(standing)] = standing
-    begins = np.searchsorted(bodies.owner[standing], np.arange(links, shapes + 1))
+    begins = np.searchsorted(rows["owner"], np.arange(links, shapes + 1))
     used = len(standing)
     roots = []
     for start, stop in itertools.pairwise(begins):
@@ -129,8 +148,11 @@ def _build_tree(bodies: CompiledBodies, links: int, shapes: int) -> Tree:
     whole = -1
     if roots:
         whole, used = _join(np.array(roots), low, high, nodes, used)
-    left, right, body = nodes
-    return Tree(low, high, left, right, body, np.array([*roots, whole], dtype=np.int64))
+    columns = (low, high, *nodes)
+    tree = np.empty(len(low), NODE)
+    for name, column in zip(NODE.names or (), columns, strict=True):
+        tree[name] = column
+    return Tree(tree, np.array([*roots, whole], dtype=np.int64))
 
 
 class ShapeBodies(NamedTuple):
@@ -165,23 +187,21 @@ def compile_bodies(boxes: Sequence[Box]) -> CompiledBodies:
     centres = np.concatenate([bodies.centres for bodies in shape_bodies])
     corner_counts = np.repeat([bodies.corners.shape[1] for bodies in shape_bodies], counts)
     corners = [bodies.corners.reshape(-1, 3) for bodies in shape_bodies]
-    return CompiledBodies(
-        carrier=np.repeat([shape.joint for shape in shapes], counts),
-        rot=rotations,
-        at=centres,
-        placed_rot=rotations,
-        placed_at=centres,
-        half=np.concatenate([bodies.half for bodies in shape_bodies]),
-        core=np.concatenate([bodies.core for bodies in shape_bodies]),
-        radius=np.repeat([bodies.radius for bodies in shape_bodies], counts),
-        ball=np.concatenate([bodies.ball for bodies in shape_bodies]),
-        first=1 + np.cumsum(corner_counts) - corner_counts,
-        number=corner_counts,
-        corners=np.concatenate([np.zeros((1, 3)), *corners]),
-        owner=np.repeat(owners, counts).astype(np.int64),
-        part=first_piece,
-        parts=pieces_of,
-    )
+    each = np.zeros(begin[-1], BODY)
+    each["carrier"] = np.repeat([shape.joint for shape in shapes], counts)
+    for axes in ("rot", "placed_rot"):
+        each[axes] = rotations
+    for place in ("at", "placed_at"):
+        each[place] = centres
+    for name in ("half", "core", "ball"):
+        each[name] = np.concatenate([getattr(bodies, name) for bodies in shape_bodies])
+    each["radius"] = np.repeat([bodies.radius for bodies in shape_bodies], counts)
+    each["first"] = 1 + np.cumsum(corner_counts) - corner_counts
+    each["number"] = corner_counts
+    each["owner"] = np.repeat(owners, counts)
+    each["part"] = first_piece
+    each["parts"] = pieces_of
+    return CompiledBodies(each, np.concatenate([np.zeros((1, 3)), *corners]))
 
 
 def _bodies_of(box: Box) -> ShapeBodies:
@@ -299,32 +319,16 @@ def _grown(
     number = len(chosen)
     room = np.zeros((max(most, number) + 1, 3))  # the hull's corners, and the one looked at
     room[:number] = corners[chosen]
-    numbers = np.arange(2)
-    places = np.zeros((len(numbers), 3))
-    axes = np.tile(np.eye(3), (len(numbers), 1, 1))
-    nothing = np.zeros(len(numbers))
-    pair = CompiledBodies(
-        carrier=numbers,
-        rot=axes,
-        at=places,
-        placed_rot=axes,
-        placed_at=places,
-        half=places,
-        core=places,
-        radius=nothing,
-        ball=nothing,
-        first=np.array([0, len(room) - 1]),
-        number=np.array([number, 1]),
-        corners=room,
-        owner=numbers,
-        part=numbers,
-        parts=np.zeros_like(numbers),
-    )
+    pair = CompiledBodies(np.zeros(2, BODY), room)
+    pair.each["placed_rot"] = np.eye(3)
+    pair.each["first"][1] = len(room) - 1
+    pair.each["number"] = number, 1
+    pair.each["owner"] = 0, 1
     worst = _grow(freeze(np.ascontiguousarray(corners)), pair, most, small)
-    return room[: pair.number[0]].copy(), worst
+    return room[: pair.each["number"][0]].copy(), worst
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, error_model="numpy")
 def _grow(corners, pair, most, small):  # type: ignore[no-untyped-def]
     """Adds corners to the first of two bodies; by how much the others stand out then [m].
 
@@ -335,11 +339,12 @@ def _grow(corners, pair, most, small):  # type: ignore[no-untyped-def]
         most: Corners of the hull, at the most.
         small: What may stand out [m].
     """
-    hull = pair.owner[0]
-    point = pair.owner[1]
-    place = pair.first[point]
+    hull = pair.each.owner[0]
+    point = pair.each.owner[1]
+    place = pair.each.first[point]
     warm = np.empty(3)
-    bound = np.full(corners.shape[0], np.inf)  # a corner never stands out more from a larger hull
+    bound = np.empty(corners.shape[0])  # a corner never stands out more from a larger hull
+    bound[:] = np.inf
     while True:
         worst = 0.0
         which = -1
@@ -352,12 +357,12 @@ def _grow(corners, pair, most, small):  # type: ignore[no-untyped-def]
                 if bound[k] > worst:
                     worst = bound[k]
                     which = k
-        number = pair.number[hull]
+        number = pair.each.number[hull]
         if worst <= small or number >= most:
             return worst
         for m in range(3):
             pair.corners[number, m] = corners[which, m]
-        pair.number[hull] = number + 1
+        pair.each.number[hull] = number + 1
 
 
 def _join(

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ident.arrays import Array, Float, Int
 from ident.robot.arm import ArmModel
-from plan.dynamics.rigid import slopes_of_points
+from plan.dynamics.rigid import joint_rows, slopes_of_points
 from plan.geometry.solids import Box
 
 # Coal's own default of 1e-6 leaves noise of 0.1 µm in distances, which spoils their derivatives.
@@ -27,7 +27,7 @@ class Proximity:
 
     def __init__(self, arm: ArmModel, boxes: Sequence[Box], pairs: Array) -> None:
         self._model = arm.model
-        self._chain = arm.chain
+        self._rows = joint_rows(arm.chain)
         self._pairs = pairs
         self._parts = [piece for box in boxes for piece in box.parts]
         # Each pair of shapes is as many pairs of parts, which follow each other.
@@ -106,7 +106,7 @@ class Proximity:
             points[row, 1] = nearest.getNearestPoint2()
             normals[row] = nearest.normal
         joints = self._joints[self._pairs[np.asarray(pairs, dtype=np.int64)]]
-        return np.asarray(slopes_of_points(self._chain, q, joints, points, normals))
+        return np.asarray(slopes_of_points(self._rows, q, joints, points, normals))
 
     def _place(self, q: Float[Array, " n"]) -> None:
         """Brings all shapes to where they are at a position."""

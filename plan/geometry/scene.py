@@ -266,15 +266,16 @@ class Scene:
     def _piece(self, number: int) -> Box:
         """A body of what stands in the world as a shape by itself."""
         bodies = self._world.bodies
-        name = self.boxes[bodies.owner[number]].name
-        count = bodies.number[number]
+        body = bodies.each[number]
+        name = self.boxes[body["owner"]].name
+        count = body["number"]
         if count > 0:
-            first = bodies.first[number]
+            first = body["first"]
             corners = bodies.corners[first : first + count]
             solid = Solid.surface(corners, np.array([[0, 1, 2]]))
         else:
-            solid = Solid.simple("sphere", bodies.radius[number])
-        return Box(name, 0, bodies.rot[number], bodies.at[number], solid)
+            solid = Solid.simple("sphere", body["radius"])
+        return Box(name, 0, body["rot"], body["at"], solid)
 
     def _engulfed(self, q: Array, pair: int) -> bool:
         """Whether a link that touches no triangle of a mesh lies inside it.

@@ -26,7 +26,7 @@ BAND = 0.05
 PARALLEL = 1e-10
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
     """Signed separation of two boxes [m]: the largest gap over their 15 separating axes.
 
@@ -78,7 +78,7 @@ def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
     return best
 
 
-@compiled(fastmath=True, nogil=True, inline="always")
+@compiled(fastmath=True, nogil=True, inline="always", error_model="numpy")
 def ball_gap(i, j, bodies):  # type: ignore[no-untyped-def]
     """Gap of the balls round two bodies [m]; negative where they overlap.
 
@@ -89,11 +89,11 @@ def ball_gap(i, j, bodies):  # type: ignore[no-untyped-def]
     """
     apart = 0.0
     for k in range(3):
-        apart += (bodies.placed_at[i, k] - bodies.placed_at[j, k]) ** 2
-    return math.sqrt(apart) - bodies.ball[i] - bodies.ball[j]
+        apart += (bodies.each.placed_at[i, k] - bodies.each.placed_at[j, k]) ** 2
+    return math.sqrt(apart) - bodies.each.ball[i] - bodies.each.ball[j]
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy")
 def body_gap(i, j, bodies, warm, enough, band):  # type: ignore[no-untyped-def]
     """Signed separation of two bodies by number, in their places [m]; `warm` as in `simplex_gap`.
 
@@ -108,28 +108,32 @@ def body_gap(i, j, bodies, warm, enough, band):  # type: ignore[no-untyped-def]
         enough: A gap beyond which nobody asks [m].
         band: A gap up to which it is exact at most [m].
     """
-    rot = bodies.placed_rot
-    centre = bodies.placed_at
-    extra = bodies.radius[i] + bodies.radius[j]
-    simple = bodies.number[i] == 0 and bodies.number[j] == 0
+    rot = bodies.each.placed_rot
+    centre = bodies.each.placed_at
+    extra = bodies.each.radius[i] + bodies.each.radius[j]
+    simple = bodies.each.number[i] == 0 and bodies.each.number[j] == 0
     known = min(band, enough)
     if not simple or extra > 0.0:
         bound = ball_gap(i, j, bodies)
         if bound > known:
             return bound
     if simple:
-        bound = box_gap(rot[i], centre[i], bodies.core[i], rot[j], centre[j], bodies.core[j])
+        bound = box_gap(
+            rot[i], centre[i], bodies.each.core[i], rot[j], centre[j], bodies.each.core[j]
+        )
         bound -= extra
         if bound <= -extra:
             return bound
     else:
-        bound = box_gap(rot[i], centre[i], bodies.half[i], rot[j], centre[j], bodies.half[j])
+        bound = box_gap(
+            rot[i], centre[i], bodies.each.half[i], rot[j], centre[j], bodies.each.half[j]
+        )
     if bound > known:
         return bound
     return max(bound, simplex_gap(i, j, bodies, known + extra, warm) - extra)
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def shape_gap(i, j, bodies, warm, enough, band):  # type: ignore[no-untyped-def]
     """Signed separation of two shapes [m]; of near hulls with parts, the smallest gap of these.
 
@@ -142,7 +146,7 @@ def shape_gap(i, j, bodies, warm, enough, band):  # type: ignore[no-untyped-def]
         band: As in `body_gap` [m].
     """
     gap = body_gap(i, j, bodies, warm, enough, band)
-    if bodies.parts[i] + bodies.parts[j] == 0 or gap > min(enough, band):
+    if bodies.each.parts[i] + bodies.each.parts[j] == 0 or gap > min(enough, band):
         return gap
     first_of_i, end_of_i = _range_of_parts(i, bodies)
     first_of_j, end_of_j = _range_of_parts(j, bodies)
@@ -156,10 +160,10 @@ def shape_gap(i, j, bodies, warm, enough, band):  # type: ignore[no-untyped-def]
     return max(gap, least)
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def _range_of_parts(body, bodies):  # type: ignore[no-untyped-def]
     """Numbers of a hull's parts, the first and the one behind the last; its own without parts."""
-    parts = bodies.parts[body]
+    parts = bodies.each.parts[body]
     if parts == 0:
         return body, body + 1
-    return bodies.part[body], bodies.part[body] + parts
+    return bodies.each.part[body], bodies.each.part[body] + parts

@@ -38,44 +38,50 @@ FACES = ((0, 1, 2, 3), (0, 1, 3, 2), (0, 2, 3, 1), (1, 2, 3, 0))
 NO_LENGTH = 1e-12
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, inline="always", error_model="numpy")
+def _row(vectors, i):  # type: ignore[no-untyped-def]
+    """One of some vectors, shape (k, 3)."""
+    return vectors[i, 0], vectors[i, 1], vectors[i, 2]
+
+
+@compiled(nogil=True, error_model="numpy", inner=True)
 def _dot(a, b):  # type: ignore[no-untyped-def]
     """aᵀ b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, inline="always", error_model="numpy")
 def _length(a):  # type: ignore[no-untyped-def]
     """|a|."""
     return math.sqrt(_dot(a, a))
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, error_model="numpy", inner=True)
 def _minus(a, b, share=1.0):  # type: ignore[no-untyped-def]
     """a − share · b."""
     return a[0] - share * b[0], a[1] - share * b[1], a[2] - share * b[2]
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, error_model="numpy", inner=True)
 def _scaled(a, share):  # type: ignore[no-untyped-def]
     """share · a."""
     return share * a[0], share * a[1], share * a[2]
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, error_model="numpy", inner=True)
 def _cross(a, b):  # type: ignore[no-untyped-def]
     """a × b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, inline="always", error_model="numpy")
 def _farthest_corner(body, direction, bodies):  # type: ignore[no-untyped-def]
     """Of a core with corners, the one farthest along a direction in the body's axes."""
     corners = bodies.corners
-    first = bodies.first[body]
+    first = bodies.each.first[body]
     chosen = first
     best = -1e300
-    for m in range(first, first + bodies.number[body]):
+    for m in range(first, first + bodies.each.number[body]):
         along = (
             corners[m, 0] * direction[0]
             + corners[m, 1] * direction[1]
@@ -87,18 +93,18 @@ def _farthest_corner(body, direction, bodies):  # type: ignore[no-untyped-def]
     return corners[chosen, 0], corners[chosen, 1], corners[chosen, 2]
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, error_model="numpy", inner=True)
 def _farthest(direction, body, bodies):  # type: ignore[no-untyped-def]
     """The farthest point of a body's core along a direction, both in the base frame."""
-    rot = bodies.placed_rot[body]
-    centre = bodies.placed_at[body]
+    rot = bodies.each.placed_rot[body]
+    centre = bodies.each.placed_at[body]
     inside = (
         rot[0, 0] * direction[0] + rot[1, 0] * direction[1] + rot[2, 0] * direction[2],
         rot[0, 1] * direction[0] + rot[1, 1] * direction[1] + rot[2, 1] * direction[2],
         rot[0, 2] * direction[0] + rot[1, 2] * direction[1] + rot[2, 2] * direction[2],
     )
-    if bodies.number[body] == 0:
-        half = bodies.core[body]
+    if bodies.each.number[body] == 0:
+        half = bodies.each.core[body]
         point = (
             math.copysign(half[0], inside[0]),
             math.copysign(half[1], inside[1]),
@@ -113,7 +119,7 @@ def _farthest(direction, body, bodies):  # type: ignore[no-untyped-def]
     )
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, inline="always", error_model="numpy")
 def _nearest_of_difference(direction, i, j, bodies):  # type: ignore[no-untyped-def]
     """The point of the difference of cores i and j that is least far along a direction.
 
@@ -123,7 +129,7 @@ def _nearest_of_difference(direction, i, j, bodies):  # type: ignore[no-untyped-
     return _minus(_farthest(opposite, i, bodies), _farthest(direction, j, bodies))
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, inline="always", error_model="numpy")
 def _is_corner(point, simplex, count):  # type: ignore[no-untyped-def]
     """Whether a point is one of the first `count` corners of a simplex, shape (4, 3)."""
     for m in range(count):
@@ -137,7 +143,7 @@ def _is_corner(point, simplex, count):  # type: ignore[no-untyped-def]
     return False
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, error_model="numpy", inner=True)
 def simplex_gap(i, j, bodies, enough, warm):  # type: ignore[no-untyped-def]
     """Signed separation of two bodies' cores, their radii left out [m].
 
@@ -152,7 +158,8 @@ def simplex_gap(i, j, bodies, enough, warm):  # type: ignore[no-untyped-def]
     count = 0
     nearest = (warm[0], warm[1], warm[2])
     if nearest[0] == 0.0 and nearest[1] == 0.0 and nearest[2] == 0.0:
-        nearest = _minus(bodies.placed_at[i], bodies.placed_at[j])
+        places = bodies.each.placed_at
+        nearest = _minus(_row(places, i), _row(places, j))
     distance = _length(nearest)
     if distance < NO_LENGTH:
         nearest = (0.0, 0.0, 1.0)
@@ -185,7 +192,7 @@ def simplex_gap(i, j, bodies, enough, warm):  # type: ignore[no-untyped-def]
     return _least_depth(widest, i, j, bodies)
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, inline="always", error_model="numpy")
 def _least_depth(first, i, j, bodies):  # type: ignore[no-untyped-def]
     """The largest gap, minus the least depth, among some directions.
 
@@ -194,8 +201,9 @@ def _least_depth(first, i, j, bodies):  # type: ignore[no-untyped-def]
     chosen = first
     nearest = first
     best = -1e300
-    away = _minus(bodies.placed_at[i], bodies.placed_at[j])
-    rot = bodies.placed_rot
+    places = bodies.each.placed_at
+    away = _minus(_row(places, i), _row(places, j))
+    rot = bodies.each.placed_rot
     for k in range(7):
         direction = first
         if k < 6:
@@ -211,7 +219,7 @@ def _least_depth(first, i, j, bodies):  # type: ignore[no-untyped-def]
     return _turned(chosen, nearest, best, i, j, bodies)
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, inline="always", error_model="numpy")
 def _turned(chosen, nearest, best, i, j, bodies):  # type: ignore[no-untyped-def]
     """The largest gap that a direction reaches when it is turned towards its nearest point.
 
@@ -238,7 +246,7 @@ def _turned(chosen, nearest, best, i, j, bodies):  # type: ignore[no-untyped-def
     return best
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, inline="always", error_model="numpy")
 def _nearest(simplex, count):  # type: ignore[no-untyped-def]
     """The corners that carry a simplex's point nearest to the origin: their number, and the point.
 
@@ -257,10 +265,10 @@ def _nearest(simplex, count):  # type: ignore[no-untyped-def]
     last = count - 1
     for number in range(4 if count == 4 else 1):
         face = FACES[number]
-        a = simplex[face[0]]
-        b = simplex[min(face[1], last)]
-        c = simplex[min(face[2], last)]
-        if count == 4 and _hidden(a, b, c, simplex[face[3]]):
+        a = _row(simplex, face[0])
+        b = _row(simplex, min(face[1], last))
+        c = _row(simplex, min(face[2], last))
+        if count == 4 and _hidden(a, b, c, _row(simplex, face[3])):
             continue
         u, v, w = _shares(a, b, c)
         point = (
@@ -285,7 +293,7 @@ def _nearest(simplex, count):  # type: ignore[no-untyped-def]
     return carriers, nearest
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, inline="always", error_model="numpy")
 def _shares(a, b, c):  # type: ignore[no-untyped-def]
     """Shares of a triangle's corners in its point nearest to the origin; they add up to 1.
 
@@ -328,7 +336,7 @@ def _shares(a, b, c):  # type: ignore[no-untyped-def]
     return 1.0 - (area_b + area_c) / area, area_b / area, area_c / area
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, inline="always", error_model="numpy")
 def _shares_of_line(a, b, c):  # type: ignore[no-untyped-def]
     """The same of three corners on one line: of the two that are farthest apart alone."""
     ab = _minus(b, a)
@@ -347,7 +355,7 @@ def _shares_of_line(a, b, c):  # type: ignore[no-untyped-def]
     return 0.0, 1.0 - share, share
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, inline="always", error_model="numpy")
 def _share(a, edge, square):  # type: ignore[no-untyped-def]
     """How far along an edge from a its point nearest to the origin lies, as a share of it.
 
@@ -359,7 +367,7 @@ def _share(a, edge, square):  # type: ignore[no-untyped-def]
     return min(max(-_dot(a, edge) / square, 0.0), 1.0) if square > 0.0 else 0.0
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, inline="always", error_model="numpy")
 def _hidden(a, b, c, d):  # type: ignore[no-untyped-def]
     """Whether the origin lies on the side of the face a, b, c on which d lies."""
     normal = _cross(_minus(b, a), _minus(c, a))

@@ -34,7 +34,7 @@ PARTS = 8
 REMEMBERED = 256
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def _world_gap(  # type: ignore[no-untyped-def]
     tree, bodies, link, root, most, hint, seen, band
 ):
@@ -51,7 +51,8 @@ def _world_gap(  # type: ignore[no-untyped-def]
     places = seen.shape[0]
     low = np.empty(3)
     high = np.empty(3)
-    anew = np.zeros(3)
+    anew = np.empty(3)
+    anew[:] = 0.0
     _extent(bodies, link, low, high)
     stack = np.empty(DEEPEST, dtype=np.int64)
     bounds = np.empty(DEEPEST)
@@ -67,8 +68,8 @@ def _world_gap(  # type: ignore[no-untyped-def]
         if bounds[top] >= best:
             continue
         node = stack[top]
-        if tree.left[node] < 0:
-            body = tree.body[node]
+        if tree.nodes.left[node] < 0:
+            body = tree.nodes.body[node]
             if body == known:
                 continue
             anew[:] = 0.0
@@ -79,8 +80,8 @@ def _world_gap(  # type: ignore[no-untyped-def]
                 best = gap
                 hint[0] = body
             continue
-        a = tree.left[node]
-        b = tree.right[node]
+        a = tree.nodes.left[node]
+        b = tree.nodes.right[node]
         near_a = _node_gap(tree, bodies, a, link, (low, high), best)
         near_b = _node_gap(tree, bodies, b, link, (low, high), best)
         if near_a < near_b:  # the nearer child is put on top
@@ -96,7 +97,7 @@ def _world_gap(  # type: ignore[no-untyped-def]
     return best
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def _node_gap(tree, bodies, node, link, box, enough):  # type: ignore[no-untyped-def]
     """Lower bound of a link's signed separation from whatever a node holds [m].
 
@@ -108,7 +109,7 @@ def _node_gap(tree, bodies, node, link, box, enough):  # type: ignore[no-untyped
     deep = -1e300
     square = 0.0
     for k in range(3):
-        apart = max(tree.low[node, k] - high[k], low[k] - tree.high[node, k])
+        apart = max(tree.nodes.low[node, k] - high[k], low[k] - tree.nodes.high[node, k])
         deep = max(deep, apart)
         square += max(apart, 0.0) ** 2
     bound = math.sqrt(square) if square > 0.0 else deep
@@ -118,31 +119,32 @@ def _node_gap(tree, bodies, node, link, box, enough):  # type: ignore[no-untyped
     square = 0.0
     for m in range(3):
         middle = 0.0
-        reach = bodies.half[link, m]
+        reach = bodies.each.half[link, m]
         for k in range(3):
-            r = bodies.placed_rot[link, k, m]
+            r = bodies.each.placed_rot[link, k, m]
             middle += r * (
-                0.5 * (tree.low[node, k] + tree.high[node, k]) - bodies.placed_at[link, k]
+                0.5 * (tree.nodes.low[node, k] + tree.nodes.high[node, k])
+                - bodies.each.placed_at[link, k]
             )
-            reach += abs(r) * 0.5 * (tree.high[node, k] - tree.low[node, k])
+            reach += abs(r) * 0.5 * (tree.nodes.high[node, k] - tree.nodes.low[node, k])
         apart = abs(middle) - reach
         deep = max(deep, apart)
         square += max(apart, 0.0) ** 2
     return max(bound, math.sqrt(square) if square > 0.0 else deep)
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy", inner=True)
 def _extent(bodies, body, low, high):  # type: ignore[no-untyped-def]
     """Box along the base frame's axes round a body [m]."""
     for k in range(3):
         extent = 0.0
         for m in range(3):
-            extent += abs(bodies.placed_rot[body, k, m]) * bodies.half[body, m]
-        low[k] = bodies.placed_at[body, k] - extent
-        high[k] = bodies.placed_at[body, k] + extent
+            extent += abs(bodies.each.placed_rot[body, k, m]) * bodies.each.half[body, m]
+        low[k] = bodies.each.placed_at[body, k] - extent
+        high[k] = bodies.each.placed_at[body, k] + extent
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, inline="always", error_model="numpy")
 def _top_speeds(points, slopes, duration, out):  # type: ignore[no-untyped-def]
     """Top speed of every joint in each part of a section, exact, shape (PARTS, n) [rad/s]."""
     for j in range(points.shape[1]):
@@ -162,7 +164,7 @@ def _top_speeds(points, slopes, duration, out):  # type: ignore[no-untyped-def]
             before = after
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, inline="always", error_model="numpy")
 def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[no-untyped-def]
     """Time in which no point of a link moves farther than `spare` against a frame [s].
 
@@ -178,7 +180,7 @@ def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[n
     """
     frame_rot, frame_at, reach = room
     peaks, t, duration = section
-    top = bodies.carrier[link]
+    top = bodies.each.carrier[link]
     for j in range(top):
         if chain.sliding[j] or levers[j] == 0.0:
             reach[j] = levers[j]
@@ -187,11 +189,11 @@ def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[n
         along = 0.0
         square = 0.0
         for k in range(3):
-            away = bodies.placed_at[link, k] - frame_at[j + 1, k]
+            away = bodies.each.placed_at[link, k] - frame_at[j + 1, k]
             along += axis[k] * away
             square += away * away
         reach[j] = min(
-            levers[j], math.sqrt(max(square - along * along, 0.0)) + bodies.ball[link] + spare
+            levers[j], math.sqrt(max(square - along * along, 0.0)) + bodies.each.ball[link] + spare
         )
     now = t
     part = min(int(t / duration * PARTS), PARTS - 1)
@@ -207,7 +209,7 @@ def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[n
     return 2.0 * duration
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy")
 def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-def]
     """Signed separation of every pair at every position, shape (T, P) [m].
 
@@ -223,20 +225,30 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
     """
     chain, links, bodies, tree, frame_rot, frame_at, _ = world
     root = tree.root[-1]
-    out = np.full((q.shape[0], pairs.shape[0]), beyond)
+    out = np.empty((q.shape[0], pairs.shape[0]))
     low = np.empty(3)
     high = np.empty(3)
-    hints = np.full((pairs.shape[0], 1), -1)
-    warm = np.zeros(3)
+    position = np.empty(q.shape[1])  # not q[t] itself, which may not be written: compiled apart
     anew = np.empty((0, 3))
-    column = np.full((links, tree.root.shape[0]), -1)
-    done = np.full(pairs.shape[0], -1)
+    warm = np.empty(3)
+    hints = np.empty((pairs.shape[0], 1), dtype=np.int64)
+    column = np.empty((links, tree.root.shape[0]), dtype=np.int64)
+    done = np.empty(pairs.shape[0], dtype=np.int64)
+    near_world = np.empty(links, dtype=np.int64)  # how many pairs each link has with the world
     stack = np.empty(DEEPEST, dtype=np.int64)
+    out[:] = beyond
+    hints[:] = -1
+    column[:] = -1
+    done[:] = -1
+    near_world[:] = 0
     for p in range(pairs.shape[0]):
         if pairs[p, 0] >= links:
             column[pairs[p, 1], pairs[p, 0] - links] = p
+            near_world[pairs[p, 1]] += 1
     for t in range(q.shape[0]):
-        place_frames(chain, q[t], frame_rot, frame_at)
+        for j in range(q.shape[1]):
+            position[j] = q[t, j]
+        place_frames(chain, position, frame_rot, frame_at)
         place_bodies(bodies, 0, links, frame_rot, frame_at)
         for p in range(pairs.shape[0]):
             a = pairs[p, 0]
@@ -246,7 +258,7 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
                 gap = ball_gap(a, b, bodies)
                 out[t, p] = gap if gap > beyond else shape_gap(a, b, bodies, warm, FAR, BAND)
         for b in range(links):
-            if root < 0 or column[b].max() < 0:
+            if root < 0 or near_world[b] == 0:
                 continue
             _extent(bodies, b, low, high)
             stack[0] = root
@@ -256,12 +268,12 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
                 node = stack[top]
                 if _node_gap(tree, bodies, node, b, (low, high), beyond) > beyond:
                     continue
-                if tree.left[node] >= 0:
-                    stack[top] = tree.left[node]
-                    stack[top + 1] = tree.right[node]
+                if tree.nodes.left[node] >= 0:
+                    stack[top] = tree.nodes.left[node]
+                    stack[top + 1] = tree.nodes.right[node]
                     top += 2
                     continue
-                shape = bodies.owner[tree.body[node]] - links
+                shape = bodies.each.owner[tree.nodes.body[node]] - links
                 p = column[b, shape]
                 if p >= 0 and done[p] != t and (len(wanted) == 0 or wanted[t, p]):
                     done[p] = t
@@ -270,7 +282,7 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
     return out
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy")
 def nearest_of_states(world, pairs, q):  # type: ignore[no-untyped-def]
     """The body of the world's shape that is nearest to the link, shape (m,).
 
@@ -284,12 +296,16 @@ def nearest_of_states(world, pairs, q):  # type: ignore[no-untyped-def]
     chain = world.chain
     bodies = world.bodies
     out = np.empty(q.shape[0], dtype=np.int64)
-    hint = np.full(1, -1)
+    hint = np.empty(1, dtype=np.int64)
     anew = np.empty((0, 3))
+    position = np.empty(q.shape[1])
+    hint[0] = -1
     for t in range(q.shape[0]):
         a = pairs[t, 0]
         b = pairs[t, 1]
-        place_frames(chain, q[t], world.frame_rot, world.frame_at)
+        for j in range(q.shape[1]):
+            position[j] = q[t, j]
+        place_frames(chain, position, world.frame_rot, world.frame_at)
         place_bodies(bodies, b, b + 1, world.frame_rot, world.frame_at)
         if t > 0 and a != pairs[t - 1, 0]:
             hint[0] = -1  # a body of another shape
@@ -298,7 +314,7 @@ def nearest_of_states(world, pairs, q):  # type: ignore[no-untyped-def]
     return out
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy")
 def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-untyped-def]
     """Smallest gap beyond its margin along each trajectory.
 
@@ -329,9 +345,10 @@ def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-un
     room = frame_rot, frame_at, reach
     q = np.empty(n)
     clear = np.empty(count)
-    hints = np.full((links + 1, 1), -1)
+    hints = np.empty((links + 1, 1), dtype=np.int64)
+    hints[:] = -1
     peaks = np.empty((PARTS, n))
-    seen = np.zeros((links, min(bodies.carrier.shape[0] - links + 1, REMEMBERED), 3))
+    seen = np.zeros((links, min(bodies.each.carrier.shape[0] - links + 1, REMEMBERED), 3))
     warm = np.zeros((between, 3))
     out = np.empty((batch, 2))
     for b in range(batch):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -21,6 +20,12 @@ ALONG = 12
 FINE_LINE = 240
 # Least push that is taken where no limit leaves one [1/s²].
 LEAST_PUSH = 1e-3
+# Most passes backwards and forwards: nearly always the second changes nothing.
+PASSES = 8
+# Squared paces that differ by less than this share are the same.
+SAME_PACE = 1e-4
+# Squared paces at which the limits are looked at, as shares of the largest: evenly in pace.
+LEVELS = np.square(np.linspace(0.0, 1.0, 41))
 # Sections of the motion that begins with that law, and the share of them that stands where its pace
 # changes.
 TIMED = 24
@@ -96,59 +101,115 @@ def quickest_pace(
     """Pace along a path of equal steps, from rest to rest within all limits [1/s].
 
     It is the path's share a second. Along a path q(s), x = (ds/dt)² and u = d²s/dt², speed is q' √x
-    and acceleration q' u + q'' x; torque is linear in u. A pass backwards and one forwards take the
-    least and the largest u that all limits allow.
+    and acceleration q' u + q'' x; torque is linear in u. Where the path bends a joint may use all
+    its acceleration at a steady pace, and x has a bound of its own. A pass backwards takes the
+    largest x from which the next place's can still be reached, one forwards the largest that can be
+    reached; each u is allowed at both places between which it lasts, so what the one takes away the
+    other has to be told.
 
-    Source: Bobrow, Dubowsky and Gibson, Time-optimal control of robotic manipulators along
-    specified paths, 1985.
+    Source: Pham and Pham, A new approach to time-optimal path parameterization based on
+    reachability analysis, 2018.
     """
-    step = 1.0 / (len(q) - 1)
-    slope = np.gradient(q, step, axis=0, edge_order=2)
-    top = (problem.limits.speed / np.maximum(np.abs(slope), 1e-9)).min(axis=1)
+    path = _Path.of(q)
+    top = (problem.limits.speed / np.maximum(np.abs(path.slope), 1e-9)).min(axis=1)
     if problem.way.speed is not None:
         top = np.minimum(top, problem.way.speed / max(rules.length, 1e-9))
-    push = _push_along(problem, q, slope, step)
-    x = np.square(top)
-    x[[0, -1]] = 0.0
-    for k in range(len(q) - 2, -1, -1):
-        x[k] = min(x[k], x[k + 1] + 2.0 * step * push(k + 1, x[k + 1], -1.0))
-    for k in range(len(q) - 1):
-        x[k + 1] = min(x[k + 1], x[k] + 2.0 * step * push(k, x[k], 1.0))
+    levels = np.square(top)[:, None] * LEVELS
+    least, most = _pushes(problem, path, levels)
+    allowed = _largest(levels, most - least)
+    levels = allowed[:, None] * LEVELS
+    least, most = _pushes(problem, path, levels)
+    step = 2.0 / (len(q) - 1)
+    slowest = step * LEAST_PUSH
+    last = len(q) - 1
+    x = levels[:, -1].copy()
+    x[[0, last]] = 0.0
+    for _ in range(PASSES):
+        before = x.copy()
+        for k in range(last - 1, 0, -1):
+            there = x[k + 1] - step * np.interp(x[k + 1], levels[k + 1], least[k + 1])
+            spare = x[k + 1] - levels[k] - step * least[k]
+            here = _largest(levels[k : k + 1], spare[None])[0]
+            x[k] = max(min(x[k], there, here), slowest)
+        for k in range(1, last):
+            there = x[k - 1] + step * np.interp(x[k - 1], levels[k - 1], most[k - 1])
+            spare = x[k - 1] - levels[k] + step * most[k]
+            here = _largest(levels[k : k + 1], spare[None])[0]
+            x[k] = max(min(x[k], there, here), slowest)
+        if np.all(before - x <= SAME_PACE * before):
+            break
     return np.sqrt(x)
 
 
-def _push_along(
-    problem: PlanningProblem, q: Float[Array, "K n"], slope: Float[Array, "K n"], step: float
-) -> Callable[[int, float, float], float]:
-    """The largest u that the limits allow at a place of a path; see `quickest_pace`.
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """A path of equal steps, with its derivatives by its share."""
+
+    q: Float[Array, "K n"]
+    slope: Float[Array, "K n"]
+    bend: Float[Array, "K n"]
+
+    @classmethod
+    def of(cls, q: Float[Array, "K n"]) -> _Path:
+        """Of its positions."""
+        step = 1.0 / (len(q) - 1)
+        before = q[:-2]
+        behind = q[2:]
+        slope = np.gradient(q, step, axis=0, edge_order=2)
+        inner = (before - 2.0 * q[1:-1] + behind) / step**2
+        bend = np.concatenate([inner[:1], inner, inner[-1:]])
+        return cls(q, slope, bend)
+
+
+def _largest(x: Float[Array, "K L"], spare: Float[Array, "K L"]) -> Float[Array, " K"]:
+    """The largest x up to which something is spare, between levels by the chord.
+
+    What is spare is concave in x, so the chord never promises too much.
+
+    Args:
+        x: Levels, rising from nought.
+        spare: What is spare at each; nought or less where nothing is.
+    """
+    short = spare < 0.0
+    first = np.where(short.any(axis=1), np.argmax(short, axis=1), x.shape[1])
+    above = np.clip(first, 1, x.shape[1] - 1)
+    rows = np.arange(len(x))
+    below = above - 1
+    fall = spare[rows, below] - spare[rows, above]
+    share = np.clip(spare[rows, below] / np.where(fall > 0.0, fall, 1.0), 0.0, 1.0)
+    between = x[rows, below] + share * (x[rows, above] - x[rows, below])
+    between = np.where(first == 0, 0.0, between)
+    return np.asarray(np.where(first == x.shape[1], x[:, -1], between))
+
+
+def _pushes(problem: PlanningProblem, path: _Path, x: Float[Array, "K L"]) -> Float[Array, "2 K L"]:
+    """The least and the largest u that the limits allow at a path's places; see `quickest_pace`.
+
+    The least is above the largest where no u is allowed.
 
     Args:
         problem: The task.
-        q: Positions along the path.
-        slope: Their derivative q' by the path's share.
-        step: Share from one position to the next.
+        path: Its places.
+        x: Squared paces of each.
     """
-    bend = np.gradient(slope, step, axis=0, edge_order=2)
-    limits = problem.limits
-    most = np.full(problem.n, np.inf)
-    if limits.acceleration is not None:
-        most = limits.acceleration
-
-    def push(k: int, x: float, sign: float) -> float:
-        """Largest u times its sign at a place; at least a little, so that the pass goes on."""
-        speed = slope[k] * np.sqrt(max(x, 1e-12))
-        coasting = bend[k] * x
-        spare = most - np.sign(sign * slope[k]) * coasting
-        by_acceleration = spare / np.maximum(np.abs(slope[k]), 1e-9)
-        pushing = coasting + sign * slope[k]
-        positions = np.stack([q[k], q[k]])
-        speeds = np.stack([speed, speed])
-        accelerations = np.stack([coasting, pushing])
-        torques = problem.model.torque(positions[None], speeds[None], accelerations[None])[0]
-        coasting_torque, pushing_torque = torques
+    least = np.full(x.shape, -np.inf)
+    most = np.full(x.shape, np.inf)
+    q = np.broadcast_to(path.q[:, None], (*x.shape, problem.n))
+    gain = path.slope[:, None]
+    coasting = path.bend[:, None] * x[:, :, None]
+    bounds = []
+    if problem.limits.acceleration is not None:
+        bounds.append((coasting, gain, problem.limits.acceleration))
+    # At rest there is no friction yet that helps, and all of it as soon as the arm moves.
+    for square in (x, np.maximum(x, x[:, 1:2])):
+        speed = gain * np.sqrt(square)[:, :, None]
+        coasting_torque = problem.model.torque(q, speed, coasting)
+        pushing_torque = problem.model.torque(q, speed, coasting + gain)
         rise = pushing_torque - coasting_torque
-        spare = limits.torque - np.sign(rise) * coasting_torque
-        by_torque = spare / np.maximum(np.abs(rise), 1e-9)
-        return max(float(min(by_acceleration.min(), by_torque.min())), LEAST_PUSH)
-
-    return push
+        bounds.append((coasting_torque, rise, problem.limits.torque))
+    for value, by_push, limit in bounds:
+        size = np.maximum(np.abs(by_push), 1e-12)
+        onwards = np.sign(by_push) * value
+        most = np.minimum(most, ((limit - onwards) / size).min(axis=2))
+        least = np.maximum(least, ((-limit - onwards) / size).max(axis=2))
+    return np.stack([least, most])

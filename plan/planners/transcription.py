@@ -42,7 +42,7 @@ def sections_of(shares: Float[Array, " m"], knots: Float[Array, " K"]) -> Int[Ar
     return np.asarray(np.minimum(np.maximum(out, 0), len(knots) - 2))
 
 
-@compiled(fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True, error_model="numpy")
 def _bases_at(shares, first, knots, taylor):  # type: ignore[no-untyped-def]
     """The B-splines of each place's own section and three derivatives, of shape (4, m, 4).
 

@@ -28,23 +28,25 @@ SLOW = 0.5
 NEWTON = 5
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, error_model="numpy")
 def _settled(shares, joints, inside, grid, coefficients, duration):  # type: ignore[no-untyped-def]
     """Shares of the duration at which each place's own joint stands still.
 
     Places that are no turn stay.
     """
     knots, taylor = grid
-    out = shares.copy()
+    out = np.empty(shares.shape[0])
     slow = duration * duration * SLOW
-    last = len(knots) - 2
+    last = knots.shape[0] - 2
     for i in range(shares.shape[0]):
+        out[i] = shares[i]
         if not inside[i]:
             continue
         j = joints[i]
         for _ in range(NEWTON):
-            section = np.searchsorted(knots, out[i], side="right") - 1
-            k = min(max(section, 0), last)
+            k = 0
+            while k < last and knots[k + 1] <= out[i]:
+                k += 1
             since = out[i] - knots[k]
             speed = 0.0
             rise = 0.0

@@ -110,9 +110,7 @@ class Rules:
 
     def tool(self, q: Float[Array, "T n"]) -> tuple[Array, Array, Array, Array]:
         """Place and axes of the tool, and how they change with the joints, as `frame_states`."""
-        states = frame_states(self._chain, np.ascontiguousarray(q), *self._tool)
-        place, axes, linear, angular = states
-        return place, axes, linear, angular
+        return frame_states(self._chain, q, *self._tool)
 
     def rows(self, q: Float[Array, "T n"], dq: Float[Array, "T n"]) -> list[RuleRow]:
         """All rules that hold at every instant, along T states."""

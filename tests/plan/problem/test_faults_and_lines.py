@@ -4,7 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
+import toppra
 
 from ident.errors import InputError
 from plan.api.planning import open_task, solve
@@ -14,7 +16,7 @@ from plan.planners.sequential import Sequential
 from plan.solving.obstruction import find_obstruction
 from plan.solving.solve import cheapest_goal
 from plan.solving.solve import solve as solve_problem
-from tests.plan.worlds import START, problem
+from tests.plan.worlds import START, losses, problem, three_joints
 
 LINE = """robot = "ur10"
 [task]
@@ -92,6 +94,61 @@ def test_the_pace_of_a_straight_joint_path_is_a_trapezoid() -> None:
     pace = quickest_pace(task, path, rules)
     total = float((2.0 / (pace[1:] + pace[:-1])).sum() / 600)
     assert total == pytest.approx(1.5 / 1.0 + 1.0 / 4.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("case", range(4))
+def test_a_bent_path_is_passed_within_all_limits_and_no_slower_than_need_be(case: int) -> None:
+    """By the path's own derivatives and Pinocchio's torque, between its places, too; beside toppra's optimum.
+
+    Friction is left out there, which makes its optimum shorter where torque binds.
+    """
+    rng = np.random.default_rng([82, case])
+    size, phase, rate = 0.4 * rng.normal(size=(2, 3)), rng.uniform(0.0, 6.0, (2, 3)), rng.uniform(2.0, 9.0, (2, 3))
+    slope = 0.5 * rng.normal(size=3)
+    arm = three_joints()
+    friction = losses()
+    limits = replace(problem().limits, acceleration=np.full(3, 6.0))
+    if case % 2:  # torque binds
+        limits = replace(limits, acceleration=None, torque=rng.uniform(0.6, 1.0) * limits.torque)
+    task = replace(problem(duration=2.0), limits=limits)
+
+    def path(s: np.ndarray, order: int = 0) -> np.ndarray:
+        line = (START + slope * s, slope, 0.0)[order]
+        return line + (size * rate**order * np.sin(rate * s[..., None] + phase + order * np.pi / 2.0)).sum(axis=-2)
+
+    even = np.linspace(0.0, 1.0, 241)[:, None]
+    rules = open_task(Path(__file__).parents[3] / "examples/scenes/straight_1.toml").problem.rules
+    assert rules is not None
+    pace = quickest_pace(task, path(even), rules)
+    push = np.diff(pace**2) / (2.0 * even[1])
+    used = np.zeros(3)
+    data = arm.model.createData()
+    for share in (0.0, 0.5, 1.0):
+        s = even[:-1] + share * even[1]
+        square = (pace[:-1] ** 2 + 2.0 * share * even[1] * push)[:, None]
+        q, dq = path(s), path(s, 1) * np.sqrt(square)
+        ddq = path(s, 1) * push[:, None] + path(s, 2) * square
+        tau = np.array([pin.rnea(arm.model, data, *state) for state in zip(q, dq, ddq, strict=True)])
+        tau += friction.motor_inertia * ddq + friction.viscous * dq + friction.offset
+        tau += friction.coulomb * np.tanh(dq / friction.transition_speed)
+        if share == 0.5:  # a joint that turns round there meets its friction between two places
+            tau[path(even[:-1], 1) * path(even[1:], 1) <= 0.0] = 0.0
+        shares = [dq / limits.speed, tau / limits.torque]
+        if limits.acceleration is not None:
+            shares.append(ddq / limits.acceleration)
+        for number, values in enumerate(shares):
+            used[number] = max(used[number], np.abs(values).max())
+    assert used.max() <= 1.01
+    assert used.max() >= 0.98
+    if limits.acceleration is not None:
+        total = float((2.0 / (pace[1:] + pace[:-1])).sum() / 240)
+        spline = toppra.SplineInterpolator(even[:, 0], path(even))
+        bounds = [np.stack([-limit, limit], axis=1) for limit in (limits.speed, limits.acceleration)]
+        rates = [toppra.constraint.JointVelocityConstraint(bounds[0])]
+        rates.append(toppra.constraint.JointAccelerationConstraint(bounds[1]))
+        motion = toppra.algorithm.TOPPRA(rates, spline).compute_trajectory(0.0, 0.0)
+        least = float(motion.duration)
+        assert 0.995 * least <= total <= 1.015 * least
 
 
 def test_notes_of_goals_tell_the_truth() -> None:

@@ -21,8 +21,8 @@ result = solve(problem(MONITOR), SolveOptions(evaluations=200, gap=False))
 assert result.splines is not None
 loops = (
     sweep.sweep, sweep.gaps_of_states, sweep._world_gap, separation.shape_gap, separation.body_gap,
-    separation.box_gap, simplex.simplex_gap, simplex._least_depth, simplex._farthest, rigid.rnea,
-    rigid.place_frames, rigid.slopes_of_points, power._rigid_partials, power._torque_states,
+    separation.box_gap, simplex.simplex_gap, simplex._farthest, rigid.rnea, rigid.place_frames,
+    rigid.slopes_of_points, power._rigid_partials, power._torque_states,
     spline._states, spline._slopes, spline._extremes, transcription._bases_at,
 )
 for loop in loops:
