@@ -234,8 +234,9 @@ def _consistent(
     """The effects that are likelier than not, the likeliest first, and those that one of them
     hides.
 
-    Of two sets, an effect of one may explain what an effect of the other does: of these the
-    likelier alone is a name. Effects of one set explain what the others leave, so both may be.
+    Of two sets, an effect of one may explain what an effect of the other does: of these one alone
+    is a name, that which explains more where both were weighed in one set, or else the likelier.
+    Effects of one set explain what the others leave, so both may be.
     """
     order = sorted(range(len(described)), key=lambda k: -estimates[k].class_probability)
     names: list[int] = []
@@ -246,9 +247,27 @@ def _consistent(
         by = next((other for other in names if _rival(described[k], described[other])), None)
         if by is None:
             names.append(k)
+        elif _log_odds(estimates[k], estimates[by]) > 0.0:
+            names[names.index(by)] = k
+            hidden = {one: k if other == by else other for one, other in hidden.items()}
+            hidden[by] = k
         else:
             hidden[k] = by
     return names, hidden
+
+
+def _log_odds(first: Estimate, second: Estimate) -> float:
+    """Log odds of one effect against another that explains the same, each by the sums of its own
+    set; the mean where both sets weigh them, 0 where neither does [nats].
+    """
+    told = []
+    for one, other, sign in ((first, second, 1.0), (second, first, -1.0)):
+        odds = one.odds.get(other.group.effect.id)
+        if one.group.effect.id == other.group.effect.id:
+            odds = one.places.get(other.group.joint)
+        if odds is not None:
+            told.append(sign * float(np.log(odds)))
+    return float(np.mean(told)) if told else 0.0
 
 
 def _behind(estimate: Estimate, named: Estimate) -> Estimate:
