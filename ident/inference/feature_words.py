@@ -103,14 +103,6 @@ FEATURE_WORDS = {
         "no effect like it explains more alone",
         "another effect like it explains more alone",
     ),
-    "how_soon": (
-        "it stands among the first in the simplest explanation",
-        "the simplest explanation does without it, or needs others before it",
-    ),
-    "how_soon_here": (
-        "it stands first at its joint in the simplest explanation",
-        "others at its joint stand before it in the simplest explanation, or it is not in it",
-    ),
     "log_nats_in_turn": (
         "beside larger causes it still explains much",
         "beside larger causes it explains little",

@@ -392,14 +392,7 @@ def _of_simplest(
         "log_nats_alone": signed_log(alone),
         "share_alone": float(-np.expm1(-2.0 * nats_a_row)),
         "alone_behind": signed_log(max(behind, 0.0)),
-        "how_soon": _how_soon(simplest.step_of(group.key)),
-        "how_soon_here": _how_soon(simplest.steps_before(group)),
         "log_nats_in_turn": signed_log(simplest.nats_in_turn(group.key)),
         "share_in_turn": float(np.clip(view.closed(joints), -1.0, 1.0)),
         "turn_in_errors": squashed(closed, error),
     }
-
-
-def _how_soon(step: int | None) -> float:
-    """1 for the first step, less for later ones, 0 for none."""
-    return 0.0 if step is None else 1.0 / (1.0 + step)

@@ -49,15 +49,6 @@ class SimplestSet:
         keys = [group.key for group in self.chosen]
         return keys.index(key) if key in keys else None
 
-    def steps_before(self, group: Group) -> int | None:
-        """How many effects that act on the same rows came before an effect; None if it did not
-        come.
-        """
-        step = self.step_of(group.key)
-        if step is None:
-            return None
-        return sum(is_alike(other, group) for other in self.chosen[:step])
-
     def nats_in_turn(self, key: Key) -> float:
         """What the effect of a key added when it came or, if it did not, would add last [nats];
         else 0.
