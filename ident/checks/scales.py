@@ -92,7 +92,9 @@ def check_scales(session: Session, states: States, arm: ArmModel) -> list[Teleme
     tolerance = gravity_tolerance(states, arm)
     scales = []
     for joint in map(int, tested):
-        scale, error, sprung = fit_scale(states, joint)
+        # A factor shows where the joint slides, and everywhere: the fit that is nearer to one.
+        fits = [fit_scale(states, joint, sliding) for sliding in (True, False)]
+        scale, error, sprung = min(fits, key=lambda fit: abs(fit[0] - 1.0) / max(fit[1], 1e-300))
         off = abs(scale - 1.0)
         # What a spring explains for the most part is no scale.
         if abs(sprung - 1.0) <= 0.5 * off:
