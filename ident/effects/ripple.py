@@ -223,21 +223,21 @@ def find_lines(
     if not shows.any():
         return (), 1
     looked = max(1, int(shows.sum()) // LIMIT.padding)
-    least = 2.0 * np.log(looked / chance)
+    # A comparison asks for the best lines whatever their chance: no power is too small for it.
+    least = max(0.0, 2.0 * np.log(looked / chance))
     apart = 4.0 * np.pi / covered
     between = (turns[1] - turns[0]) * np.array(BETWEEN_POINTS)
     lines: list[float] = []
     while len(lines) < LIMIT.most_lines:
-        best: _Line | None = None
-        seen = np.where(shows, power, 0.0)
-        for peak in _peaks(turns, seen, power / _usual(power), least, apart):
+        tried = []
+        for peak in _peaks(turns, power / _usual(power), shows & (power > least), apart):
             passes = speed * turns[peak] < 2.0 * np.pi * corner
             without = _without_line(angle, residual, turns[peak] + between, passes)
             _, power_left, _ = _spectrum(angle, speed, without, corner)
             above = float(power[peak] / _usual(power_left)[peak])
-            if above > (least if best is None else best.above):
-                best = _Line(float(turns[peak]), above, without, power_left)
-        if best is None:
+            tried.append(_Line(float(turns[peak]), above, without, power_left))
+        best = max(tried, key=lambda line: line.above, default=None)
+        if best is None or best.above <= least:
             break
         lines.append(best.turns)
         residual = best.without
@@ -258,20 +258,19 @@ class _Line:
 
 def _peaks(
     turns: Float[Array, " k"],
-    power: Float[Array, " k"],
     above: Float[Array, " k"],
-    least: float,
+    is_open: Bool[Array, " k"],
     apart: float,
 ) -> list[int]:
-    """Places of the lines that stand out most, as far as any has more than a least power.
+    """Places of the lines that stand out most.
 
     Args:
-        turns, power, above: Of each line the cycles a turn, the power, and the power over what is
-            usual around it.
-        least: Power below which none stands out, whatever is usual.
+        turns: Cycles a turn of each line.
+        above: Its power over what is usual around it.
+        is_open: Whether the motion shows it, with a power that tells a line.
         apart: By how many cycles a turn they lie apart.
     """
-    open_lines = power > least
+    open_lines = is_open.copy()
     peaks: list[int] = []
     while open_lines.any() and len(peaks) < LIMIT.most_tried:
         peak = int(np.argmax(np.where(open_lines, above, -np.inf)))

@@ -7,6 +7,7 @@ from ident.effects.base import SessionContext
 from ident.effects.contact import ExternalContact
 from ident.effects.pushes import force_columns
 from ident.effects.ripple import _spectrum, find_lines
+from ident.effects.settings import RIPPLE
 from ident.regression.discrepancy import unusual_torque
 
 
@@ -112,3 +113,13 @@ def test_a_line_hides_neither_itself_nor_makes_others(session: SessionContext, t
     travel = np.ptp(np.concatenate([run.motion.q[:, 2] for run in session.runs]))
     assert len(lines) == 1
     assert abs(lines[0] - turns) < 2.0 * np.pi / travel
+
+
+def test_only_lines_that_the_motion_shows_are_candidates(session: SessionContext) -> None:
+    """Law: however low the bar, as for a comparison, no line below the fewest cycles a turn is taken, nor one twice."""
+    left = noise(session, 8)
+    for run, values in zip(session.runs, left, strict=True):
+        values[:, 2] += 5.0 * np.cos(6.0 * run.motion.q[run.motion.coarse][:, 2])
+    lines, _ = find_lines(session, left, 2, chance=1e9)
+    assert len(set(lines)) == RIPPLE.most_lines
+    assert min(lines) >= RIPPLE.fewest
