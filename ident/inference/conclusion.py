@@ -236,6 +236,7 @@ def _consistent(
 
     Of two sets, an effect of one may explain what an effect of the other does: of these one alone
     is a name, that which explains more where both were weighed in one set, or else the likelier.
+    What explains more than each of its rivals among the names takes the place of all.
     Effects of one set explain what the others leave, so both may be.
     """
     order = sorted(range(len(described)), key=lambda k: -estimates[k].class_probability)
@@ -244,15 +245,15 @@ def _consistent(
     for k in order:
         if estimates[k].class_probability < EVEN_ODDS:
             break
-        by = next((other for other in names if _rival(described[k], described[other])), None)
-        if by is None:
-            names.append(k)
-        elif _log_odds(estimates[k], estimates[by]) > 0.0:
-            names[names.index(by)] = k
-            hidden = {one: k if other == by else other for one, other in hidden.items()}
-            hidden[by] = k
-        else:
-            hidden[k] = by
+        rivals = [other for other in names if _rival(described[k], described[other])]
+        better = [other for other in rivals if _log_odds(estimates[k], estimates[other]) <= 0.0]
+        if better:
+            hidden[k] = better[0]
+            continue
+        names = [other for other in names if other not in rivals]
+        names.append(k)
+        hidden = {one: k if by in rivals else by for one, by in hidden.items()}
+        hidden |= dict.fromkeys(rivals, k)
     return names, hidden
 
 
@@ -260,14 +261,14 @@ def _log_odds(first: Estimate, second: Estimate) -> float:
     """Log odds of one effect against another that explains the same, each by the sums of its own
     set; the mean where both sets weigh them, 0 where neither does [nats].
     """
-    told = []
+    weighed = []
     for one, other, sign in ((first, second, 1.0), (second, first, -1.0)):
         odds = one.odds.get(other.group.effect.id)
         if one.group.effect.id == other.group.effect.id:
             odds = one.places.get(other.group.joint)
         if odds is not None:
-            told.append(sign * float(np.log(odds)))
-    return float(np.mean(told)) if told else 0.0
+            weighed.append(sign * float(np.log(odds)))
+    return float(np.mean(weighed)) if weighed else 0.0
 
 
 def _behind(estimate: Estimate, named: Estimate) -> Estimate:
