@@ -24,26 +24,44 @@ SLIDES = 0.5
 LEAST_SLIDING = 24
 
 
-def fit_scale(states: States, joint: int, sliding: bool = True) -> tuple[float, float, float]:
+class TorqueScale(NamedTuple):
+    """A joint's torque as a multiple of the model's."""
+
+    scale: float
+    error: float  # standard
+    beside_spring: float  # the scale where the joint may have a spring, too
+
+
+def fit_scale(states: States, joint: int) -> TorqueScale:
     """A joint's torque as a multiple of the model's, told by gravity.
 
-    Least squares beside inertia, the rotor's (no part of the model, which could bend gravity's),
-    friction, friction that grows with the load, an offset, where the joint slides: one that has
-    stopped keeps a share of its friction, by the side from which it came to where it stands, and
-    that goes with gravity. The error is the delete-one-piece jackknife's, and half of what a spring
-    makes of the scale is added.
+    A factor shows where the joint slides, and everywhere: of the two the one nearer to one. A joint
+    that has stopped keeps a share of its friction, by the side from which it came to where it
+    stands, and that goes with gravity.
 
     Args:
         states: Of all joints.
         joint: Which of them.
-        sliding: Whether states in which it stands are left out; a column whose unit is not known
-            yet has to follow gravity there, too.
-
-    Returns:
-        The scale, its standard error, and the scale beside a spring.
     """
-    everywhere = np.ones(len(states.dq), dtype=bool)
-    rows = _sliding(states.dq[:, joint]) if sliding else everywhere
+    sliding = _fit_rows(states, joint, _sliding(states.dq[:, joint]))
+    everywhere = fit_scale_everywhere(states, joint)
+    return min((sliding, everywhere), key=_standard_errors_from_one)
+
+
+def fit_scale_everywhere(states: States, joint: int) -> TorqueScale:
+    """The same from all states, standing ones, too: for a column whose unit is not known yet, which
+    has to follow gravity there as well.
+    """
+    return _fit_rows(states, joint, np.ones(len(states.dq), dtype=bool))
+
+
+def _fit_rows(states: States, joint: int, rows: Bool[Array, " T"]) -> TorqueScale:
+    """The scale by some states.
+
+    Least squares beside inertia, the rotor's (no part of the model, which could bend gravity's),
+    friction, friction that grows with the load, and an offset. The error is the delete-one-piece
+    jackknife's, and half of what a spring makes of the scale is added.
+    """
     tau = states.tau[rows, joint]
     gravity = states.gravity[rows, joint]
     dq = states.dq[rows, joint]
@@ -53,11 +71,16 @@ def fit_scale(states: States, joint: int, sliding: bool = True) -> tuple[float, 
     bare = np.column_stack([gravity, *inertia, *friction, np.ones(len(dq))])
     sprung = np.column_stack([bare, states.q[rows, joint]])
     weights, errors = jackknife(bare, tau, states.settings.pieces)
-    beside_spring, _ = jackknife(sprung, tau, states.settings.pieces)
+    weights_beside_spring, _ = jackknife(sprung, tau, states.settings.pieces)
     scale = float(weights[0])
-    scale_beside_spring = float(beside_spring[0])
-    error = float(np.hypot(float(errors[0]), 0.5 * (scale - scale_beside_spring)))
-    return scale, error, scale_beside_spring
+    beside_spring = float(weights_beside_spring[0])
+    error = float(np.hypot(float(errors[0]), 0.5 * (scale - beside_spring)))
+    return TorqueScale(scale, error, beside_spring)
+
+
+def _standard_errors_from_one(fit: TorqueScale) -> float:
+    """By how many of its errors a scale is off."""
+    return abs(fit.scale - 1.0) / max(fit.error, 1e-300)
 
 
 def _sliding(dq: Float[Array, " T"]) -> Bool[Array, " T"]:
@@ -92,12 +115,10 @@ def check_scales(session: Session, states: States, arm: ArmModel) -> list[Teleme
     tolerance = gravity_tolerance(states, arm)
     scales = []
     for joint in map(int, tested):
-        # A factor shows where the joint slides, and everywhere: the fit that is nearer to one.
-        fits = [fit_scale(states, joint, sliding) for sliding in (True, False)]
-        scale, error, sprung = min(fits, key=lambda fit: abs(fit[0] - 1.0) / max(fit[1], 1e-300))
+        scale, error, beside_spring = fit_scale(states, joint)
         off = abs(scale - 1.0)
         # What a spring explains for the most part is no scale.
-        if abs(sprung - 1.0) <= 0.5 * off:
+        if abs(beside_spring - 1.0) <= 0.5 * off:
             continue
         if states.heavy[joint]:
             is_off = off > max(settings.scale_off, heavy_sure * error)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.checks.arrangement import hang_by_current
 from ident.checks.effort import States, fit_signed
-from ident.checks.scales import fit_scale
+from ident.checks.scales import fit_scale_everywhere
 from ident.checks.settings import USUAL_EFFORT
 from ident.infer.guess import Reason, Signals
 from ident.infer.settings import UNITS as LIMIT
@@ -225,7 +225,7 @@ def _column_of(states: States, j: int) -> Column:
     least = max(USUAL_EFFORT.follows, sides[-best].explained + LIMIT.clearly_more)
     clear = bool(states.alive[j] and explained > least)
     fit = SignFit(best if clear else 1, explained, clear)
-    size, error, _ = fit_scale(states, j, sliding=False)
+    size, error, _ = fit_scale_everywhere(states, j)
     changes = np.ptp(gravity) > 1e-6 * np.abs(gravity).max()  # a slide's may not
     is_trusted = clear and changes and explained > LIMIT.trusted
     if is_trusted and error < LIMIT.sure_gain * best * size:
