@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment
 
+from ident.checks.angles import ANGULAR
 from ident.checks.report import TelemetryReport
 from ident.checks.wraps import unwrap
 from ident.errors import InputError, RecordingError
@@ -221,7 +222,8 @@ def _complete(
         second = 1.0 / rate
     if arm is not None and any(name in signals.tables for name in MEASURED):
         signals = likeliest_group(signals, arm, lambda group: _in_si(group, arm, second))
-    angle, _, turn = angle_unit(signals, arm)
+    unit = angle_unit(signals, arm)
+    angle, _, turn = unit
     slides, sliding = slide_scales(signals, arm)
     as_logged = signals
     signals, velocity, refused = check_velocity(_in_si(signals, arm, second))
@@ -252,7 +254,8 @@ def _complete(
         settings["time_unit"] = time
     if turn is not None and angle != "rad":
         settings[turn.what] = angle
-    if turn is not None and turn.what == "counts_per_turn" and not zero_count(as_logged, arm):
+    is_counted = turn is not None and turn.what == "counts_per_turn"
+    if is_counted and not zero_count(as_logged.tables["position"], unit):
         # Counts are read from the middle of a turn; these are from their own zero.
         zeros = settings.get("zero_rad", {})
         turning = [joint for joint in joints if joint not in slides]
@@ -289,14 +292,15 @@ def _in_si(signals: Signals, arm: ArmModel | None, second: float) -> Signals:
         arm: The robot, by whose limits units are told.
         second: What makes seconds of the file's time.
     """
-    _, radian, _ = angle_unit(signals, arm)
+    unit = angle_unit(signals, arm)
+    _, radian, _ = unit
     slides, _ = slide_scales(signals, arm)
     scale = np.array([slides.get(name, radian) for name in signals.joints])
-    middle = zero_count(signals, arm)
+    middle = zero_count(signals.tables["position"], unit)
     zeros = np.array([0.0 if name in slides else middle for name in signals.joints])
     tables = {}
     for name, values in signals.tables.items():
-        is_place = name in ("position", "position_command")
+        is_place = name in ANGULAR
         tables[name] = values
         if name in ANGLES:
             tables[name] = scale * (values - zeros if is_place else values)

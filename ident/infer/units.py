@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ident.arrays import Array
+from ident.arrays import Array, Float
 from ident.checks.conventions.find import find_conventions, is_changed
 from ident.checks.conventions.reread import reread
 from ident.checks.conventions.told import describe, rivals
@@ -89,14 +89,18 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
     return "deg", ANGLE_UNITS["deg"], Reason("angle_unit", "deg", seen)
 
 
-def zero_count(signals: Signals, arm: ArmModel | None) -> float:
+def zero_count(position: Float[Array, "T n"], unit: Unit) -> float:
     """The count at which a joint's angle is zero: the middle of a turn, or 0 of counts that run
     below it; 0 of other units.
+
+    Args:
+        position: As the file has it.
+        unit: Of its angles.
     """
-    unit, _, reason = angle_unit(signals, arm)
+    counts, _, reason = unit
     is_counted = reason is not None and reason.what == "counts_per_turn"
-    runs_below = float(signals.tables["position"].min(initial=0.0)) < 0.0
-    return float(unit) / 2.0 if is_counted and not runs_below else 0.0
+    runs_below = float(position.min(initial=0.0)) < 0.0
+    return float(counts) / 2.0 if is_counted and not runs_below else 0.0
 
 
 def slide_scales(signals: Signals, arm: ArmModel | None) -> tuple[dict[str, float], list[Reason]]:

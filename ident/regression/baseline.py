@@ -151,8 +151,8 @@ def fit_baseline(
     noise = np.ones(arm.n)
     for last in (False, True):
         widths = _transition_widths(sums, of_any_links)
-        of_any_links, of_place = _solve_beside_places(sums, ANY_LINKS * prior, widths, noise)
-        change, losses = _solve_joints(sums, prior, widths, noise)
+        of_any_links, _, of_place = _solve(sums, ANY_LINKS * prior, widths, noise, PLACES)
+        change, losses, _ = _solve(sums, prior, widths, noise)
         rotor, viscous, coulomb = losses.T
         speeds = np.asarray(TRANSITION_GRID)[widths]
         loss = LossParameters(rotor, viscous, coulomb, np.zeros(arm.n), speeds)
@@ -189,47 +189,26 @@ def _require_moving(motions: Sequence[Motion], still: Collection[int]) -> None:
         raise RecordingError(motions[0].name, what, "add runs that move it, or lock it")
 
 
-def _solve_joints(
+def _solve(
     sums: Float[Array, "n p p"],
     prior: Float[Array, "r r"],
     widths: Int[Array, " n"],
     noise: Float[Array, " n"],
-) -> tuple[Float[Array, " r"], Float[Array, "n l"]]:
-    """Base parameters and losses of least squares; no loss is negative.
+    places: int = 0,
+) -> tuple[Float[Array, " r"], Float[Array, "n l"], Float[Array, "n k"]]:
+    """Base parameters, losses and torques of place of least squares; no loss is negative.
 
     Args:
         sums: As `_sums_of_joints` has them.
         prior: Information on the base parameters that lies in the URDF.
         widths: Place in the grid of each joint's transition width.
         noise: By which each joint's rows are divided [N m].
+        places: How many of each joint's torques of place are solved for.
+
+    Returns:
+        The change of the base parameters; each joint's losses; and the coefficients of its torques
+        of place, which are of either sign.
     """
-    change, losses, _ = _solve(sums, prior, widths, noise, 0)
-    return change, losses
-
-
-def _solve_beside_places(
-    sums: Float[Array, "n p p"],
-    prior: Float[Array, "r r"],
-    widths: Int[Array, " n"],
-    noise: Float[Array, " n"],
-) -> tuple[Float[Array, " r"], Float[Array, "n k"]]:
-    """Base parameters, and coefficients of each joint's torques of place, of either sign.
-
-    Args:
-        sums, prior, widths, noise: As for `_solve_joints`.
-    """
-    change, _, of_place = _solve(sums, prior, widths, noise, PLACES)
-    return change, of_place
-
-
-def _solve(
-    sums: Float[Array, "n p p"],
-    prior: Float[Array, "r r"],
-    widths: Int[Array, " n"],
-    noise: Float[Array, " n"],
-    places: int,
-) -> tuple[Float[Array, " r"], Float[Array, "n l"], Float[Array, "n k"]]:
-    """Base parameters, losses and coefficients of so many of each joint's torques of place."""
     n = len(sums)
     rank = len(prior)
     first_place = rank + LOSSES * n
