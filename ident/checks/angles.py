@@ -32,7 +32,9 @@ def revolute(session: Session, arm: ArmModel | None) -> Bool[Array, " n"]:
     return ~arm.sliding_joints
 
 
-def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
+def mend_angle_units(
+    session: Session, arm: ArmModel | None
+) -> tuple[Session, list[TelemetryIssue]]:
     """Finds angles in degrees, radians read as degrees, and slides in millimetres.
 
     The session is converted for other checks, a fit is refused.

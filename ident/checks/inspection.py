@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ident.checks.absent_joints import check_absent
-from ident.checks.angles import mend_degrees
+from ident.checks.angles import mend_angle_units
 from ident.checks.arrangement import check_bodies
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
 from ident.checks.clock import mend_clock_jumps, mend_order, split_at_gaps
@@ -281,7 +281,7 @@ def check_rows(session: Session, arm: ArmModel | None) -> tuple[Session, list[Te
         mend_clock_jumps,
         mend_time_unit,
         mend_channel_spikes,
-        lambda session_so_far: mend_degrees(session_so_far, arm),
+        lambda session_so_far: mend_angle_units(session_so_far, arm),
         mend_spikes,
         lambda session_so_far: mend_wraps(session_so_far, arm),
         check_run_clocks,

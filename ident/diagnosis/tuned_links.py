@@ -52,6 +52,8 @@ from ident.robot.arm import ArmModel
 MASS = "mass_change_kg"
 MOMENT = "moment_change_{}_kgm"
 ABOUT = "about_axis_kgm"
+# What is said of a link beyond tolerance, after its name.
+BEYOND_URDFS = "is off by more than URDFs are"
 # Links that together could take one's place, by index, with the log evidence for that one against
 # them [nats].
 Places = tuple[tuple[frozenset[int], float], ...]
@@ -144,7 +146,7 @@ class TunedLink:
         for axis, change in self.moment.items():
             if MOMENT.format(axis) in self.beyond:
                 moved.append(f"its moment along {axis} by {change.words('kg m')}")
-        off = f"{link} is off by more than URDFs are: tuning moved {' and '.join(moved)}"
+        off = f"{link} {BEYOND_URDFS}: tuning moved {' and '.join(moved)}"
         return f"{off}; correct its <inertial>, or the gain of {self.joint}"
 
 

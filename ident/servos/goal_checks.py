@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Float
-from ident.checks.angles import mend_degrees
+from ident.checks.angles import mend_angle_units
 from ident.checks.clock import mend_clock_jumps, mend_order, split_at_gaps
 from ident.checks.sampling import mend_jitter
 from ident.checks.time_base import check_stated_rate, mend_time_base, mend_time_unit
@@ -31,7 +31,7 @@ STEPS = (
     check_stated_rate,
     mend_time_base,
     mend_jitter,
-    lambda session: mend_degrees(session, None),
+    lambda session: mend_angle_units(session, None),
     split_at_gaps,
 )
 COUNTS = 4096.0 / (2.0 * math.pi)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ident.diagnosis.next_experiment import joints_shown
+from ident.diagnosis.tuned_links import BEYOND_URDFS
 from ident.errors import join_words
 from ident.records import JsonTable
 from ident.regression.settings import USUAL_REGRESSION
@@ -118,7 +119,7 @@ def wrong_link(record: JsonTable) -> tuple[str, str]:
             worst = name
             largest = change
     for reservation in record.get("reservations", ()):
-        if worst and reservation["reason"].startswith(f"{worst} is off by more"):
+        if worst and reservation["reason"].startswith(f"{worst} {BEYOND_URDFS}"):
             return worst, reservation["reason"]
     return "", ""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ident.diagnosis.tuned_links import BEYOND_URDFS
 from ident.effects.catalogue import OF_THE_ARM
 from ident.errors import join_words, plural
 from ident.records import JsonTable
@@ -203,9 +204,9 @@ def _words_without_gap(words: str, record: JsonTable, misread: bool, brief: bool
         )
     link, _ = wrong_link(record)
     if link and wrong:
-        wrong = f"{wrong} Its {link} is off by more than URDFs are."
+        wrong = f"{wrong} Its {link} {BEYOND_URDFS}."
     elif link:
-        wrong = f"In your URDF {link} is off by more than URDFs are."
+        wrong = f"In your URDF {link} {BEYOND_URDFS}."
     if not wrong:
         return f"{words}{doubt}"
     return f"{wrong}{doubt}" if misread else f"{wrong} {righted}"
