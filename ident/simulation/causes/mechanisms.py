@@ -282,6 +282,21 @@ def supply_sag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]
     return h.replace(sensing=sensing), {"relative_rise": size, "at_power_W": power}
 
 
+def friction_step(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """Friction that is larger by a share [1] from a run on, dry and viscous alike.
+
+    Nothing of a session of one run, which has it from its beginning.
+    """
+    hardware = scene.hardware
+    runs = len(scene.motions)
+    first = int(scene.rng.integers(1, runs)) if runs > 1 else 1
+    path = hardware.friction_path
+    changed = np.ones((runs, 2, hardware.n)) if path is None else path.copy()
+    changed[first:, :, scene.joint] *= 1.0 + size
+    true: Parameters = {"relative_rise": size, "from_run": first}
+    return hardware.replace(friction_path=changed), true
+
+
 def kinematic_error(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """A strain-wave gear's kinematic error shakes the link, hardest where it meets the drive's
     resonance.

@@ -77,6 +77,13 @@ def plant_ageing(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
     return at_joint(arm, j, torque, {"travel_rad": travel})
 
 
+def plant_step(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Dry friction that is larger from a time on: a brake that rubs, grease that has gone."""
+    start = float(np.quantile(arm.t, draw.uniform(0.3, 0.7)))
+    torque = size * (arm.t >= start) * bristle(arm, arm.v[:, j])
+    return at_joint(arm, j, torque, {"from_s": start})
+
+
 OUTSIDE: dict[str, Planted] = {
     "cable_at_the_end": Planted(plant_cable, over_range(30.0)),
     "velocity_product_drag": Planted(plant_product, at_speed(5.0), neighbours=True),
@@ -85,6 +92,7 @@ OUTSIDE: dict[str, Planted] = {
     "supply_sag": Planted(plant_sag, fixed(0.6)),
     "floor_vibration": Planted(plant_floor, up_to(0.6)),
     "tooth_friction": Planted(plant_tooth, fixed(0.5)),
+    "friction_step": Planted(plant_step, up_to(0.8)),
     "wearing_off_after_reversal": Planted(plant_ageing, up_to(0.8)),
 }
 """Laws that no catalogue lists."""
