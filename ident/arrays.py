@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-__all__ = ["Array", "Bool", "Float", "Int", "freeze", "in_a_line", "least_squares"]
+__all__ = ["Array", "Bool", "Float", "Int", "freeze", "in_a_line", "least_squares", "read_only"]
 
 Array = np.ndarray
 # Longest text or tuple that a line shows as it is [characters].
@@ -36,6 +36,17 @@ def freeze(values: Any) -> Float[Array, "..."]:
     ):
         return values
     array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array
+
+
+def read_only(values: Any) -> Float[Array, "..."]:
+    """Values as a float array row by row that can't be written through, copied where they are none.
+
+    A compiled loop is made once for what it reads in this way; else it is made again for arrays
+    that others may write, and for those that none may.
+    """
+    array = np.ascontiguousarray(values, dtype=float).view()
     array.setflags(write=False)
     return array
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Float, freeze, read_only
 from ident.motion.kalman import filter_joint, smooth_joint
 from ident.motion.kalman_reference import smooth_by_filterpy
 from ident.motion.settings import USUAL_MOTION, MotionSettings
@@ -118,7 +118,7 @@ def fit_noise_levels(
     jerk = np.zeros(n)
     variance = np.zeros(n)
     for j in range(n):
-        columns = [np.ascontiguousarray(cut[:, j]) for cut in cuts]
+        columns = [read_only(cut[:, j]) for cut in cuts]
         if max(np.ptp(np.concatenate(columns)), 0.0) < LEAST_TRAVEL:
             noise = np.concatenate([column - column.mean() for column in columns])
             variance[j] = max(np.var(noise), LEAST_NOISE**2)
@@ -212,7 +212,7 @@ def smooth(
     history = np.empty((samples, 7))
     sums = np.zeros(6)
     for j in range(n):
-        z = np.ascontiguousarray(position[:, j], dtype=float)
+        z = read_only(position[:, j])
         jerk = levels.jerk[j]
         variance = levels.position[j]
         if jerk == 0.0:

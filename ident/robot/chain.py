@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, read_only
 from ident.compiled import compiled
 
 PER_LINK = 10
@@ -91,8 +91,7 @@ def compute_regressor(
     place[list(chosen)] = np.arange(len(chosen))
     out = np.zeros((samples, n, len(chosen)))
     parts = (*chain[:5], q, dq, ddq)
-    given = [np.ascontiguousarray(values, dtype=float) for values in parts]
-    _fill_regressor(*given, place, out)
+    _fill_regressor(*map(read_only, parts), place, out)
     return out
 
 

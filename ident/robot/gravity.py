@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, read_only
 from ident.compiled import compiled
 from ident.robot.chain import Chain
 
@@ -22,7 +22,7 @@ def gravity_along_axes(chain: Chain, q: Float[Array, "T n"]) -> Float[Array, "T 
     out = np.empty((*np.shape(q), 3))
     vectors = np.stack([chain.offsets, chain.axes, chain.centres], axis=1)
     values = (chain.rotations, vectors, chain.sliding, chain.masses, q)
-    _fill_gravity(*[np.ascontiguousarray(value, dtype=float) for value in values], out)
+    _fill_gravity(*map(read_only, values), out)
     return out
 
 
