@@ -234,7 +234,7 @@ class LinkInertialError(Effect):
         coefficients = gain @ coefficients
         covariance = gain @ covariance
         mass = linear_interval(change[0], coefficients, covariance)
-        none = -float(arm.inertial_parameters[10 * joint])
+        none = -session.urdf_mass(joint)
         value = max(mass.value, none)  # a link weighs something
         if not weighs(arm, joint):
             mass = Interval(value, none, max(arm_mass(arm), value), "both")
@@ -256,7 +256,7 @@ class LinkInertialError(Effect):
         """
         arm = session.runs[0].arm
         mass = estimates["mass_change_kg"]
-        mass_of_link = float(arm.inertial_parameters[10 * joint])
+        mass_of_link = session.urdf_mass(joint)
         whole = arm_mass(arm)
         moment = (mass_of_link + abs(mass.value)) * arm_reach(arm)
         centre = Range(-moment, moment, "the link's centre would lie beyond the arm's reach")

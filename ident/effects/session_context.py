@@ -121,6 +121,15 @@ class SessionContext:
         """Number of joints."""
         return len(self.joint_names)
 
+    def urdf_mass(self, link: int) -> float:
+        """What a link weighs by the URDF, with all that is fixed to it [kg].
+
+        The runs' arm is the tuned one: what a name takes off a link, tuning alone may have taken
+        off it already.
+        """
+        mass = float(self.runs[0].arm.inertial_parameters[10 * link])
+        return mass if self.tuned is None else mass - float(self.tuned[10 * link])
+
 
 @dataclass(frozen=True)
 class Variant:

@@ -9,7 +9,7 @@ from smooth_motion import Recover, make_session
 
 from ident.arrays import Array
 from ident.effects.added_body import PLACE
-from ident.effects.base import SessionContext, Variant
+from ident.effects.base import SessionContext, Variant, impossible
 from ident.effects.catalogue import find_effect
 from ident.effects.contact import ExternalContact
 from ident.effects.pushes import Leftover, Push, force_columns, locate, pairs_of_ends, screen_windows
@@ -51,6 +51,22 @@ def test_no_link_weighs_less_than_nothing(session: SessionContext, spread: float
     shift, error = 0.2 * effect.prior_scale(session, 2, Variant()), spread * own * np.array([1.0, 0.01, 0.01, 0.01])
     figures = effect.parameters(session, 2, Variant(), np.append(-0.5 * own, shift[1:]), np.diag(error**2))
     assert (figures["mass_change_kg"].open, "moment" in effect.action("joint_3", figures)) == (open_end, open_end != "")
+
+
+def test_a_link_weighs_what_its_urdf_says_until_a_name_takes_it_off(session: SessionContext) -> None:
+    """Law: what tuning alone took off a link, a name takes off it, not once more: it may be up to all of the URDF's."""
+    effect = find_effect("link_inertial_error")
+    arm = session.runs[0].arm
+    taken = np.zeros_like(arm.inertial_parameters)
+    taken[20] = -0.6 * arm.inertial_parameters[20]
+    runs = [replace(run, arm=arm.with_inertial_parameters(arm.inertial_parameters + taken)) for run in session.runs]
+    tuned = replace(session, runs=runs, tuned=taken)
+    shift = 0.1 * effect.prior_scale(session, 2, Variant())
+    covariance = np.diag((1e-3 * shift) ** 2)
+    for share, is_possible in ((0.7, True), (1.2, False)):
+        change = np.append(-share * arm.inertial_parameters[20], shift[1:])
+        figures = effect.parameters(tuned, 2, Variant(), change, covariance)
+        assert (impossible(effect, tuned, 2, figures) is None) == is_possible
 
 
 @pytest.mark.parametrize("name", ["payload", "link_inertial_error"])
