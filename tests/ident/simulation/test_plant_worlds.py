@@ -271,3 +271,14 @@ def test_play_is_compared_with_the_same_gear_without_play(hardware, motions, met
     none, some, more = (meters[0].measure(cause, scene, gap, 3)[2] for gap in (0.0, 0.004, 0.016))
     assert none < 1e-9
     assert 1e-6 < some < more
+
+
+def test_friction_rises_from_a_run_on_at_its_joint_alone(hardware, motions):
+    """Law: runs before it have the path that they had, those from it on more, dry and viscous alike."""
+    changed, true = find_cause("friction_step").apply(scene_at(hardware, motions, 3), 0.8)
+    path = np.array(changed.friction_path)
+    first = true["from_run"]
+    assert 0 < first < len(motions)
+    assert np.all(path[:first] == 1.0)
+    assert path[first:, :, 3] == pytest.approx(1.8)
+    assert np.all(np.delete(path, 3, axis=2) == 1.0)
