@@ -31,7 +31,6 @@ FEATURES = (
     "smooth_share",
     "log_dispersion",
     "log_left_over_noise",
-    "log_friction_spread",
     "repeated_share",
     "repeated_in_errors",
     *(f"{name}{BESIDE}" for name in COMPARED),
