@@ -138,6 +138,6 @@ def test_no_figure_of_a_reading_is_one_that_no_arm_has() -> None:
     runs = tuple(run.replace(effort=run.effort * gains) for run in session.runs)
     record = diagnose(replace(session, runs=runs), "tm5-900").to_dict()
     low, high, _ = find_effect("torque_gain_error").bounds["gain"]
-    for joint in record["identified"].values():
-        gain = joint["torque_gain"]
+    told = [joint["torque_gain"] for joint in record["identified"].values() if "torque_gain" in joint]
+    for gain in told:
         assert gain["value"] is None or (gain["high"] >= 1.0 + float(low) and gain["low"] <= 1.0 + float(high))
