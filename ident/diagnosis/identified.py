@@ -29,7 +29,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.baseline_record import LINK_KEYS, LOSS_KEYS, TunedJoint
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.tuned_links import TunedLink
-from ident.effects.base import Interval, SessionContext
+from ident.effects.base import Interval, SessionContext, impossible
 from ident.effects.intervals import NORMAL_95
 from ident.inference.estimate import Estimate
 from ident.model.linearisation import LEAST_MOVING
@@ -290,7 +290,8 @@ def _alone(
 ) -> Interval | None:
     """A parameter of a candidate that alone is free beside a model.
 
-    None where the model leaves nothing to be seen of it.
+    None where the model leaves nothing to be seen of it, or where no arm can have what is found:
+    something else has the candidate's shape there, and the number would be nobody's.
     """
     seen = model.seen(group.columns)
     if not seen[0]:
@@ -308,6 +309,8 @@ def _alone(
     parameters = group.effect.parameters(
         solved.session, group.joint, group.variant, coefficients, covariance
     )
+    if impossible(group.effect, solved.session, group.joint, parameters) is not None:
+        return None
     return parameters[parameter]
 
 

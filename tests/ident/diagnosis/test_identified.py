@@ -123,3 +123,21 @@ def test_a_joint_that_stands_still_has_no_value_and_no_error(tmp_path: Path) -> 
     assert still["coulomb_Nm"]["value"] is None
     assert "urdf_rms_Nm" not in record["gap"]["joint_6"]
     assert record["identified"]["joint_2"]["coulomb_Nm"]["value"] is not None
+
+
+def test_no_figure_of_a_reading_is_one_that_no_arm_has() -> None:
+    """Law: where something else has the shape of a gain, the gain has no value rather than an absurd one."""
+    from dataclasses import replace
+
+    from ident.effects.catalogue import find_effect
+    from ident.recordings.load import load_session
+    from ident.robot.names import data_path
+
+    session = load_session(data_path("logs/tm5_900/E1"))
+    gains = [1.0, 1.0, 1.0, 10.0, 1.0, 1.0]
+    runs = tuple(run.replace(effort=run.effort * gains) for run in session.runs)
+    record = diagnose(replace(session, runs=runs), "tm5-900").to_dict()
+    low, high, _ = find_effect("torque_gain_error").bounds["gain"]
+    told = [joint["torque_gain"] for joint in record["identified"].values() if "torque_gain" in joint]
+    for gain in told:
+        assert gain["value"] is None or (gain["high"] >= 1.0 + float(low) and gain["low"] <= 1.0 + float(high))
