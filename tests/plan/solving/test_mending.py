@@ -47,11 +47,13 @@ class Clock:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    """Every ledger's clock, asked anew each time; the motion is planned by the true one, once."""
-    quick_motion()
+    """Every ledger's clock, asked anew each time; the motion is planned by one that stands, once."""
     clock = Clock()
     monkeypatch.setattr(base, "processor_seconds", clock)
+    # Loops that no earlier test called are compiled in true time, which no search may be given back.
+    monkeypatch.setattr(base, "compile_seconds", lambda: 0.0)
     monkeypatch.setattr(base, "LOOK_EVERY", -1.0)
+    quick_motion()
     return clock
 
 
