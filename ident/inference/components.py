@@ -136,7 +136,8 @@ class ModelSums:
         other.whole = list(self.whole)
         other.friction_nats = self.friction_nats.copy()
         for joint, (spread, share) in changed.items():
-            friction[joint], walk[joint] = spread, share
+            friction[joint] = spread
+            walk[joint] = share
             of_joint, other.friction_nats[joint] = self.sums.of_joint(joint, spread, share)
             other.whole[joint] = of_joint / self.components.dispersion[joint]
         other.components = replace(self.components, friction=friction, walk=walk)
