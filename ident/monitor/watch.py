@@ -349,7 +349,8 @@ def make_history(
         arm: Its name.
         sessions: Its sessions, with `session`, `date` and `status`; figures and effects of those
             whose status is not `done` are left out.
-        figures: Estimates, with `session`, `joint`, `figure`, `value`, `low`, `high`, `std`, `date`.
+        figures: Estimates, with `session`, `date`, `joint`, `figure`, `value`, `low`, `high` and
+            `std`.
         effects: Effects that were named, with `session`.
         level: Chance, from 0 to 1, of any false alarm in the arm's life.
 
