@@ -10,7 +10,6 @@ import os
 import re
 import stat
 import tomllib
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -34,9 +33,6 @@ DEEPEST = 64
 LONG_KEY = re.compile(
     rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}"""
 )
-# Prefixes of elements' and attributes' names, and the first element.
-PREFIX = re.compile(r'<(\w[\w.-]*+):\w|\s(\w[\w.-]*+):[\w.-]++\s*+=\s*+["\']')
-ROOT_TAG = re.compile(r"<[A-Za-z_][^\s/>]*+")
 # Halves of a character, which JSON can write and no file can hold.
 HALF = re.compile("[\ud800-\udfff]")
 # Beyond these no number of an arm lies; integers beyond become infinite or raise errors in
@@ -290,47 +286,6 @@ def read_toml(path: Path, remedy: str, error: type[InputError] = InputError) -> 
     except (ValueError, RecursionError) as failed:
         raise error(path, f"not TOML ({first_line(failed)})", remedy) from None
     return record
-
-
-def require_no_entities(text: str, where: str | Path, remedy: str, error: type[InputError]) -> None:
-    """Raises for an XML text that defines entities: they read other files or grow without end."""
-    if "<!ENTITY" in text:
-        raise error(where, "it defines entities, which no robot needs", remedy)
-
-
-def read_xml(text: str, where: str | Path, remedy: str, error: type[InputError]) -> ET.Element:
-    """The root element of an XML text.
-
-    Raises:
-        InputError: Not XML, with entities of its own, or nested deeper than readers of robots can
-            follow.
-    """
-    require_no_entities(text, where, remedy, error)
-    try:
-        root = ET.fromstring(declare_prefixes(text))
-    except ET.ParseError as failed:
-        raise error(where, f"not XML ({failed})", remedy) from None
-    level = [root]
-    for _ in range(DEEPEST):
-        level = [child for element in level for child in element]
-    if level:
-        raise error(where, f"its elements nest more than {DEEPEST} levels deep", remedy)
-    return root
-
-
-def declare_prefixes(text: str) -> str:
-    """The text, with prefixes of names (`drake:acceleration`) that it uses and declares nowhere
-    declared at its root.
-
-    Robots' own parsers know nothing of namespaces, so that public URDFs lack the declarations.
-    """
-    used = dict.fromkeys(name for pair in PREFIX.findall(text) for name in pair if name)
-    missing = [name for name in used if f"xmlns:{name}" not in text and name[:3] != "xml"]
-    for name in missing:
-        with suppress(ValueError):  # a name that Python's writer keeps for itself
-            ET.register_namespace(name, name)  # by which it is written again
-    declared = "".join(f' xmlns:{name}="{name}"' for name in missing)
-    return ROOT_TAG.sub(lambda root: root.group() + declared, text, count=1) if missing else text
 
 
 def read_arrays(

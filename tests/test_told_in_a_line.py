@@ -29,7 +29,7 @@ from ident.recordings.save import write_recording
 from ident.robot import meshes
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
-from ident.servos.servo_fit import load_goals
+from ident.servos.goal_runs import load_goals
 from ident.show.report.page import Section, render_page
 from ident.trajectories.files import read_commands
 from plan.geometry.obstacle_files import read_mesh

@@ -19,14 +19,15 @@ from ident.monitor.pages import write_pages
 from ident.monitor.ranges import Ranges, find_ranges
 from ident.monitor.watch import Watch, look
 from ident.outputs import real_path
-from ident.recordings.columns import match_joints
+from ident.recordings.joint_names import match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import NAME
 from ident.results import Provenance, stamp_sessions
 from ident.robot.arm import ArmModel
 from ident.servos.goal_checks import check_log, require_own_goals
-from ident.servos.servo_fit import ServoArm, fit_servos, load_goals, runs_of
+from ident.servos.goal_runs import load_goals, runs_of
+from ident.servos.servo_fit import ServoArm, fit_servos
 from ident.servos.told_runs import told_runs
 from ident.sessions import Robot, Sources, load_robot, open_sessions
 

@@ -65,7 +65,14 @@ def compare(before: Mapping[str, SessionOutcome], after: Mapping[str, SessionOut
 
 
 def is_compared(outcome: SessionOutcome, kinds: Sequence[str]) -> bool:
-    """Whether a session is of some kinds; effects that hardly show and controls are of none."""
+    """Whether a session counts in a comparison of two engines.
+
+    Controls never do, nor single effects that hardly show.
+
+    Args:
+        outcome: What became of the session.
+        kinds: Kinds of sessions that count; all if empty.
+    """
     kind = outcome.session.kind
     if kind == "control" or (kind == "single" and not is_visible_single(outcome)):
         return False

@@ -16,7 +16,8 @@ from ident.checks.arrangement import check_bodies
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
 from ident.checks.clock import mend_clock_jumps, mend_order, split_at_gaps
 from ident.checks.conventions.reread import as_it_is, read_conventions
-from ident.checks.effort import check_effort, collect_states
+from ident.checks.effort import collect_states
+from ident.checks.effort_checks import check_effort
 from ident.checks.effort_kind import judge_effort, mend_effort_kind
 from ident.checks.excitation import Amount
 from ident.checks.gains import Gains, check_gains
@@ -40,7 +41,7 @@ from ident.checks.time_base import (
 from ident.checks.urdf_faults import check_bodies_of_urdf
 from ident.checks.velocity import mend_velocity
 from ident.checks.wraps import mend_wraps, split_at_jumps
-from ident.recordings.columns import match_joints
+from ident.recordings.joint_names import match_joints
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.series import SearchedRun, Series
 from ident.robot.arm import ArmModel

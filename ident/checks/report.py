@@ -254,7 +254,8 @@ def issue_of(
             for name, values in seen.items()
         }
         seen["joint"] = session.joints[worst]
-    evidence, remedy = (SPACED.format(row[part], **seen) for part in ("evidence", "remedy"))
+    evidence = SPACED.format(row["evidence"], **seen)
+    remedy = SPACED.format(row["remedy"], **seen)
     reported = f"{session.name}: {evidence}"
     return TelemetryIssue(
         row["issue"], joints_at(session, columns), severity or row["severity"], reported, remedy

@@ -26,7 +26,7 @@ from ident.export.xml_places import EditedXml, Element
 from ident.model.bodies import is_consistent
 from ident.model.link_inertia import new_numbers, read_inertial
 from ident.robot.arm import ArmModel
-from ident.safe_read import declare_prefixes
+from ident.robot.safe_xml import declare_prefixes
 
 # Of a simulator's own softness of dry friction, by which a standing joint creeps.
 SOFT_FRICTION = (

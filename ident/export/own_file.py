@@ -13,7 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ident.errors import InputError
-from ident.safe_read import LARGEST_TEXT, decode, read_bytes, read_xml, require_regular
+from ident.robot.safe_xml import read_xml
+from ident.safe_read import LARGEST_TEXT, decode, read_bytes, require_regular
 
 REMEDY = "give your own URDF or MJCF"
 # Elements that read another file as a part of this one.

@@ -22,8 +22,9 @@ from ident.model.bodies import is_consistent
 from ident.model.link_inertia import ball_of, child, moved, numbers, read_inertial, set_inertial
 from ident.robot.arm import ArmModel
 from ident.robot.rotations import matrix_to_rpy, rotation_about, rpy_to_matrix
+from ident.robot.safe_xml import declare_prefixes
 from ident.robot.urdf_elements import link_of, read_vector
-from ident.safe_read import declare_prefixes, read_text
+from ident.safe_read import read_text
 
 Element = ET.Element
 

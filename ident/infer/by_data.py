@@ -9,7 +9,8 @@ from itertools import permutations
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from ident.checks.effort import SignedFit, States, check_effort, collect_states, fit_signed
+from ident.checks.effort import SignedFit, States, collect_states, fit_signed
+from ident.checks.effort_checks import check_effort
 from ident.checks.settings import USUAL_EFFORT
 from ident.errors import RecordingError
 from ident.infer.guess import ForeignTable, Reason, Signals

@@ -17,7 +17,8 @@ from ident.infer.families import (
     named_in_rows,
 )
 from ident.infer.guess import ForeignTable, Reason, Signals
-from ident.recordings.columns import listed, map_by_ending
+from ident.recordings.columns import listed
+from ident.recordings.joint_names import map_by_ending
 from ident.robot.arm import ArmModel
 
 MEASURED = ("effort", "current")

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
@@ -26,57 +26,11 @@ from scipy.linalg import cho_solve, solve_triangular
 from ident.arrays import Array, Float, Int
 from ident.inference.evidence import factorise
 from ident.inference.names import LEAST_DEVIATION, Names
-from ident.inference.settings import URDF
 from ident.inference.sums import SessionSums, without_negative_directions
+from ident.inference.variances import Components, WeighedResidual, log_prior_of
 from ident.regression.baseline import Baseline, UrdfError
 from ident.regression.design import Group
-from ident.regression.discrepancy import BLOCKS
 from ident.regression.least_squares import Prior, ridge_of
-
-
-@dataclass(frozen=True, eq=False)
-class Components:
-    """Variances beside a set of effects."""
-
-    friction: Float[Array, " n"]  # relative spread of each joint's friction level
-    walk: Float[Array, " n"]  # share of its variance that gathers as a random walk
-    urdf: UrdfError  # by how much the URDF is off
-    discrepancy: Float[Array, "n b"]  # variance of the whitened coefficients of each joint's blocks
-    dispersion: Float[Array, " n"]  # what each joint's sums are divided by
-
-    @classmethod
-    def usual(cls, sums: SessionSums) -> Components:
-        """Those before anything is known: a usual URDF, friction that varies much, and no
-        discrepancy.
-
-        Args:
-            sums: The session's; they give the number of joints and the settings.
-        """
-        layout = sums.evidence.layout
-        blocks = len(layout.flexible[0])
-        return cls(
-            friction=np.full(layout.n, sums.evidence.settings.wide_spread),
-            walk=np.zeros(layout.n),
-            urdf=UrdfError(),
-            discrepancy=np.zeros((layout.n, blocks)),
-            dispersion=np.ones(layout.n),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class WeighedResidual:
-    """What a model leaves of a session's rows."""
-
-    weights: Float[Array, " P"]  # a row's product with these is what the model leaves of it
-    mean_square: Float[Array, " n"]  # of each joint's whitened rows, after its discrepancy
-    by_block: Float[Array, "n b"]  # whitened squares that each block of it explains
-
-    def kind_of(self, joint: int) -> str | None:
-        """Name of the block of a joint's discrepancy that explains most; None where none explains
-        anything.
-        """
-        power = self.by_block[joint]
-        return BLOCKS[int(np.argmax(power))] if power.any() else None
 
 
 class ModelSums:
@@ -182,7 +136,8 @@ class ModelSums:
         other.whole = list(self.whole)
         other.friction_nats = self.friction_nats.copy()
         for joint, (spread, share) in changed.items():
-            friction[joint], walk[joint] = spread, share
+            friction[joint] = spread
+            walk[joint] = share
             of_joint, other.friction_nats[joint] = self.sums.of_joint(joint, spread, share)
             other.whole[joint] = of_joint / self.components.dispersion[joint]
         other.components = replace(self.components, friction=friction, walk=walk)
@@ -449,10 +404,3 @@ class ModelSums:
         sums[np.ix_(between, here)] = whole[np.ix_(smooth, there)]
         sums[np.ix_(here, between)] = whole[np.ix_(there, smooth)]
         return sums
-
-
-def log_prior_of(error: UrdfError) -> float:
-    """Log prior of the URDF's error scales, up to a constant [nats]."""
-    scale = np.log(error.scale) / np.log(URDF.usual_factor)
-    com = error.com_m / URDF.usual_com_m
-    return -0.5 * float(scale**2 + com**2)

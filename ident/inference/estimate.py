@@ -82,8 +82,8 @@ class Estimate:
     @property
     def shares(self) -> dict[str, float]:
         """Probability of each effect that explains the same torque, by id, its own first."""
-        own = {self.rivals[0]: self.probability}
-        return own | {
+        itself = {self.rivals[0]: self.probability}
+        return itself | {
             name: self.probability / self.odds[name]
             for name in self.rivals[1:]
             if name in self.odds
@@ -111,30 +111,30 @@ def estimate(
         calibration: The fitted numbers.
     """
     estimates = []
-    for one in described:
-        solution = one.solution
-        given, beta, covariance = _parameters(solution, solution.fixed, one.group, session)
-        free, _, _ = _parameters(solution, solution.search, one.group, session)
-        left = float(left_of_kind(one.features.get(SHAPE_LEFT, -np.inf)))
+    for effect in described:
+        solution = effect.solution
+        given, beta, covariance = _parameters(solution, solution.fixed, effect.group, session)
+        free, _, _ = _parameters(solution, solution.search, effect.group, session)
+        left = float(left_of_kind(effect.features.get(SHAPE_LEFT, -np.inf)))
         parameters = widened(given, free, calibration.widths, left)
-        parts = calibration.names.parts(one.features)
-        ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
-        sure = calibration.names.probability(one.features)
+        parts = calibration.names.parts(effect.features)
+        ordered = sorted(parts.items(), key=lambda reason: -abs(reason[1]))
+        sure = calibration.names.probability(effect.features)
         reasons = [Reason(name, nats) for name, nats in ordered]
-        outside = impossible(one.group.effect, session, one.group.joint, given)
+        outside = impossible(effect.group.effect, session, effect.group.joint, given)
         if outside is not None:
             sure *= calibration.unlike_any_arm
             nats = float(np.log(calibration.unlike_any_arm))
             reasons.insert(0, Reason("unlike_any_arm", nats, outside))
-        shares, odds, places = _shares(one, calibration.temper_of(one.features))
+        shares, odds, places = _shares(effect, calibration.temper_of(effect.features))
         classed = [name for name in sorted(odds, key=odds.__getitem__) if odds[name] <= CLASS_ODDS]
         estimates.append(
             Estimate(
-                group=one.coarse,
+                group=effect.coarse,
                 parameters=parameters,
                 probability=sure * shares,
-                rivals=(one.group.effect.id, *classed),
-                refined=one.group,
+                rivals=(effect.group.effect.id, *classed),
+                refined=effect.group,
                 coefficients=beta,
                 covariance=covariance,
                 odds=odds,
@@ -165,7 +165,9 @@ def _parameters(
         and len(point.columns) == width
         and point.variant.inner.keys() == group.variant.inner.keys()
     )
-    nats, coefficients, covariances = [], [], []
+    nats = []
+    coefficients = []
+    covariances = []
     for point in points:
         chosen = [*others, point]
         nats.append(search.nats(chosen))
@@ -238,15 +240,17 @@ def _wider(fit: Fit, interval: Interval) -> Interval:
     return replace(interval, low=low, high=high)
 
 
-def _shares(one: Described, temper: float) -> tuple[float, dict[str, float], dict[int, float]]:
+def _shares(
+    described: Described, temper: float
+) -> tuple[float, dict[str, float], dict[int, float]]:
     """An effect's share of its class, its odds against other effects and other joints."""
     odds: dict[str, float] = {}
     places: dict[int, float] = {}
-    for (effect, joint, _), deficit in one.rivals.items():
+    for (effect, joint, _), deficit in described.rivals.items():
         against = float(np.exp(np.clip(temper * deficit, -50.0, 50.0)))
-        if effect != one.group.effect.id:
+        if effect != described.group.effect.id:
             odds[effect] = min(odds.get(effect, np.inf), against)
-        elif joint != one.group.joint and against <= CLASS_ODDS:
+        elif joint != described.group.joint and against <= CLASS_ODDS:
             places[joint] = min(places.get(joint, np.inf), against)
     others = sum(1.0 / value for value in odds.values() if value <= CLASS_ODDS)
     others += sum(1.0 / value for value in places.values())

@@ -34,7 +34,8 @@ from ident.regression.factors import solve_signed
 
 # Logarithms of variances of whitened coefficients that are looked at: beyond them a block is off,
 # or free [nats].
-LEAST_LOG_VARIANCE, MOST_LOG_VARIANCE = -18.0, 16.0
+LEAST_LOG_VARIANCE = -18.0
+MOST_LOG_VARIANCE = 16.0
 # Below this share of the largest eigenvalue, in units of the diagonal, double precision tells
 # nothing.
 ROUNDING = 1e-13

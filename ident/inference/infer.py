@@ -20,13 +20,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.effects.base import SessionContext
-from ident.inference.components import Components, ModelSums
+from ident.inference.components import ModelSums
 from ident.inference.names import Names
 from ident.inference.revision import evidence_of, revise
 from ident.inference.search import SetSearch
 from ident.inference.simple import SimplestSet, explain_simply
 from ident.inference.sums import SessionSums
 from ident.inference.unseen import without_unforetelling
+from ident.inference.variances import Components
 from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group, Key

@@ -9,9 +9,10 @@ from itertools import product
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.inference.components import Components, ModelSums
+from ident.inference.components import ModelSums
 from ident.inference.evidence import optimise
 from ident.inference.settings import URDF
+from ident.inference.variances import Components
 from ident.regression.baseline import UrdfError
 from ident.regression.design import Group
 from ident.regression.friction_walk import estimate_walk

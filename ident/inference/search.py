@@ -11,16 +11,16 @@ zero, the mean of that ratio over what recordings leave of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from heapq import heapify, heappop, heappush
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.effects import optional
+from ident.inference.bounds import Bounds, SumsAfter
 from ident.inference.evidence import LOG_TWO, factorise, free_gains, mass_left, solve_set
 from ident.inference.names import LEAST_DEVIATION, Names
 from ident.inference.searchable import Searchable
@@ -33,61 +33,6 @@ SWAP_ROUNDS = 3
 MOST_CHECKED = 30
 # Names a joint has at most: a limit on work, never reached by arms with one URDF.
 MOST_NAMES = 4
-
-
-@dataclass(frozen=True, eq=False)
-class SumsAfter:
-    """A candidate's sums after a set.
-
-    Attributes:
-        sums: Of its columns.
-        target: Of these times the torque.
-        deviation: Standard deviation of each coefficient beforehand.
-        signed: Which of them can't be negative.
-    """
-
-    sums: Float[Array, "w w"]
-    target: Float[Array, " w"]
-    deviation: Float[Array, " w"]
-    signed: Bool[Array, " w"]
-
-
-@dataclass(frozen=True, eq=False)
-class Bounds:
-    """The most that candidates may add to a set, and what they add where that is less.
-
-    Attributes:
-        search: The candidates.
-        most: Of each [nats].
-        bent: Of those whose signed coefficients would be negative, by number, their sums after the
-            set (see `SetSearch.gain_within`).
-    """
-
-    search: SetSearch
-    most: Float[Array, " g"]
-    bent: Mapping[int, SumsAfter]
-
-    def exactly(self, k: int) -> float:
-        """What one of the bent candidates adds [nats]."""
-        group = self.search.names.groups[k]
-        return self.search.gain_within(group, self.bent[k])
-
-    def from_most(self) -> Iterator[int]:
-        """Numbers of the candidates that add anything, that which adds most first.
-
-        What a candidate adds exactly is worked out once no other may add more.
-        """
-        adding = [(k, most) for k, most in enumerate(self.most) if most > 0.0]
-        waiting = [(-most, k, k in self.bent) for k, most in adding]
-        heapify(waiting)
-        while waiting:
-            _, k, is_bound = heappop(waiting)
-            if not is_bound:
-                yield k
-                continue
-            gain = self.exactly(k)
-            if gain > 0.0:
-                heappush(waiting, (-gain, k, False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +249,11 @@ class SetSearch:
             if group.key in keys:
                 most[slot] = -np.inf
                 bent.pop(slot, None)
-        return Bounds(self, most, bent)
+
+        def exactly(k: int) -> float:
+            return self.gain_within(self.names.groups[k], bent[k])
+
+        return Bounds(most, bent.keys(), exactly)
 
     def gain_within(self, group: Group, after: SumsAfter) -> float:
         """What a candidate adds with its signed coefficients at zero or above [nats].
@@ -393,7 +342,7 @@ class SetSearch:
         """
         standing: list[Group | None] = list(chosen)
         for k, group in enumerate(chosen):
-            present = [one for one in standing if one is not None]
+            present = [other for other in standing if other is not None]
             if self._stands(present, group):
                 continue
             others = rest_of(present, group)

@@ -60,7 +60,8 @@ class SessionSums:
         prior = spread_prior(spread, settings)
         if walk > 0.0:
             levels = self.evidence.friction.walking(joint, spread, walk)
-            taken, nats = levels.absorbed, levels.nats
+            taken = levels.absorbed
+            nats = levels.nats
         else:
             taken = self.evidence.friction.absorbed(joint, spread)
             nats = self._nats_of_levels(joint, spread)

@@ -343,7 +343,20 @@ def read_histories(store: Store, level: float = WatchOptions.level) -> tuple[Arm
 def make_history(
     arm: str, sessions: Rows, figures: Rows, effects: Rows = (), level: float = WatchOptions.level
 ) -> ArmHistory:
-    """An arm's history from the rows of the store."""
+    """An arm's history from the rows of the store.
+
+    Args:
+        arm: Its name.
+        sessions: Its sessions, with `session`, `date` and `status`; figures and effects of those
+            whose status is not `done` are left out.
+        figures: Estimates, with `session`, `date`, `joint`, `figure`, `value`, `low`, `high` and
+            `std`.
+        effects: Effects that were named, with `session`.
+        level: Chance, from 0 to 1, of any false alarm in the arm's life.
+
+    Returns:
+        Sessions by date, estimates by joint and figure, and alarms, outliers and hints in them.
+    """
     ordered = tuple(sorted(sessions, key=lambda row: (row["date"], row["session"])))
     order = [row["session"] for row in ordered if row["status"] == "done"]
     place = {name: i for i, name in enumerate(order)}

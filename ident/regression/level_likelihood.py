@@ -42,14 +42,16 @@ def walk_likelihood(
     """
     variance = spreads**2
     step = walk * 6.0 / (len(levels) + 1.0) * variance
-    own = (1.0 - walk) * variance
+    independent = (1.0 - walk) * variance
     nothing = np.zeros(len(spreads))
     covariance = Symmetric(np.full(len(spreads), DIFFUSE), nothing, np.full(len(spreads), DIFFUSE))
     viscous = nothing
     coulomb = nothing
     nats = nothing
     for level, of_noise in zip(levels, noise, strict=True):
-        seen = covariance.plus(own + of_noise[0, 0], of_noise[0, 1], own + of_noise[1, 1])
+        seen = covariance.plus(
+            independent + of_noise[0, 0], of_noise[0, 1], independent + of_noise[1, 1]
+        )
         off_viscous = level[0] - viscous
         off_coulomb = level[1] - coulomb
         along_viscous, along_coulomb = seen.solve(off_viscous, off_coulomb)

@@ -11,9 +11,9 @@ import numpy as np
 from ident.errors import RobotError
 from ident.robot.branches import gripper_joints, joints_to_base
 from ident.robot.rotations import matrix_to_rpy, rotation_about, rpy_to_matrix
+from ident.robot.safe_xml import read_xml
 from ident.robot.urdf_checks import OPTIONAL, check_urdf
 from ident.robot.urdf_elements import followers, moving_joints, name_of, read_vector
-from ident.safe_read import read_xml
 
 # What a fixed joint has no use for.
 OF_MOVING = ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration")

@@ -21,8 +21,9 @@ from typing import Any
 
 from ident.errors import InputError, RobotError
 from ident.outputs import real_path
+from ident.robot.safe_xml import read_xml, require_no_entities
 from ident.robot.xacro_expressions import HarmfulExpression, Lookup, evaluate, require_plain
-from ident.safe_read import DEEPEST, read_text, read_xml, require_no_entities
+from ident.safe_read import DEEPEST, read_text
 
 # Processor time in which the largest descriptions are expanded many times over [s].
 LONGEST_S = 5.0

@@ -21,7 +21,8 @@ from ident.checks.sampling import mend_jitter
 from ident.checks.time_base import check_stated_rate, mend_time_base, mend_time_unit
 from ident.errors import RecordingError
 from ident.recordings.recording import Session, TelemetryIssue
-from ident.servos.servo_fit import GoalRun, no_worse
+from ident.servos.goal_runs import GoalRun
+from ident.servos.servo_fit import no_worse
 from ident.servos.settings import SERVO as LIMIT
 
 STEPS = (

@@ -9,7 +9,8 @@ import numpy as np
 
 from ident.arrays import Float
 from ident.robot.arm import ArmModel
-from ident.servos.servo_fit import COLUMNS, GoalRun, ServoJoint
+from ident.servos.goal_runs import GoalRun
+from ident.servos.servo_fit import COLUMNS, ServoJoint
 
 
 @dataclass(frozen=True, eq=False)

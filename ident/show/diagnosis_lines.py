@@ -51,7 +51,8 @@ from ident.show.report.words import (
     percent,
     sentence,
 )
-from ident.show.terminal import REST, describe_limits, describe_name, group_silent
+from ident.show.terminal import REST, describe_name
+from ident.show.untested_words import describe_limits, group_silent
 from ident.units import TORQUE
 
 # What a model is whose error has a column.

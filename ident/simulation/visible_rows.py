@@ -179,6 +179,9 @@ def compare(
         after: With the cause.
         before: Without it.
         window: Samples that count; all if None.
+
+    Returns:
+        What shows of the cause [N m], shape (T, n); zero where a joint stands still in either.
     """
     both = after.moving & before.moving
     if window is not None:

@@ -74,7 +74,8 @@ def solve(
     rate: Annotated[float, typer.Option(help="Rate of samples [Hz].")] = 250.0,
 ) -> None:
     """Finds one trajectory and certifies it."""
-    began, before = time.perf_counter(), time.process_time()
+    began = time.perf_counter()
+    before = time.process_time()
     from plan.problem.task_file import load_task
 
     task = load_task(

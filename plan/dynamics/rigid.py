@@ -148,8 +148,8 @@ def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
         c = (chain.centres[i, 0], chain.centres[i, 1], chain.centres[i, 2])
         force = _add((0.0, 0.0, 0.0), _carried(acc, alpha, omega, c), chain.masses[i])
         moment = cross(c, force)
-        own = chain.inertias[i]
-        moment = _add(_add(moment, turn(own, alpha)), cross(omega, turn(own, omega)))
+        inertia = chain.inertias[i]
+        moment = _add(_add(moment, turn(inertia, alpha)), cross(omega, turn(inertia, omega)))
         for k in range(3):
             r[9 + k] = force[k]
             r[12 + k] = moment[k]
@@ -223,8 +223,9 @@ def place_bodies(bodies, start, stop, frame_rot, frame_at):  # type: ignore[no-u
     """
     for i in range(start, stop):
         _place(i, bodies, frame_rot, frame_at)
-        for part in range(bodies.each.part[i], bodies.each.part[i] + bodies.each.parts[i]):
-            _place(part, bodies, frame_rot, frame_at)
+        first = bodies.each.part[i]
+        for body in range(first, first + bodies.each.parts[i]):
+            _place(body, bodies, frame_rot, frame_at)
 
 
 @compiled(fastmath=True, nogil=True, inline="always", error_model="numpy")
@@ -296,7 +297,7 @@ def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-unty
     n = q.shape[1]
     out = np.zeros(q.shape)
     rot = np.empty((n + 1, 3, 3))
-    at = np.empty((n + 1, 3))
+    origins = np.empty((n + 1, 3))
     position = np.empty(n)  # not q[row] itself, which may not be written: that is compiled apart
     for row in range(q.shape[0]):
         moved = row == 0
@@ -305,10 +306,10 @@ def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-unty
         if moved:
             for j in range(n):
                 position[j] = q[row, j]
-            place_frames(chain, position, rot, at)
+            place_frames(chain, position, rot, origins)
         for side in range(2):
             for j in range(joints[row, side]):
-                x, y, z = _moves(chain, rot, at, j, points[row, side])
+                x, y, z = _moves(chain, rot, origins, j, points[row, side])
                 out[row, j] += (2.0 * side - 1.0) * (
                     normals[row, 0] * x + normals[row, 1] * y + normals[row, 2] * z
                 )
@@ -337,7 +338,7 @@ def frame_states(
     """
     poses = compute_joint_poses(chain, q, range(joint + 1))
     carrying, origin = poses[joint]
-    at = origin + carrying @ place
+    point = origin + carrying @ place
     linear = np.zeros((*q.shape, 3))
     angular = np.zeros((*q.shape, 3))
     for j in range(joint):
@@ -346,6 +347,6 @@ def frame_states(
         if chain.sliding[j]:
             linear[:, j] = axis
         else:
-            linear[:, j] = np.cross(axis, at - origin)
+            linear[:, j] = np.cross(axis, point - origin)
             angular[:, j] = axis
-    return at, carrying @ turn, linear, angular
+    return point, carrying @ turn, linear, angular

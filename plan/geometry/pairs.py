@@ -15,7 +15,8 @@ from ident.arrays import Array, Float, freeze
 from ident.errors import InputError
 from ident.records import Record
 from ident.robot.arm import ArmModel
-from ident.safe_read import read_text, read_xml
+from ident.robot.safe_xml import read_xml
+from ident.safe_read import read_text
 from plan.dynamics.rigid import random_positions
 from plan.geometry.compiled import compile_scene
 from plan.geometry.solids import Box

@@ -196,8 +196,8 @@ def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[n
             levers[j], math.sqrt(max(square - along * along, 0.0)) + bodies.each.ball[link] + spare
         )
     now = t
-    part = min(int(t / duration * PARTS), PARTS - 1)
-    for i in range(part, PARTS):
+    current = min(int(t / duration * PARTS), PARTS - 1)
+    for i in range(current, PARTS):
         rate = 1e-9
         for j in range(top):
             rate += peaks[i, j] * reach[j]

@@ -51,12 +51,10 @@ class Ppo(Planner):
         spent = 0
         for agent in agents:
             spent += agent.learn(self.round, ledger)
-        while (
-            spent < self.epochs
-        ):  # whose turn it is is drawn by the level reached, and by what the last round gained
-            level, gain = (
-                np.array([getattr(agent, name) for agent in agents]) for name in ("best", "gain")
-            )
+        # Whose turn it is is drawn by the level reached, and by what the last round gained.
+        while spent < self.epochs:
+            level = np.array([agent.best for agent in agents])
+            gain = np.array([agent.gain for agent in agents])
             score = (level - level.max()) / 0.05 + gain / max(gain.max(), 1e-9)
             weight = np.exp(np.clip(score, -50.0, None))
             agent = agents[rng.choice(len(agents), p=weight / weight.sum())]

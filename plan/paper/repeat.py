@@ -212,7 +212,9 @@ class Repeat:
         first tester's.
         """
         trials = range(self.effort.trials)
-        taught = {tester: [_teach(problem, tester, t) for t in trials] for tester in (1, 2, 3)}
+        taught = {}
+        for tester in (1, 2, 3):
+            taught[tester] = [_teach(problem, tester, t) for t in trials]
         learned = [self.run("Table 4", problem, self.ppo(MORE), t) for t in trials]
         improved = [
             self.run("Table 5", start, self.ppo(), t, ([start], []))

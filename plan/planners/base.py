@@ -137,7 +137,8 @@ class Ledger:
         """Processor time left of the budget, as it was a hundredth of a second ago at most [s]."""
         now = time.perf_counter()
         if now - self._looked > LOOK_EVERY:
-            self._looked, self._spent = now, self.cpu_seconds
+            self._looked = now
+            self._spent = self.cpu_seconds
         return self.most_seconds - self._spent
 
     @property

@@ -122,8 +122,10 @@ class LocalModel(TaskOnGrid):
         self, about: Linearisation
     ) -> tuple[Float[Array, " d"], Float[Array, "d d"], ConstraintRows]:
         """Slope of the cost, how its kinks bend it, and the limits that are near."""
-        coefficients, duration = about.coefficients, about.duration
-        states, torque = about.states, about.torque
+        coefficients = about.coefficients
+        duration = about.duration
+        states = about.states
+        torque = about.torque
         if self.timed:
             slope = np.zeros(self.size)
             slope[-1] = self.reference

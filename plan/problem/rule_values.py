@@ -109,7 +109,15 @@ class Rules:
         self._turn = pin.log3(self.first[1].T @ self.last[1])
 
     def tool(self, q: Float[Array, "T n"]) -> tuple[Array, Array, Array, Array]:
-        """Place and axes of the tool, and how they change with the joints, as `frame_states`."""
+        """Place and axes of the tool, and how they change with the joints.
+
+        Args:
+            q: Positions [rad or m].
+
+        Returns:
+            Place [m] and axes in the base frame, shapes (T, 3) and (T, 3, 3); change of place and
+            turn for a unit of each joint, both of shape (T, n, 3).
+        """
         return frame_states(self._chain, q, *self._tool)
 
     def rows(self, q: Float[Array, "T n"], dq: Float[Array, "T n"]) -> list[RuleRow]:

@@ -186,13 +186,13 @@ def load_task(path: str | Path) -> Task:
     named = top.table("task")
     if "start_state" not in named:
         named["start_deg"]
-    keys = tuple(
-        next((key for key in ends if key in named), ends[0])
-        for ends in (
-            ("start_deg", "start_state"),
-            ("goal_deg", "goals_deg", "goal_pose", "goal_state"),
-        )
-    )
+    keys = []
+    for ends in (
+        ("start_deg", "start_state"),
+        ("goal_deg", "goals_deg", "goal_pose", "goal_state"),
+    ):
+        given = [key for key in ends if key in named]
+        keys.append(given[0] if given else ends[0])
     top.table("limits")
     from ident.robot.arm import ArmModel  # heavy: a slip in the tables above is reported before
 

@@ -39,14 +39,16 @@ from plan.solving.solve import LEAST_SECONDS, search_and_certify
 
 # Slower paces at which the torque is looked at, as shares of the plan's own, and places of a
 # section.
-PACES, PLACES = np.linspace(0.05, 1.0, 20), np.linspace(0.0, 1.0, 41)
+PACES = np.linspace(0.05, 1.0, 20)
+PLACES = np.linspace(0.0, 1.0, 41)
 # A sum of durations that is longer than allowed by this is as long as allowed.
 ROUNDED = 1.0 + 1e-6
 # Durations that differ by less than this share are one: between them a curve would have any slope.
 APART = 0.005
 # Times that a motion is planned anew where it needs more torque when slowed down, and how much
 # lower it then aims.
-TURNS, LOWER = 3, 1.002
+TURNS = 3
+LOWER = 1.002
 # Share of the time in which energy is looked up over the durations.
 LOOKED = 0.25
 # Share of the time left in which the motions are searched in full; the rest is for looks at other

@@ -9,18 +9,27 @@ where a look at its limits alone finds nothing.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from plan.planners.base import Candidate, Ledger, Planner
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential, descend_on_knots
-from plan.problem.certificate import Certificate, Shares, certify, keeps_limits, limit_shares
+from plan.problem.certificate import Certificate, keeps_limits, limit_shares
 from plan.problem.controllers import Controller
-from plan.problem.cost import energy_cost
-from plan.problem.problem import Limits, PlanningProblem
-from plan.problem.ramps import find_time_law
+from plan.problem.problem import Limits
+from plan.solving.executed import (
+    Executed,
+    cost_of,
+    execute,
+    is_short_enough,
+    price_of,
+    put_on_step,
+    tighter,
+    with_knots_on_step,
+    with_limits,
+)
 from plan.spline import Splines
 
 # Times that a motion whose dense check fails is searched anew with tightened limits, by each way of
@@ -57,22 +66,6 @@ KEPT_FOR_STEP = 0.25
 CHECKS = {False: 2, True: 3}
 
 
-@dataclass(frozen=True, eq=False)
-class Executed:
-    """A motion as it is executed, and its dense check."""
-
-    # As the search counts it: energy [J], where the duration is free with the cell's standby, or
-    # duration [s].
-    cost: float
-    splines: Splines
-    certificate: Certificate
-
-    @property
-    def allowed(self) -> bool:
-        """Whether it breaks nothing."""
-        return not self.certificate.broken
-
-
 def share_kept_back(controller: Controller | None) -> float:
     """The share of the time that is kept back while nothing is known yet."""
     if controller is None or controller.keeps_curve:
@@ -98,7 +91,7 @@ def measure_check(controller: Controller | None) -> Callable[[Ledger, Candidate]
         is_first = not checks
         if is_first:
             before = ledger.cpu_seconds
-            executed = _execute(candidate, controller)
+            executed = execute(candidate, controller)
             passes = executed.allowed
             ledger.checked = (candidate, executed)
             ledger.check_seconds = ledger.cpu_seconds - before
@@ -106,7 +99,7 @@ def measure_check(controller: Controller | None) -> Callable[[Ledger, Candidate]
         elif candidate.problem.objective == "time" or usual == KEPT_BACK:
             return
         else:
-            on_step = _put_on_step(candidate, controller)
+            on_step = put_on_step(candidate, controller)
             passes = keeps_limits(candidate.problem, on_step, controller)
         share = usual
         if passes and candidate.problem.objective == "energy":
@@ -183,7 +176,7 @@ class _Mending:
                 continue
             if self._chosen is None or executed.cost < self._chosen.cost:
                 self._chosen = executed
-            searched = _price(best)
+            searched = price_of(best)
             if executed.cost <= searched + HARDLY * abs(searched):
                 break
         passed = self._ledger.passed
@@ -212,7 +205,7 @@ class _Mending:
                 assert isinstance(executed, Executed)
                 return executed
         before = self._ledger.cpu_seconds
-        executed = _execute(candidate, self._controller)
+        executed = execute(candidate, self._controller)
         spent = self._ledger.cpu_seconds - before
         self._dearest_check = max(self._dearest_check, spent)
         self._ledger.check_seconds = max(self._ledger.check_seconds, spent)
@@ -220,7 +213,7 @@ class _Mending:
 
     def _is_cheapest(self, candidate: Candidate) -> bool:
         """Whether no motion that passed costs as little."""
-        return self._chosen is None or _price(candidate) < self._chosen.cost
+        return self._chosen is None or price_of(candidate) < self._chosen.cost
 
     @property
     def _may_last_longer(self) -> bool:
@@ -260,7 +253,7 @@ class _Mending:
                 clearance = MORE_CLEARANCE * (turn + 1) * near
                 first, more = SLACK
                 slack = first + more * turn
-                limits = _tighter(problem.limits, certificate.shares, slack, clearance)
+                limits = tighter(problem.limits, certificate.shares, slack, clearance)
                 changes = {"limits": limits, "radius": NEARBY, "label": "mended"}
                 task = problem.with_initial(best.splines, **changes)
                 share = Ledger(10**9, seconds)
@@ -269,7 +262,7 @@ class _Mending:
                 mended = share.best
                 if mended is None or not mended.feasible:
                     continue
-                mended = _with_limits(mended, problem.limits)
+                mended = with_limits(mended, problem.limits)
                 if self._is_cheapest(mended):
                     yield self._check(mended)
 
@@ -289,11 +282,11 @@ class _Mending:
             if is_late and factor != factors[-1]:
                 continue
             splines = Splines(best.splines.points, best.splines.durations * factor)
-            if not _is_short_enough(problem, splines):
+            if not is_short_enough(problem, splines):
                 return
             slower = problem.with_initial(splines)
-            candidate = Candidate(slower, slower.initial, _cost(slower, splines), 0.0)
-            on_step = _put_on_step(candidate, self._controller)
+            candidate = Candidate(slower, slower.initial, cost_of(slower, splines), 0.0)
+            on_step = put_on_step(candidate, self._controller)
             if not keeps_limits(slower, on_step, self._controller):
                 continue
             executed = self._check(candidate)
@@ -320,8 +313,8 @@ class _Mending:
             whole = controller.whole(total * longer)
             if timed and self._chosen is not None and whole >= self._chosen.cost:
                 return
-            moved = _with_knots_on_step(best.splines, controller, whole)
-            if longer > 1.0 and not _is_short_enough(best.problem, moved):
+            moved = with_knots_on_step(best.splines, controller, whole)
+            if longer > 1.0 and not is_short_enough(best.problem, moved):
                 return
             seen = certificate.shares
             limits = best.problem.limits
@@ -332,11 +325,11 @@ class _Mending:
                 slack = first + more * turn
                 turns_left = MENDS - turn
                 if turn > 0:
-                    limits = _tighter(limits, seen, slack)
+                    limits = tighter(limits, seen, slack)
                 elif controller.points == "knots":
                     # The plan stays as it is, and what the controller's curve passed at one joint
                     # it will pass at any that comes to its limit.
-                    limits = _tighter(limits, seen, slack, alike=True)
+                    limits = tighter(limits, seen, slack, alike=True)
                 else:
                     turns_left = 1  # on other knots hardly more than rounding is left to mend
                 mended = self._descend_on_step(moved, limits, self._time / turns_left)
@@ -346,7 +339,7 @@ class _Mending:
                     mended = replace(mended, cost=whole)
                 if not self._is_cheapest(mended):
                     break
-                on_step = _put_on_step(mended, controller)
+                on_step = put_on_step(mended, controller)
                 if not keeps_limits(best.problem, on_step, controller):
                     # A check in full takes longer, and would find that, too.
                     seen = limit_shares(best.problem, on_step, controller)
@@ -374,86 +367,4 @@ class _Mending:
         best = share.best
         if best is None or not best.feasible:
             return None
-        return _with_limits(best, problem.limits)
-
-
-def _cost(problem: PlanningProblem, splines: Splines) -> float:
-    """What a motion costs by the search's own count: energy [J] or duration [s]."""
-    if problem.objective == "time":
-        return float(splines.total[0])
-    return float(problem.initial_evaluation.cost[0])
-
-
-def _price(candidate: Candidate) -> float:
-    """What a candidate costs, the cell's standby counted, so that durations can be compared."""
-    problem = candidate.problem
-    if problem.objective == "time" or problem.longest is None:
-        return candidate.cost
-    return energy_cost(candidate.cost, float(candidate.splines.total[0]), problem.standby)
-
-
-def _is_short_enough(problem: PlanningProblem, splines: Splines) -> bool:
-    """Whether a motion takes no longer than the task allows."""
-    return problem.longest is None or float(splines.total[0]) <= problem.longest
-
-
-def _put_on_step(candidate: Candidate, controller: Controller | None) -> Splines:
-    """A candidate's motion, on its controller's step if there is one."""
-    splines = candidate.splines
-    if controller is None:
-        return splines
-    return controller.put_on_step(splines, find_time_law(candidate.problem, splines))
-
-
-def _execute(candidate: Candidate, controller: Controller | None) -> Executed:
-    """A candidate as it is executed, and its dense check."""
-    splines = _put_on_step(candidate, controller)
-    return Executed(_price(candidate), splines, certify(candidate.problem, splines, controller))
-
-
-def _with_limits(candidate: Candidate, limits: Limits) -> Candidate:
-    """A candidate that was searched within tighter limits, as one of the task's own."""
-    return replace(candidate, problem=replace(candidate.problem, limits=limits))
-
-
-def _with_knots_on_step(splines: Splines, controller: Controller, whole: float) -> Splines:
-    """The same way in another duration, its knots where the controller takes points.
-
-    Args:
-        splines: The motion.
-        controller: Who executes it.
-        whole: The duration, one that the controller can be told [s].
-    """
-    total = float(splines.total[0])
-    knots = np.concatenate([[0.0], np.cumsum(splines.durations[0])]) / total
-    shares = controller.knots_on_step(knots, whole)
-    points = splines.at(shares * total)[0]
-    points[0] = splines.points[0, 0]
-    points[-1] = splines.points[0, -1]
-    return Splines(points[None], np.diff(shares * whole)[None])
-
-
-def _tighter(
-    limits: Limits,
-    seen: Shares,
-    slack: float,
-    clearance: float = 0.0,
-    alike: bool = False,
-) -> Limits:
-    """Limits lower by what was seen above them, and a little more.
-
-    Args:
-        limits: Those of a search.
-        seen: Peaks of what it found, as shares of these.
-        slack: By how much more, as a factor.
-        clearance: By how much more clearance is asked for [m].
-        alike: Whether each joint's are lower by what was seen at the joint that passed most.
-    """
-
-    lower = {}
-    for name, share in seen.items():
-        limit = getattr(limits, name)
-        if limit is not None and share is not None:
-            passed = np.maximum(share * slack, 1.0)
-            lower[name] = limit / (passed.max() if alike else passed)
-    return replace(limits, **lower, clearance=limits.clearance + clearance)
+        return with_limits(best, problem.limits)

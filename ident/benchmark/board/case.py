@@ -8,11 +8,14 @@ from typing import Any
 
 from ident.recordings.recording import Recording
 
-DRAWN, PLANTED, MEASURED = "drawn", "semi-real", "real"
-"""Tiers: drawn worlds; known effects on real recordings; real recordings of a measured cause."""
+# Tiers: drawn worlds; known effects on real recordings; real recordings of a measured cause.
+DRAWN = "drawn"
+PLANTED = "semi-real"
+MEASURED = "real"
 TIERS = (DRAWN, PLANTED, MEASURED)
-NONE, OTHER = "none", "other"
-"""Answers beside the published effects: nothing is wrong; something that the list lacks."""
+# Answers beside the published effects: nothing is wrong; something that the list lacks.
+NONE = "none"
+OTHER = "other"
 
 
 @dataclass(frozen=True, eq=False)

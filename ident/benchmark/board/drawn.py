@@ -27,7 +27,8 @@ from ident.simulation.world import World
 
 # Sessions have each kind of motion once and are not logged faster than this, so that a board can be
 # sent by mail.
-MOST_RUNS, FASTEST_HZ = 7, 75.0
+MOST_RUNS = 7
+FASTEST_HZ = 75.0
 # Visible amplitude of a cause that would not show otherwise [noise floors].
 SHOWS = 3.0
 RICH_SHARE = 0.75  # of the sessions, whatever is wrong in them

@@ -32,12 +32,19 @@ from ident.records import JsonRecord, JsonTable
 from ident.safe_read import read_record
 from ident.schemas.check import require_record
 
-SCHEMA, KEPT_SCHEMA = "ident.board/1", "ident.board_kept/1"
-EFFECTS_SCHEMA, TRUTHS_SCHEMA = "ident.board_effects/1", "ident.board_truths/1"
-BOARD_FILE, EFFECTS_FILE, TRUTHS_FILE = "board.json", "effects.json", "truths.json"
+SCHEMA = "ident.board/1"
+KEPT_SCHEMA = "ident.board_kept/1"
+EFFECTS_SCHEMA = "ident.board_effects/1"
+TRUTHS_SCHEMA = "ident.board_truths/1"
+BOARD_FILE = "board.json"
+EFFECTS_FILE = "effects.json"
+TRUTHS_FILE = "truths.json"
 ANSWERS_FILE = "answers.json"
-SESSIONS, BEFORE, UNSEEN = "sessions", "before", "unseen"
-URDF_FILE, SESSION_FILE = "robot.urdf", "session.toml"
+SESSIONS = "sessions"
+BEFORE = "before"
+UNSEEN = "unseen"
+URDF_FILE = "robot.urdf"
+SESSION_FILE = "session.toml"
 SESSION_TEXT = 'robot = "robot.urdf"\n'
 SENT = ("position", "velocity", "effort", "temperature")
 """Channels of a session."""

@@ -113,8 +113,8 @@ def _expected_counts(cases: Sequence[Case], effects: int, shares: Shares) -> dic
         for accepted in case.truths:
             parts = case.left(accepted, effects, shares)
             whole = case.named(accepted) + sum(parts.values())
-            for key, part in parts.items():
-                counts[key] += part / whole / len(case.truths)
+            for key, chance in parts.items():
+                counts[key] += chance / whole / len(case.truths)
     return counts
 
 
@@ -197,8 +197,8 @@ def write_shares(fitted: Mapping[str, tuple[int, Shares]], out: Path) -> None:
         for state in STATES:
             places = shares[state].items()
             record[kind][state] = {place: round(share, DIGITS) for place, share in places}
-    with atomic_write(out) as part:
-        part.write_text(tomli_w.dumps(record), encoding="utf-8")
+    with atomic_write(out) as unfinished:
+        unfinished.write_text(tomli_w.dumps(record), encoding="utf-8")
 
 
 def main() -> None:

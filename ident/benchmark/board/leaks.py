@@ -168,7 +168,10 @@ def find_leaks(board: Board, opened: Kept, seed: int = 0) -> list[Leak]:
     names = list(board.sessions)
     figures = {name: figures_of(board, name) for name in names}
     tiers = np.array([board.sessions[name]["tier"] for name in names])
-    effects = [[effect["effect"] for effect in opened.answers[name]["effects"]] for name in names]
+    effects = []
+    for name in names:
+        causes = opened.answers[name]["effects"]
+        effects.append([cause["effect"] for cause in causes])
     questions = {
         "whether": np.array([bool(causes) for causes in effects], dtype=object),
         "which": np.array(["+".join(causes) for causes in effects], dtype=object),

@@ -51,7 +51,8 @@ from ident.files import atomic_folder, write_record
 from ident.outputs import real_path
 from ident.simulation.real.cases import KINDS
 
-BOARD_KIND, KEPT_KIND = "board", "board answers"
+BOARD_KIND = "board"
+KEPT_KIND = "board answers"
 README = Path(__file__).with_name("board_readme.md")
 # Least share of the cases that are of drawn worlds; more are, where recordings have too few rows
 # for the others.

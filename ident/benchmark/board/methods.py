@@ -50,8 +50,11 @@ from ident.sessions import Given, inspect_sources
 
 OURS = "armgap"
 ANSWERS_KIND = "board entries"
-NOTHING, DENSE = "nothing_named", "least_squares"
-CORRELATION, BIC, LASSO = "largest_correlation", "bic_forward", "lasso"
+NOTHING = "nothing_named"
+DENSE = "least_squares"
+CORRELATION = "largest_correlation"
+BIC = "bic_forward"
+LASSO = "lasso"
 BASELINES = (NOTHING, DENSE, CORRELATION, BIC, LASSO)
 
 

@@ -122,7 +122,8 @@ def _intervals(
             given = name.parameters.get(key)
             if given is None or not isinstance(value, int | float) or key in SHAPELESS:
                 continue
-            low, high = given["low"], given["high"]
+            low = given["low"]
+            high = given["high"]
             half = 0.5 * (high - low) / max(abs(float(value)), 1e-12)
             yield is_inside(key, float(value), low, high), half
 
@@ -212,10 +213,12 @@ class EntryScore:
         if self.predictions:
             foretold = list(self.predictions.values())
             record["prediction"] = prediction(foretold)
-            tiers = [tier for tier in TIERS if any(row.tier == tier for row in foretold)]
-            record["prediction by tier"] = {
-                tier: prediction([row for row in foretold if row.tier == tier]) for tier in tiers
-            }
+            by_tier = {}
+            for tier in TIERS:
+                of_tier = [row for row in foretold if row.tier == tier]
+                if of_tier:
+                    by_tier[tier] = prediction(of_tier)
+            record["prediction by tier"] = by_tier
         return record
 
 

@@ -17,12 +17,15 @@ FILE = Path(__file__).with_name("unnamed.toml")
 LISTED = "listed"
 PLACES = (NONE, OTHER, LISTED)
 """Where a cause may be: nowhere, outside the published list, in it."""
-NOTHING, SOMETHING, UNEXPLAINED = "nothing_named", "something_named", "unexplained"
+NOTHING = "nothing_named"
+SOMETHING = "something_named"
+UNEXPLAINED = "unexplained"
 STATES = (NOTHING, SOMETHING, UNEXPLAINED)
 """What is said beside the names: that there are none, that there are some, or that a gap is left
 that no listed effect explains.
 """
-DIAGNOSIS, COMPARISON = "diagnosis", "comparison"
+DIAGNOSIS = "diagnosis"
+COMPARISON = "comparison"
 
 Shares = Mapping[str, Mapping[str, float]]
 """By state, and in each by place: they add up to one."""

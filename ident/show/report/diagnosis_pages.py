@@ -56,11 +56,10 @@ from ident.show.terminal import (
     describe_side,
     describe_spread,
     headline,
-    limit_rows,
     places_of,
-    silent_groups,
     without_still,
 )
+from ident.show.untested_words import limit_rows, silent_groups
 
 if TYPE_CHECKING:
     from ident.show.report.laws import LawPicture

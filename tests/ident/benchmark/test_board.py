@@ -91,10 +91,20 @@ def named(effect: str, probability: float, joint: str = "a", **facts: Any) -> Na
     return Named(effect, joint, probability, **given)
 
 
-def test_twice_from_one_seed_gives_the_same_bytes(made: tuple[Path, Path], tmp_path: Path) -> None:
-    make_board(tmp_path / "board", tmp_path / "kept", 3, 5, None, "scara")
+@pytest.fixture(scope="module")
+def remade(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder in which the command made the same board once more, and said so in result.json."""
+    folder = tmp_path_factory.mktemp("remade")
+    places = [str(folder / "board"), "--kept", str(folder / "kept"), "--json", str(folder / "result.json")]
+    done = CliRunner().invoke(app, ["board", "make", *places, "--cases", "3", "--seed", "5", "--worlds", "scara"])
+    assert done.exit_code == 0, (done.output, done.exception)
+    return folder
+
+
+def test_twice_from_one_seed_gives_the_same_bytes(made: tuple[Path, Path], remade: Path) -> None:
+    """Law: whether a program makes a board or the command does."""
     for place, name in zip(made, ("board", "kept"), strict=True):
-        assert digest_of(tmp_path / name) == digest_of(place)
+        assert digest_of(remade / name) == digest_of(place)
 
 
 def test_an_answer_that_was_changed_after_sealing_is_found(made: tuple[Path, Path], tmp_path: Path) -> None:
@@ -131,23 +141,26 @@ def test_a_torque_that_was_changed_after_sealing_is_found(made: tuple[Path, Path
 def test_every_job_names_arms_joints_and_sessions(
     job: str,
     made: tuple[Path, Path],
+    remade: Path,
     tmp_path: Path,
 ) -> None:
     """Law: what came of a job holds to its schema, and names every session of the board under its arm."""
-    folder, kept = (tmp_path / "board", tmp_path / "kept") if job == "make" else made
+    folder, kept = made
     entries = tmp_path / "entries"
     if job in ("seal", "score"):
         entry_of(Board.load(folder), entries)
     asked = {
-        "make": ["--cases", "1", "--seed", "5", "--worlds", "scara"],
         "answer": [str(entries), "--limit", "1"],
         "seal": [str(entries)],
         "score": [str(entries)],
     }
-    file = tmp_path / "result.json"
-    given = [job, str(folder), *asked[job], "--kept", str(kept), "--json", str(file)]
-    done = CliRunner().invoke(app, ["board", *given])
-    assert done.exit_code == 0, (done.output, done.exception)
+    if job == "make":
+        file = remade / "result.json"
+    else:
+        file = tmp_path / "result.json"
+        given = [job, str(folder), *asked[job], "--kept", str(kept), "--json", str(file)]
+        done = CliRunner().invoke(app, ["board", *given])
+        assert done.exit_code == 0, (done.output, done.exception)
     arms = check_file(file)["arms"]
     sessions = Board.load(folder).sessions
     assert sorted(name for arm in arms for name in arm["sessions"]) == sorted(sessions)

@@ -12,7 +12,7 @@ from ident.inference.infer import Inference, Inferred
 from ident.inference.search import SetSearch
 from ident.regression.noise import Whitening
 from ident.robot.arm import ArmModel
-from ident.show.terminal import describe_limits, limit_rows
+from ident.show.untested_words import describe_limits, limit_rows
 from tests.ident.diagnosis.planted import analyse, load_friction, named
 from tests.schemas import check_record
 

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ident.errors import RecordingError
-from ident.recordings.columns import map_by_ending, match_joints
+from ident.recordings.joint_names import map_by_ending, match_joints
 from ident.recordings.load import load_recording, load_session
 from ident.recordings.recording import Payload, Recording, Session
 from ident.recordings.save import write_recording, write_session

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from ident.model.evaluation import SessionScore
 from ident.show.console import columns, ladder_table
-from ident.show.terminal import group_silent, silent_groups
+from ident.show.untested_words import group_silent, silent_groups
 
 LONG = "left_manipulator_shoulder_revolute_joint_with_a_long_name_"
 

@@ -16,7 +16,7 @@ from plan.planners.descent import descend
 from plan.problem.certificate import Certificate, certify, keeps_limits
 from plan.problem.controllers import Controller, load_controllers
 from plan.problem.problem import PlanningProblem
-from plan.solving import mending
+from plan.solving import executed, mending
 from plan.solving.mending import (
     CHECKS,
     KEPT_BACK,
@@ -47,11 +47,13 @@ class Clock:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    """Every ledger's clock, asked anew each time; the motion is planned by the true one, once."""
-    quick_motion()
+    """Every ledger's clock, asked anew each time; the motion is planned by one that stands, once."""
     clock = Clock()
     monkeypatch.setattr(base, "processor_seconds", clock)
+    # Loops that no earlier test called are compiled in true time, which no search may be given back.
+    monkeypatch.setattr(base, "compile_seconds", lambda: 0.0)
     monkeypatch.setattr(base, "LOOK_EVERY", -1.0)
+    quick_motion()
     return clock
 
 
@@ -107,7 +109,7 @@ def test_mending_takes_no_more_than_was_kept_back(
         clock.now += 1.1 * share.most_seconds
         return share
 
-    monkeypatch.setattr(mending, "certify", slow_check)
+    monkeypatch.setattr(executed, "certify", slow_check)
     monkeypatch.setattr(mending, "descend_on_knots", slow_search)
     monkeypatch.setattr(mending.Sequential, "run", slow_run)
     monkeypatch.setattr(mending.Evolution, "run", slow_run)
@@ -182,7 +184,7 @@ def test_as_much_is_kept_back_as_a_check_was_seen_to_take(
         clock.now += check
         return certify(task, splines, controller)
 
-    monkeypatch.setattr(mending, "certify", slow_check)
+    monkeypatch.setattr(executed, "certify", slow_check)
     task = quick_motion()
     if case != "time":
         task = replace(task, objective="energy", free="vias")
@@ -236,7 +238,7 @@ def test_a_look_at_limits_says_what_the_certificate_says() -> None:
             splines = task.decode(task.initial)
             splines = Splines(splines.points, factor * splines.durations)
             if controller is not None:
-                law = mending.find_time_law(task, splines)
+                law = executed.find_time_law(task, splines)
                 splines = controller.put_on_step(splines, law)
             broken = certify(task, splines, controller).broken
             named = any("limit" in words for words in broken)
