@@ -99,6 +99,18 @@ def varying_friction(record: JsonTable) -> tuple[str, float]:
     return joint, spreads[joint]
 
 
+def describe_varying_friction(record: JsonTable) -> str:
+    """By how much friction differs from run to run where it does so most, and the error that is
+    left there, to follow the word "friction"; "" where it is one number everywhere.
+    """
+    joint, share = varying_friction(record)
+    if not joint:
+        return ""
+    left = f"{significant(record['gap'][joint]['rms_Nm'])} {TORQUE}"
+    by_run = f"differs from run to run, by {percent(share)} at {joint}"
+    return f"{by_run}; {in_units_of([joint], record, left)} are left there"
+
+
 def wrong_link(record: JsonTable) -> tuple[str, str]:
     """The link that is off by more than URDFs are and by most, and what is to be done about it.
 

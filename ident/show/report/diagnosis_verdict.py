@@ -21,6 +21,7 @@ from ident.show.report.diagnosis_actions import (
 )
 from ident.show.report.diagnosis_gap import (
     describe_largest_rest,
+    describe_varying_friction,
     likeliest_doubt,
     varying_friction,
     wrong_link,
@@ -189,14 +190,14 @@ def _words_without_gap(words: str, record: JsonTable, misread: bool, brief: bool
     """
     wrong = describe_numbers(record, brief)
     joint, share = likeliest_doubt(record)
-    varying, spread = varying_friction(record)
+    varying, _ = varying_friction(record)
     doubt = ""
     righted = RIGHTED
     if varying and joint in ("", varying):
-        # What may be left at that joint is its friction's.
-        by_run = f"differs from run to run, by {percent(spread)} at {varying}"
+        # What may be left at that joint is its friction's: no single number fits all runs.
+        by_run = describe_varying_friction(record)
         doubt = f" But friction {by_run}."
-        righted = f"Put right, what is left is noise, and friction that {by_run}."
+        righted = f"Put right, friction still {by_run}."
     elif joint:
         doubt = f" With {percent(share)} an unnamed cause is left at {joint}."
         righted = (

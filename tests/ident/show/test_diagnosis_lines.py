@@ -345,7 +345,10 @@ def test_friction_that_differs_from_run_to_run_is_no_noise_in_silence() -> None:
     record["gap"]["elbow"]["friction_spread"] = 0.02
     assert told(record) == steady
     record["gap"]["elbow"]["friction_spread"] = 0.325
-    assert "friction that differs from run to run, by 32 % at elbow" in diagnosis_headline(record)
+    record["gap"]["elbow"] |= {"rms_Nm": 4.2, "noise_floor_Nm": 4.2}
+    line = diagnosis_headline(record)
+    assert "friction still differs from run to run, by 32 % at elbow; 4.2 N m are left there" in line
+    assert "noise" not in line
     assert "the friction of elbow changes" in second_action(record)
     for joint in ("elbow", "shoulder"):
         record["leftover"] = {joint: 0.3}
