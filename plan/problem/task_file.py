@@ -191,8 +191,8 @@ def load_task(path: str | Path) -> Task:
         ("start_deg", "start_state"),
         ("goal_deg", "goals_deg", "goal_pose", "goal_state"),
     ):
-        given = [key for key in ends if key in named]
-        keys.append(given[0] if given else ends[0])
+        stated = [key for key in ends if key in named]
+        keys.append(stated[0] if stated else ends[0])
     top.table("limits")
     from ident.robot.arm import ArmModel  # heavy: a slip in the tables above is reported before
 
