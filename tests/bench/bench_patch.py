@@ -39,7 +39,7 @@ from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion, prepare
 from ident.motion.settings import FOR_DIAGNOSIS
-from ident.recordings.columns import match_joints
+from ident.recordings.joint_names import match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Payload, Recording, Session
 from ident.robot.arm import ArmModel

@@ -9,7 +9,7 @@ from ident.command_options import FitOptions
 from ident.fitting.fit import fit_hybrid
 from ident.model.evaluation import SessionScore, evaluate
 from ident.motion.motion import prepare
-from ident.recordings.columns import match_joints
+from ident.recordings.joint_names import match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel

@@ -15,7 +15,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.motion.filter import Lowpass, design_lowpass, filter_both_ways
 from ident.motion.motion import Motion
-from ident.recordings.columns import match_joints
+from ident.recordings.joint_names import match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ident.arrays import Array
-from ident.recordings.columns import match_joints
+from ident.recordings.joint_names import match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
