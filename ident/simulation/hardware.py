@@ -274,7 +274,7 @@ class Hardware:
     damping_ratio: float = 0.8
     friction_spread: float = 0.01  # relative change of the friction from run to run
     contact_run: int = -1  # number of the run in which the contact happens; -1 for all
-    # factors on dry and viscous friction of each run, (R, 2, n); else the spread
+    # factors on dry and viscous friction of each run, beside the spread, (R, 2, n)
     friction_path: Array | None = None
     # what its controller adds: gravity (`none`), the `rigid` model, or that and `friction`
     feed_forward: str = "rigid"

@@ -176,7 +176,7 @@ class Simulator:
         h = self.hardware
         spread = np.exp(h.friction_spread * self.rng.standard_normal((2, h.n)))
         if h.friction_path is not None:
-            spread = h.friction_path[number % len(h.friction_path)]
+            spread = spread * h.friction_path[number % len(h.friction_path)]
         coulomb = h.friction.coulomb * spread[0]
         viscous = h.friction.viscous * spread[1]
         friction = change_law(h.friction, coulomb=coulomb, viscous=viscous)

@@ -81,6 +81,17 @@ def test_friction_varies_by_a_per_cent_from_run_to_run(hardware):
     assert 0.001 < np.std(levels) / np.mean(levels) < 0.03
 
 
+def test_a_path_of_friction_lies_beside_its_spread(hardware):
+    """Law: a cause that acts from a run on takes nothing of what friction varies by from run to run."""
+    varied = hardware.replace(friction_spread=0.01)
+    rising = varied.replace(friction_path=np.array([np.full((2, hardware.n), factor) for factor in (1.0, 1.8)]))
+    without, beside = (Simulator(h, np.random.default_rng(1)) for h in (varied, rising))
+    for run, factor in enumerate((1.0, 1.8)):
+        plain = without._laws(run).friction["coulomb"]
+        assert np.ptp(plain / hardware.friction["coulomb"]) > 0.0
+        np.testing.assert_allclose(beside._laws(run).friction["coulomb"], factor * plain)
+
+
 def test_a_healthy_arm_is_rigid_body_plus_linear_friction(hardware, monkeypatch):
     """Once the bristles have slipped, nothing is left that the ordinary model can't explain: no delay, no bias."""
     monkeypatch.setattr(visible_rows, "STILL_RAD_S", 0.15)
