@@ -37,25 +37,6 @@ NEAR_CUT = 0.03
 LEAST_UNCUT = 0.03
 
 
-def _surely_off(states: States, joint: int, rows: Bool[Array, " T"]) -> bool:
-    """Whether gravity's coefficient is out of range however it is drawn.
-
-    Strong friction that varies can hide it: the delete-one-piece jackknife of free coefficients is
-    asked, of either sign, with and without a spring.
-    """
-    settings = states.settings
-    tau = states.tau[rows, joint]
-    terms = joint_terms(states, joint, rows)
-    bare = [terms, np.ones(len(terms))]
-    for columns in (bare, [*bare, states.q[rows, joint]]):
-        coefficients, errors = jackknife(np.column_stack(columns), tau, settings.pieces)
-        size = abs(float(coefficients[0]))
-        doubt = settings.sure * float(errors[0])
-        if size + doubt > settings.scale_low and size - doubt < settings.scale_high:
-            return False
-    return True
-
-
 def check_effort(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
     """Checks sign, scale and origin of the measured torque.
 
@@ -173,6 +154,25 @@ def _check_scale(
         counted = states.counted
         issues.append(issue_of("unit", session, off, worst, scale=scale, counted=counted))
     return issues
+
+
+def _surely_off(states: States, joint: int, rows: Bool[Array, " T"]) -> bool:
+    """Whether gravity's coefficient is out of range however it is drawn.
+
+    Strong friction that varies can hide it: the delete-one-piece jackknife of free coefficients is
+    asked, of either sign, with and without a spring.
+    """
+    settings = states.settings
+    tau = states.tau[rows, joint]
+    terms = joint_terms(states, joint, rows)
+    bare = [terms, np.ones(len(terms))]
+    for columns in (bare, [*bare, states.q[rows, joint]]):
+        coefficients, errors = jackknife(np.column_stack(columns), tau, settings.pieces)
+        size = abs(float(coefficients[0]))
+        doubt = settings.sure * float(errors[0])
+        if size + doubt > settings.scale_low and size - doubt < settings.scale_high:
+            return False
+    return True
 
 
 class RigidFit(NamedTuple):

@@ -252,7 +252,7 @@ def _consistent(
             continue
         names = [other for other in names if other not in rivals]
         names.append(k)
-        hidden = {one: k if by in rivals else by for one, by in hidden.items()}
+        hidden = {behind: k if by in rivals else by for behind, by in hidden.items()}
         hidden |= dict.fromkeys(rivals, k)
     return names, hidden
 
@@ -262,10 +262,10 @@ def _log_odds(first: Estimate, second: Estimate) -> float:
     set; the mean where both sets weigh them, 0 where neither does [nats].
     """
     weighed = []
-    for one, other, sign in ((first, second, 1.0), (second, first, -1.0)):
-        odds = one.odds.get(other.group.effect.id)
-        if one.group.effect.id == other.group.effect.id:
-            odds = one.places.get(other.group.joint)
+    for weighing, other, sign in ((first, second, 1.0), (second, first, -1.0)):
+        odds = weighing.odds.get(other.group.effect.id)
+        if weighing.group.effect.id == other.group.effect.id:
+            odds = weighing.places.get(other.group.joint)
         if odds is not None:
             weighed.append(sign * float(np.log(odds)))
     return float(np.mean(weighed)) if weighed else 0.0
